@@ -30,7 +30,7 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
-SHIPPED_VARIABLE = "TOPPLING_COMPILED"
+_SHIPPED_VARIABLE = "TOPPLING_COMPILED"
 """Names a folder of compiled code that an image brings along."""
 
 COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
@@ -73,7 +73,7 @@ def _only_writable_by(folder: Path, *users: int) -> bool:
 
 def _take_shipped(folder: Path) -> None:
     """Copy what an image ships for this program and processor, unless it has been; only what root or we made."""
-    shipped = os.environ.get(SHIPPED_VARIABLE)
+    shipped = os.environ.get(_SHIPPED_VARIABLE)
     if not shipped or (folder / COMPLETE).exists():
         return
     source = Path(shipped) / folder.name

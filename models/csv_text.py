@@ -2,7 +2,7 @@
 
 from typing import Any
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """With which a cell begins that a spreadsheet calculates, or that hides one that does."""
 
 
@@ -14,7 +14,7 @@ def plain(value: Any) -> Any:
     >>> [plain(cell) for cell in ("=HYPERLINK(A1)", "-1.5", "St. Gallen", -2)]
     ["'=HYPERLINK(A1)", '-1.5', 'St. Gallen', -2]
     """
-    if not isinstance(value, str) or not value.startswith(FORMULA):
+    if not isinstance(value, str) or not value.startswith(_FORMULA):
         return value
     try:
         float(value)

@@ -1,6 +1,6 @@
 """A digest inside every file that the program writes and reads again: none is believed before it is verified whole.
 
-It is the SHA-256 of the whole file with the digest itself as zeros, and stands after the last `MARK`: in a comment
+It is the SHA-256 of the whole file with the digest itself as zeros, and stands after the last `_MARK`: in a comment
 (PLY, TOML, ZIP), under a key (JSON), or in the footer's metadata (Parquet). So it is copied, moved and replaced
 together with what it covers. It finds what accidents change, not what somebody forges.
 """
@@ -24,11 +24,11 @@ log = logging.getLogger(__name__)
 KEY = "digest"
 """Name of the digest where a format has names."""
 
-MARK = "toppling-sha256:"
-BLANK = f"{MARK}{'0' * 64}"
+_MARK = "toppling-sha256:"
+BLANK = f"{_MARK}{'0' * 64}"
 """What a writer puts where the digest will be."""
 
-HEAD_BYTES, TAIL_BYTES, CHUNK_BYTES = 4_096, 65_536, 1 << 20
+_HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
 UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
@@ -188,12 +188,12 @@ def _place(file: IO[bytes], size: int) -> int | None:
     file.seek(max(size - 8, 0))
     end = file.read(8)
     footer = int.from_bytes(end[:4], "little") + 8 if end.endswith(b"PAR1") else 0
-    tail = min(max(TAIL_BYTES, footer), size)
-    for begin, length in ((size - tail, tail), (0, HEAD_BYTES)):
+    tail = min(max(_TAIL_BYTES, footer), size)
+    for begin, length in ((size - tail, tail), (0, _HEAD_BYTES)):
         file.seek(begin)
-        found = file.read(length).rfind(MARK.encode())
+        found = file.read(length).rfind(_MARK.encode())
         if found >= 0:
-            return begin + found + len(MARK)
+            return begin + found + len(_MARK)
     return None
 
 
@@ -208,6 +208,6 @@ def _digest(file: IO[bytes], place: int) -> bytes:
     file.seek(0)
     digest.update(file.read(place))
     digest.update(b"0" * len(file.read(64)))
-    while chunk := file.read(CHUNK_BYTES):
+    while chunk := file.read(_CHUNK_BYTES):
         digest.update(chunk)
     return digest.hexdigest().encode()

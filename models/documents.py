@@ -13,12 +13,12 @@ from typing import Any
 
 from toppling.models.errors import InputError
 
-LARGEST_JSON_BYTES = 100_000_000
-LARGEST_TOML_BYTES = 2_000_000
+_LARGEST_JSON_BYTES = 100_000_000
+_LARGEST_TOML_BYTES = 2_000_000
 LARGEST_CSV_BYTES = 100_000_000
 MOST_VALUES = 10_000_000
 """Of a JSON file, by its commas and brackets."""
-LONGEST_KEY = 50
+_LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
 _KEY_PARTS = re.compile(
     r'"""(?:\\.|[^\\])*?"""|' r"'''.*?'''|" r'"(?:\\.|[^"\\\n])*"|' r"'[^'\n]*'|#[^\n]*|\.|[\w\t -]+|[^.]",
@@ -59,7 +59,7 @@ def read_json(path: Path) -> dict[str, Any]:
         If there is none.
     """
     try:
-        text = _text(path, LARGEST_JSON_BYTES, "JSON")
+        text = _text(path, _LARGEST_JSON_BYTES, "JSON")
         _check_values(text, path)
         content = json.loads(text, parse_constant=_no_constant)
     except InputError:
@@ -84,10 +84,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         If there is none.
     """
     try:
-        text = _text(path, LARGEST_TOML_BYTES, "TOML")
-        if _longest_key(text) > LONGEST_KEY:
+        text = _text(path, _LARGEST_TOML_BYTES, "TOML")
+        if _longest_key(text) > _LONGEST_KEY:
             raise _unreadable(
-                path, f"has a key of more than {LONGEST_KEY} parts", "TOML: key = value, a line each"
+                path, f"has a key of more than {_LONGEST_KEY} parts", "TOML: key = value, a line each"
             )
         return tomllib.loads(text)
     except InputError:

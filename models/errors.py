@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-LONGEST = 1500
+_LONGEST = 1500
 """Characters of what is wrong, and of where."""
 
 
@@ -56,8 +56,8 @@ def check_positive(where: str, expected: str, remedy: str, **values: float) -> N
 
 def _shortened(text: str) -> str:
     """Text with its middle left out where a file's own words in it have no end."""
-    half = LONGEST // 2
-    return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
 def _rebuild_usage(what: str, where: str, expected: str, remedy: str) -> UsageError:

@@ -10,14 +10,14 @@ from urllib.parse import unquote
 
 from toppling.models.errors import InputError
 
-CACHE_VARIABLE = "TOPPLING_CACHE"
+_CACHE_VARIABLE = "TOPPLING_CACHE"
 """Names the folder of this account for what can be made again."""
 
-SCHEMES = (
+_SCHEMES = (
     "s3 s3a s3n gs gcs az abfs abfss adl wasb wasbs r2 oss dbfs hdfs webhdfs http https ftp sftp ssh smb file "
     "memory"
 )
-_REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{'|'.join(SCHEMES.split())})):/", re.IGNORECASE)
+_REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{'|'.join(_SCHEMES.split())})):/", re.IGNORECASE)
 
 
 _HERE = re.compile(r"(?:file|local)://(?:localhost)?(?=/)", re.IGNORECASE)
@@ -122,7 +122,7 @@ def new_file(target: Path) -> Iterator[Path]:
 
 def cache_folder() -> Path:
     """Folder of this account for what can be made again: compiled code, what workers are sent, copies of stores."""
-    named = os.environ.get(CACHE_VARIABLE)
+    named = os.environ.get(_CACHE_VARIABLE)
     if named:
         return Path(named).expanduser()
     return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"

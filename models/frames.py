@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 STANDARD_GRAVITY_M_S2 = 9.81
 """Gravity of a scene that states none."""
-TURNED_AT_ONCE = 50_000
+_TURNED_AT_ONCE = 50_000
 """Points whose products stay in the cache and in one thread."""
 
 
@@ -94,7 +94,7 @@ def shifted_and_turned(
     if points_m.ndim == 1:
         return (points_m - shift_m) @ matrix
     turned = np.empty((len(points_m), matrix.shape[1]))
-    for first in range(0, len(points_m), TURNED_AT_ONCE):
-        rows = slice(first, first + TURNED_AT_ONCE)
+    for first in range(0, len(points_m), _TURNED_AT_ONCE):
+        rows = slice(first, first + _TURNED_AT_ONCE)
         turned[rows] = (points_m[rows] - shift_m) @ matrix
     return turned

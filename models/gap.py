@@ -25,16 +25,16 @@ from toppling.models.shares import effective_number
 
 Index = NDArray[np.intp]
 
-JITTER = 1e-6
+_JITTER = 1e-6
 """Of the variance, added to the diagonal of a covariance so that it can be inverted."""
-ROUNDS = 80
+_ROUNDS = 80
 """Of the active set, in each of which up to MOST_AT_ONCE places are added."""
-MOST_AT_ONCE = 12
-TRIANGLES = 12
+_MOST_AT_ONCE = 12
+_TRIANGLES = 12
 """Of the hull that are looked at below the line of the weight."""
-EFFECTIVE_SHARE = 0.1
+_EFFECTIVE_SHARE = 0.1
 """Of the draws, which their weights leave effective at least."""
-TOUCHING_SHARE = 1e-6
+_TOUCHING_SHARE = 1e-6
 """Of the field's level below which a gap is closed."""
 
 
@@ -168,7 +168,7 @@ def draw_gaps(
         fields, covariance, log_likelihood = _conditioned(observed, relief, len(projected_com_m), random)
         level = max(relief.shape_m, relief.rough_m)
         for number, (field, projected_com) in enumerate(zip(fields, projected_com_m, strict=True)):
-            stood = _made_to_stand(field, covariance, observed, projected_com, TOUCHING_SHARE * level)
+            stood = _made_to_stand(field, covariance, observed, projected_com, _TOUCHING_SHARE * level)
             if stood is not None:
                 gap, cost = stood
                 found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number, kind, log_likelihood))
@@ -192,7 +192,7 @@ def weights(log_weight: Array) -> Array:
     power = 1.0
     for _ in range(60):
         weight = np.exp(power * log_weight)
-        if effective_number(weight) >= EFFECTIVE_SHARE * len(weight):
+        if effective_number(weight) >= _EFFECTIVE_SHARE * len(weight):
             break
         power *= 0.9
     return np.asarray(weight)
@@ -208,7 +208,7 @@ def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Index 
     a, b, c, d = hull.equations[facing].T
     height = -(a * projected_com_m[0] + b * projected_com_m[1] + d) / c
     # Facets of one plane are several triangles, of which one lies below the line.
-    for number in np.argsort(-height, kind="stable")[:TRIANGLES]:
+    for number in np.argsort(-height, kind="stable")[:_TRIANGLES]:
         corners = hull.simplices[facing[number]]
         if encloses(places_m[corners], projected_com_m):
             return corners
@@ -237,7 +237,7 @@ def _conditioned(
 ) -> tuple[Array, Array, float]:
     """Fields (count, n) that agree with what was seen, their covariance, and how likely the seen is."""
     prior = relief.covariance(observed.places_m)
-    prior[np.diag_indices_from(prior)] += JITTER * relief.level_m**2
+    prior[np.diag_indices_from(prior)] += _JITTER * relief.level_m**2
     free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
     known = np.concatenate([observed.known, observed.touching])
     target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
@@ -315,11 +315,11 @@ def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Index) -
     active = fixed.copy()
     tolerance = 3e-3 * float(np.sqrt(np.diag(covariance).max()))
     gap, cost = field, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         held = np.flatnonzero(active)
         if len(held):
             inner = covariance[np.ix_(held, held)]
-            inner[np.diag_indices_from(inner)] += JITTER * np.diag(covariance).max()
+            inner[np.diag_indices_from(inner)] += _JITTER * np.diag(covariance).max()
             missing = target[held] - field[held]
             force = cho_solve(cho_factor(inner, lower=True), missing)
             pulls = (force < 0.0) & ~fixed[held]
@@ -328,7 +328,7 @@ def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Index) -
                 continue
             gap, cost = field + covariance[:, held] @ force, float(missing @ force)
         below = np.where(active, 0.0, floor_m - gap)
-        worst = np.argsort(below)[: -MOST_AT_ONCE - 1 : -1]
+        worst = np.argsort(below)[: -_MOST_AT_ONCE - 1 : -1]
         worst = worst[below[worst] > tolerance]
         if not len(worst):
             break

@@ -25,16 +25,16 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 
-MEMORY_BYTES, MEMORY_PER_BYTE = 768 << 20, 100
+MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
-PROCESSOR_S, PROCESSOR_S_PER_MB = 0.8, 2.0
+PROCESSOR_S, _PROCESSOR_S_PER_MB = 0.8, 2.0
 """Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte."""
 PATIENCE = 100.0
 """So many times the processor time may pass on the clock: other work and slow file systems are no fault of a file."""
-THREADS = 4
+_THREADS = 4
 """Of the libraries there: each has a stack and an arena that count as memory."""
-HEADER_BYTES = 8
-PIPE_BYTES = 1 << 20
+_HEADER_BYTES = 8
+_PIPE_BYTES = 1 << 20
 Read = tuple[Any, list[NDArray]]
 
 
@@ -66,8 +66,8 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         "reader": reader,
         "path": os.path.abspath(path),  # noqa: PTH100  (resolve would name what a link points to)
         "libraries": list(libraries),
-        "memory_bytes": MEMORY_BYTES + int(MEMORY_PER_BYTE * size_mb * 1e6),
-        "processor_s": PROCESSOR_S + PROCESSOR_S_PER_MB * size_mb,
+        "memory_bytes": MEMORY_BYTES + int(_MEMORY_PER_BYTE * size_mb * 1e6),
+        "processor_s": PROCESSOR_S + _PROCESSOR_S_PER_MB * size_mb,
     }
     with _LOCK:
         try:
@@ -128,7 +128,7 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
         if not ready.select(patience_s):
             stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
-    answer = json.loads(_exactly(process, int.from_bytes(_exactly(process, HEADER_BYTES), "big")))
+    answer = json.loads(_exactly(process, int.from_bytes(_exactly(process, _HEADER_BYTES), "big")))
     arrays = []
     for kind, shape in answer.pop("arrays", ()):
         array = np.empty(prod(shape), np.dtype(kind))
@@ -156,8 +156,8 @@ def _running() -> subprocess.Popen:
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         bufsize=0,
-        pipesize=PIPE_BYTES,
-        env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(THREADS))
+        pipesize=_PIPE_BYTES,
+        env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(_THREADS))
         | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
         start_new_session=True,  # Ctrl-C is for the program, which stops this one
     )  # fmt: skip

@@ -11,9 +11,9 @@ from toppling.models.frames import compass_deg
 
 FEW_DISTINCT = 10
 """Of fewer different draws an interval says little."""
-LIFTS_EARLY = 0.1
+_LIFTS_EARLY = 0.1
 """Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
-AS_IT_WAS = 0.05
+_AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 
 
@@ -77,7 +77,7 @@ def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -
     """Where contacts open long before the rock overturns: both, at the azimuth at which they open first."""
     least = min(range(len(table)), key=lambda row: opening[row]["median_m_s2"])
     lifts, topples = opening[least], table[least]
-    if lifts["median_m_s2"] > (1.0 - LIFTS_EARLY) * topples["median_m_s2"]:
+    if lifts["median_m_s2"] > (1.0 - _LIFTS_EARLY) * topples["median_m_s2"]:
         return []
     return [
         f"contacts open from {_interval(lifts)} on where the ground accelerates toward azimuth "
@@ -92,7 +92,7 @@ def _inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] |
         return "without what is known by inspection no base agreed"
     width, was = median_width(table), median_width(before)
     does = "narrows the interval" if width < was else "widens the interval"
-    if abs(width - was) <= AS_IT_WAS * was:
+    if abs(width - was) <= _AS_IT_WAS * was:
         does = "leaves the interval as it was"
     change = f"its width is {100 * width:.0f} % of its median, {100 * was:.0f} % without"
     return f"what is known by inspection {does}: {change}"

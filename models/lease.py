@@ -34,14 +34,14 @@ GONE_AFTER_S = 30.0
 PAUSE_S = (0.2, 1.5)
 """Between two tries: at random, so that two that came at once do not come at once again."""
 
-OBJECTS = ("s3", "gcs", "abfs")
+_OBJECTS = ("s3", "gcs", "abfs")
 """Types of Arrow's file systems that have no folders to be made, and show what is written whole or not at all."""
 
 
 def put(store: Any, target: str, source: IO[bytes]) -> None:
     """Write a file that appears whole or not at all, as objects do by themselves."""
     hidden = target
-    if store.type_name not in OBJECTS:
+    if store.type_name not in _OBJECTS:
         place = PurePosixPath(target)
         store.create_dir(str(place.parent))
         hidden = str(place.with_name(f".{place.name}.tmp"))

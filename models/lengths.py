@@ -44,13 +44,13 @@ _SAID = re.compile(
 _OUTRIGHT = re.compile(
     r"\W*(?:linear|length|coordinate|model)?s? ?units?\s*[:=]\s*[\"']?(?P<word>[a-z][\w./ -]{0,30})"
 )
-NO_LENGTHS = ("db", "none", "unknown", "count", "dn", "raw", "percent", "rgb", "unitless", "intensity")
+_NO_LENGTHS = ("db", "none", "unknown", "count", "dn", "raw", "percent", "rgb", "unitless", "intensity")
 """Words after "units" that are about something else than coordinates, or say nothing."""
-ROCK_M = (0.1, 30.0)
+_ROCK_M = (0.1, 30.0)
 """Heights of the precarious rocks that are known; others are told which unit would make them one."""
-LARGEST_M3 = 5000.0
+_LARGEST_M3 = 5000.0
 """Twice the volume of the largest balanced rocks."""
-CUBES_OF_HEIGHT = (0.01, 3.0)
+_CUBES_OF_HEIGHT = (0.01, 3.0)
 """Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
 NAMES = {"ft": "feet", "us-ft": "US survey feet", "in": "inches", "mm": "millimetres", "cm": "centimetres"} | {
     "yd": "yards", "dm": "decimetres", "km": "kilometres", "m": "metres",
@@ -109,7 +109,7 @@ def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
         if outright is not None and not unit_called(outright["word"]):
             if _DEGREES.match(outright["word"]):
                 raise in_degrees(remark.strip()[:80], where)
-            if not outright["word"].startswith(NO_LENGTHS):
+            if not outright["word"].startswith(_NO_LENGTHS):
                 raise _unclear(f"it states a unit that is not known: {remark.strip()[:80]!r}", where)
     if found and of_heights_alone:
         raise _unclear("it states the unit of heights alone", where)
@@ -129,7 +129,7 @@ def explaining_units(height_m: float) -> str:
     readings = []
     for unit in ("mm", "ft", "cm", "in"):
         height = height_m * METRES[unit]
-        if ROCK_M[0] * 5.0 <= height <= ROCK_M[1]:
+        if _ROCK_M[0] * 5.0 <= height <= _ROCK_M[1]:
             readings.append(f"{NAMES[unit]} ({height:.3g} m)")
     return ", ".join(readings)
 
@@ -143,17 +143,17 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
     ''
     """
     told = []
-    if height_m > ROCK_M[1]:
-        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {ROCK_M[1]:.0f} m")
-    if volume_m3 > LARGEST_M3:
-        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {LARGEST_M3:,.0f} m³")
+    if height_m > _ROCK_M[1]:
+        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {_ROCK_M[1]:.0f} m")
+    if volume_m3 > _LARGEST_M3:
+        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {_LARGEST_M3:,.0f} m³")
     cubes = volume_m3 / height_m**3
-    if volume_m3 and not CUBES_OF_HEIGHT[0] <= cubes <= CUBES_OF_HEIGHT[1]:
-        shape = "thinner" if cubes < CUBES_OF_HEIGHT[0] else "flatter"
+    if volume_m3 and not _CUBES_OF_HEIGHT[0] <= cubes <= _CUBES_OF_HEIGHT[1]:
+        shape = "thinner" if cubes < _CUBES_OF_HEIGHT[0] else "flatter"
         told.append(f"{shape} than any precarious rock: are heights in the unit of the other coordinates?")
     if not told:
         return ""
-    readings = explaining_units(height_m) if height_m > ROCK_M[1] else ""
+    readings = explaining_units(height_m) if height_m > _ROCK_M[1] else ""
     would = f"; if the coordinates are in {readings}, give --units" if readings else ""
     return f"the rock is {', and it is '.join(told)}{would}"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import refusals
 
-HEADER_BYTES = 65_536
+_HEADER_BYTES = 65_536
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -25,7 +25,7 @@ _TYPES = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:\A|[\r\n])end_header[ \t]*(\r\n|\r|\n)")
 _COUNT = re.compile(r"\d{1,18}", re.ASCII)
-INDICES = ("vertex_indices", "vertex_index")
+_INDICES = ("vertex_indices", "vertex_index")
 
 
 _damaged = refusals(
@@ -103,7 +103,7 @@ def read_header(path: Path) -> Header:
         If it is none of PLY, or counts more rows than the file can hold.
     """
     with path.open("rb") as file:
-        head = file.read(HEADER_BYTES)
+        head = file.read(_HEADER_BYTES)
         size = file.seek(0, 2)
     end = _END.search(head)
     if not head.startswith((b"ply\n", b"ply\r", b"ply \n", b"ply \r")) or end is None:
@@ -156,7 +156,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | Non
     if names != ["vertex", "face"] or header.elements[0].has_lists:
         return None
     indices = [each for each in header.elements[1].properties if each.count_kind]
-    if len(indices) != 1 or indices[0].name not in INDICES or not header.order:
+    if len(indices) != 1 or indices[0].name not in _INDICES or not header.order:
         return None
     vertex, face = header.elements
     points = _rows(header, "vertex")

@@ -23,13 +23,13 @@ from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
-ROUNDING = 1e-12
+_ROUNDING = 1e-12
 """Share of a surface's size below which a triangle counts as upright, or two as lying in one plane."""
 
-PIECE_SHARE = 0.01
+_PIECE_SHARE = 0.01
 """Edges are cut up into pieces of this share of the rock's size in plan before their neighbours are looked for."""
 
-PAIRS_AT_A_TIME = 200_000
+_PAIRS_AT_A_TIME = 200_000
 """Pairs of edges that are looked at together: some 50 MB."""
 
 
@@ -104,10 +104,10 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
     normal = np.cross(way, one)
     side, other_side = normal[:, 2], way[:, 0] * other[:, 1] - way[:, 1] * other[:, 0]
     size_m = float(np.linalg.norm(np.ptp(vertices_m, axis=0)))
-    opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= ROUNDING * size_m**2)
+    opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= _ROUNDING * size_m**2)
     with np.errstate(divide="ignore", invalid="ignore"):
         rise_m = (normal * other).sum(axis=1) / side
-    joins_two[joins_two] = opposite & (rise_m >= -ROUNDING * size_m)
+    joins_two[joins_two] = opposite & (rise_m >= -_ROUNDING * size_m)
     kept = order[begins[~joins_two]]
     return np.column_stack([start[kept], end[kept]])
 
@@ -115,13 +115,13 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
 def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
     """Feet (k, 3) where edges (n, 2, 3) of the ground pass below edges (m, 2, 3) of the rock, some at a time."""
     low, high = rock[..., :2].min(axis=(0, 1)), rock[..., :2].max(axis=(0, 1))
-    longest = PIECE_SHARE * float(np.linalg.norm(high - low))
+    longest = _PIECE_SHARE * float(np.linalg.norm(high - low))
     owner, middle, reach = _pieces(ground, low - longest, high + longest, longest)
     rock_owner, rock_middle, rock_reach = _pieces(rock, low - longest, high + longest, longest)
     tree = cKDTree(rock_middle)
     radius = (1.0 + 1e-6) * (reach + rock_reach.max())
     count = tree.query_ball_point(middle, radius, return_length=True)
-    batch = np.cumsum(count) // PAIRS_AT_A_TIME
+    batch = np.cumsum(count) // _PAIRS_AT_A_TIME
     for some in np.split(np.arange(len(middle)), np.flatnonzero(np.diff(batch)) + 1):
         near = chain.from_iterable(tree.query_ball_point(middle[some], radius[some]))
         above = rock_owner[np.fromiter(near, int, count[some].sum())]
@@ -187,7 +187,7 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
     flat = corners[:, :, :2]
     edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
-    upright = np.abs(area) < ROUNDING * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
+    upright = np.abs(area) < _ROUNDING * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
     centre = flat.mean(axis=1)
     reach = np.linalg.norm(flat - centre[:, None], axis=2).max(axis=1)

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import explaining_units
 
-ROCK_HEIGHTS_M = (0.02, 100.0)
+_ROCK_HEIGHTS_M = (0.02, 100.0)
 """From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
-FAR_SIZES = 100.0
+_FAR_SIZES = 100.0
 """A mesh farther from the origin than this many of its diagonals is integrated about a point beside it: the moments
 about the origin grow with the fourth power of the distance, and here lose 3e-10 of the inertia; in survey coordinates
 nothing of it is left."""
-FARTHEST_M = 1e8
+_FARTHEST_M = 1e8
 """Beyond the coordinates of any survey on Earth, geocentric ones included."""
 
 
@@ -154,7 +154,7 @@ class Rock:
 def origin_beside_m(vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Origin (3,) beside a mesh that lies far from its own, at its lowest height: zero where it is near already."""
     low, high = vertices_m.min(axis=0), vertices_m.max(axis=0)
-    if np.linalg.norm(0.5 * (low + high)) <= FAR_SIZES * np.linalg.norm(high - low):
+    if np.linalg.norm(0.5 * (low + high)) <= _FAR_SIZES * np.linalg.norm(high - low):
         return np.zeros(3)
     # Whole metres in plan, so that nothing is lost by the subtraction.
     return np.append(np.floor(0.5 * (low + high))[:2], low[2])
@@ -166,7 +166,7 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
     Raises
     ------
     InputError
-        If a shape is wrong, a coordinate is not finite or beyond `FARTHEST_M`, or an index is out of range.
+        If a shape is wrong, a coordinate is not finite or beyond `_FARTHEST_M`, or an index is out of range.
     """
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
@@ -176,7 +176,7 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
         raise _mesh_error(f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}", where)
     if not np.isfinite(vertices).all():
         raise _mesh_error("vertex coordinates are not all finite", where)
-    if np.abs(vertices).max(initial=0.0) > FARTHEST_M:
+    if np.abs(vertices).max(initial=0.0) > _FARTHEST_M:
         raise _mesh_error(f"a vertex lies {np.abs(vertices).max():.3g} m from the origin", where)
     if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
         raise _mesh_error("the corners of its triangles are no whole numbers", where)
@@ -197,7 +197,7 @@ def check_size(height_m: float, where: str) -> None:
     InputError
         If its height is none of a rock that is worth shaking.
     """
-    least, most = ROCK_HEIGHTS_M
+    least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:
         raise InputError(
             f"the rock is {height_m:.4g} m high",

@@ -24,13 +24,13 @@ from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
 from toppling.models.unseen import BaseDraw, UnseenBase, feet_above_m, least_feet
 
-WAVES = 96
+_WAVES = 96
 """Of which the noise is made."""
-SPREAD_OF_WAVENUMBERS = 0.3
+_SPREAD_OF_WAVENUMBERS = 0.3
 """Standard deviation of a wave's number over that of the wavelength asked for."""
-FADES_OVER = 0.25
+_FADES_OVER = 0.25
 """Share of the band, at its top, in which the noise fades to nothing."""
-LEAST_SHARE_THAT_STANDS = 0.005
+_LEAST_SHARE_THAT_STANDS = 0.005
 """Of the bases tried; below it the rock hardly ever stands."""
 TOLERANCE_SHARE = 0.05
 """What contact points may leave out of a draw, of the noise's standard deviation."""
@@ -54,7 +54,7 @@ class Standing:
     least_toppling_m_s2: float = 0.0
 
 
-AS_SCANNED = Standing()
+_AS_SCANNED = Standing()
 
 
 def with_rough_base(
@@ -64,7 +64,7 @@ def with_rough_base(
     wavelength_m: float,
     band_m: float,
     draws: int = 32,
-    standing: Standing = AS_SCANNED,
+    standing: Standing = _AS_SCANNED,
     com_std_m: float = 0.0,
     tolerance_share: float = TOLERANCE_SHARE,
     seed: int = 0,
@@ -107,7 +107,7 @@ def with_rough_base(
     kept: list[BaseDraw] = []
     tried = 0
     while len(kept) < draws:
-        if tried * LEAST_SHARE_THAT_STANDS > max(draws, 1.0) and len(kept) < LEAST_SHARE_THAT_STANDS * tried:
+        if tried * _LEAST_SHARE_THAT_STANDS > max(draws, len(kept), 1):
             raise _hardly_stands(scene, std_m, tried, len(kept))
         tried += 1
         noise, shift_m = _Noise.drawn(std_m, wavelength_m, random), com_std_m * random.normal(size=3)
@@ -135,16 +135,16 @@ class _Noise:
     def drawn(cls, std_m: tuple[float, float], wavelength_m: float, random: np.random.Generator) -> _Noise:
         """Draw one; the logarithm of its standard deviation is as likely anywhere between two."""
         deviation_m = float(np.exp(random.uniform(*np.log(std_m))))
-        way = random.normal(size=(WAVES, 3))
+        way = random.normal(size=(_WAVES, 3))
         way /= np.linalg.norm(way, axis=1)[:, None]
-        length = 1.0 + SPREAD_OF_WAVENUMBERS * random.normal(size=(WAVES, 1))
-        phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
+        length = 1.0 + _SPREAD_OF_WAVENUMBERS * random.normal(size=(_WAVES, 1))
+        phase = random.uniform(0.0, 2.0 * np.pi, _WAVES)
         return cls(2.0 * np.pi / wavelength_m * length * way, phase, deviation_m)
 
     def __call__(self, points_m: Array) -> Array:
         return (
             self.std_m
-            * float(np.sqrt(2.0 / WAVES))
+            * float(np.sqrt(2.0 / _WAVES))
             * np.cos(points_m @ self.wave_rad_m.T + self.phase_rad).sum(axis=1)
         )
 
@@ -157,7 +157,7 @@ def _let_down(
     frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
     flat = (rock.vertices_m - pedestal.point_m) @ frame.T
     low = flat[flat[:, 2] < band_m]
-    fade = np.clip((band_m - low[:, 2]) / (FADES_OVER * band_m), 0.0, 1.0)
+    fade = np.clip((band_m - low[:, 2]) / (_FADES_OVER * band_m), 0.0, 1.0)
     low = low + np.column_stack([np.zeros((len(low), 2)), fade * noise(low)])
     high_m = feet_above_m(rock, pedestal, band_m)
     high = (high_m - pedestal.point_m) @ frame.T
@@ -188,7 +188,7 @@ def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: i
     return InputError(
         f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {kept}",
         where=f"scene {scene.id}",
-        expected=f"a rock that stands on at least {LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
+        expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
         remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
         "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
     )

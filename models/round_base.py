@@ -20,31 +20,31 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.statics import quasi_static_toppling_m_s2
 
-CREASE_DEG = 30.0
+_CREASE_DEG = 30.0
 """Two faces that meet at a larger angle form an edge, and two parts of an edge a corner."""
 
-COPLANAR_DEG = 0.05
+_COPLANAR_DEG = 0.05
 """Faces that meet at a smaller angle are one flat patch."""
 
-FLAT_AREAS = 5.0
+_FLAT_AREAS = 5.0
 """A patch so many times larger than its neighbours is flat, not a facet of a curved surface."""
 
-FEWEST_PATCHES = 12
+_FEWEST_PATCHES = 12
 """Fewer that go over into each other are a body's own faces, such as chamfers, not a curved surface."""
 
-BELOW_DEG = 60.0
+_BELOW_DEG = 60.0
 """Faces whose outward normal is so near to downward can touch before a rock topples."""
 
-CHANGE_SHARE = 0.02
+_CHANGE_SHARE = 0.02
 """By which one refinement may change the least toppling acceleration of any azimuth."""
 
-MOST_FACES = 20_000
+_MOST_FACES = 20_000
 """Finer ones cost minutes of preparing contacts; what one more halving changes is stated."""
 
-CHECKED_FACES = 60_000
+_CHECKED_FACES = 60_000
 """Of a mesh that would be finer when halved the change is not looked for."""
 
-AZIMUTHS_DEG = (0.0, 72.0, 144.0, 216.0, 288.0)
+_AZIMUTHS_DEG = (0.0, 72.0, 144.0, 216.0, 288.0)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class RoundedBase:
     @property
     def is_coarse(self) -> bool:
         """Whether that is more than answers may be off by."""
-        return self.change > CHANGE_SHARE
+        return self.change > _CHANGE_SHARE
 
     @property
     def sentence(self) -> str:
@@ -77,7 +77,7 @@ class RoundedBase:
 def rounded_base_of(rock: Rock) -> RoundedBase | None:
     """What one halving of the edges of a rounded base changes; None if nothing of it is rounded."""
     mesh = _Mesh.of(rock)
-    if not mesh.rounded.any() or mesh.faces_when_halved > CHECKED_FACES:
+    if not mesh.rounded.any() or mesh.faces_when_halved > _CHECKED_FACES:
         return None
     return RoundedBase(_change(_thresholds(rock), _thresholds(_rock_of(mesh.halved()))))
 
@@ -91,11 +91,11 @@ def refined(rock: Rock) -> Rock:
     if not mesh.rounded.any():
         return rock
     now = _thresholds(rock)
-    while mesh.faces_when_halved <= CHECKED_FACES:
+    while mesh.faces_when_halved <= _CHECKED_FACES:
         mesh = mesh.halved()
         finer = _rock_of(mesh)
         then = _thresholds(finer)
-        if _change(now, then) < CHANGE_SHARE or len(mesh.faces) > MOST_FACES:
+        if _change(now, then) < _CHANGE_SHARE or len(mesh.faces) > _MOST_FACES:
             break
         rock, now = finer, then
     return rock
@@ -113,7 +113,7 @@ def _change(now_m_s2: Array, then_m_s2: Array) -> float:
 def _thresholds(rock: Rock) -> Array:
     """Least toppling accelerations on a level plane."""
     level = Pedestal(np.array([0.0, 0.0, rock.vertices_m[:, 2].min()]), np.array([0.0, 0.0, 1.0]))
-    return np.array(quasi_static_toppling_m_s2(rock, level, STANDARD_GRAVITY_M_S2, AZIMUTHS_DEG))[:, 1]
+    return np.array(quasi_static_toppling_m_s2(rock, level, STANDARD_GRAVITY_M_S2, _AZIMUTHS_DEG))[:, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,17 +133,17 @@ class _Mesh:
         normals, areas = mesh.normals
         _, sides = mesh.edges
         angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
-        patch = joined_parts(sides[angle < COPLANAR_DEG], len(faces))
+        patch = joined_parts(sides[angle < _COPLANAR_DEG], len(faces))
         size, area = np.bincount(patch), np.bincount(patch, areas)
-        smooth = (angle >= COPLANAR_DEG) & (angle < CREASE_DEG)
+        smooth = (angle >= _COPLANAR_DEG) & (angle < _CREASE_DEG)
         one, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
         neighbours = np.bincount(patch[one], minlength=len(size))
         beside = np.bincount(patch[one], area[patch[other]], len(size)) / np.maximum(neighbours, 1)
-        flat = (size > 2) | (neighbours == 0) | (area > FLAT_AREAS * beside)
-        joined = sides[(angle < CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
+        flat = (size > 2) | (neighbours == 0) | (area > _FLAT_AREAS * beside)
+        joined = sides[(angle < _CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
         part = joined_parts(patch[joined], len(size))
-        flat |= np.bincount(part)[part] < FEWEST_PATCHES
-        low = normals[:, 2] < -np.cos(np.radians(BELOW_DEG))
+        flat |= np.bincount(part)[part] < _FEWEST_PATCHES
+        low = normals[:, 2] < -np.cos(np.radians(_BELOW_DEG))
         low &= rock.vertices_m[faces].mean(axis=1)[:, 2] < rock.com_m[2]
         return cls(rock.vertices_m, faces, flat[patch], low & ~flat[patch])
 
@@ -173,7 +173,7 @@ class _Mesh:
         normals, _ = self.normals
         angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
         cut = self.rounded[sides[:, 0]] | self.rounded[sides[:, 1]]
-        crease = angle >= CREASE_DEG
+        crease = angle >= _CREASE_DEG
         middle = 0.5 * self.vertices_m[ends].sum(axis=1)
         smooth: Flags = cut & ~crease & ~self.flat[sides].any(axis=1)
         middle[smooth] += self._bulge_m(ends[smooth], sides[smooth], ends[~crease], sides[~crease])
@@ -233,8 +233,8 @@ class _Mesh:
         goes_on = (count[a] == 2) & (count[b] == 2)
         p = self.vertices_m
         before, after = np.where(goes_on, before, a), np.where(goes_on, after, b)
-        goes_on &= _angle_deg(p[a] - p[before], p[b] - p[a]) < CREASE_DEG
-        goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < CREASE_DEG
+        goes_on &= _angle_deg(p[a] - p[before], p[b] - p[a]) < _CREASE_DEG
+        goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < _CREASE_DEG
         straight = 0.5 * (p[a] + p[b])
         return np.where(goes_on[:, None], 1.125 * straight - 0.0625 * (p[before] + p[after]), straight)
 

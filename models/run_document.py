@@ -5,7 +5,7 @@ from typing import Any
 
 from toppling.models.documents import TEXT, Kind, between, check_shape, whole
 
-MOST_JOBS = 1_000_000_000
+_MOST_JOBS = 1_000_000_000
 _OBJECT = Kind("an object", lambda value: isinstance(value, dict))
 _ENGINE = Kind(
     "an object of name, title, authors and reference, as texts",
@@ -15,7 +15,7 @@ _ENGINE = Kind(
     ),
 )
 _REQUIRED = {
-    "jobs": whole(0, MOST_JOBS),
+    "jobs": whole(0, _MOST_JOBS),
     "sessions": [_OBJECT],
 }
 _SETTLING = Kind(
@@ -34,7 +34,7 @@ _SCENE = {
     "latitude": between(-90.0, 90.0).or_null(),
     "age": TEXT.or_null(),
     "problem": TEXT.or_null(),
-    "jobs": whole(0, MOST_JOBS),
+    "jobs": whole(0, _MOST_JOBS),
     "settling": _SETTLING,
 }
 _READ = {

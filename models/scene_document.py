@@ -28,29 +28,29 @@ LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
 GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
 SCHEMA_VERSION = 1
-MOST_AZIMUTHS = 3600
-SPREAD = between(0.0, 1e8)
-AZIMUTH = between(-360.0, 360.0)
-PLACE = [LENGTH_M, 3]
-_INTERVAL = {"azimuth_deg": AZIMUTH, "low_m_s2": SPREAD, "median_m_s2": SPREAD, "high_m_s2": SPREAD}
+_MOST_AZIMUTHS = 3600
+_SPREAD = between(0.0, 1e8)
+_AZIMUTH = between(-360.0, 360.0)
+_PLACE = [LENGTH_M, 3]
+_INTERVAL = {"azimuth_deg": _AZIMUTH, "low_m_s2": _SPREAD, "median_m_s2": _SPREAD, "high_m_s2": _SPREAD}
 _REPORT = {
     "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE},
-    "slenderness?": [{"azimuth_deg": AZIMUTH, "alpha_deg": NUMBER.or_null()}],
+    "slenderness?": [{"azimuth_deg": _AZIMUTH, "alpha_deg": NUMBER.or_null()}],
     "segmentation?": {
         "confidence?": {
             "concave_share_of_cut": SHARE, "crevice_seen_share": SHARE, "undisputed_share": SHARE, "runner_up": NUMBER,
         },
     },
     "registration?": {
-        "residual_m?": SPREAD.or_null(),
+        "residual_m?": _SPREAD.or_null(),
         "stations?": whole(0, 10_000_000),
-        "of_stations?": [{"residual_m": SPREAD.or_null()}],
+        "of_stations?": [{"residual_m": _SPREAD.or_null()}],
     },
     "uncertainty?": {
-        "com_std_m?": [SPREAD, 3],
-        "volume_std_m3?": SPREAD.or_null(),
-        "interface_normal_std_deg?": SPREAD.or_null(),
-        "quasi_static_toppling_m_s2?": [{"azimuth_deg": AZIMUTH, "std": SPREAD.or_null()}],
+        "com_std_m?": [_SPREAD, 3],
+        "volume_std_m3?": _SPREAD.or_null(),
+        "interface_normal_std_deg?": _SPREAD.or_null(),
+        "quasi_static_toppling_m_s2?": [{"azimuth_deg": _AZIMUTH, "std": _SPREAD.or_null()}],
     },
     "unseen_base?": {
         "level": SHARE,
@@ -64,24 +64,24 @@ _REPORT = {
         "com_m?": [[NUMBER, 3], 3],
     },
 }  # fmt: skip
-SHAPE: dict[str, Any] = {
+_SHAPE: dict[str, Any] = {
     "id": TEXT,
-    "origin_m": PLACE,
+    "origin_m": _PLACE,
     "gravity_m_s2": between(1e-3, 1e3),
     "rock": {
-        "volume_m3": between(0.0, 1e12), "com_m": PLACE, "inertia_per_mass_m2": [[NUMBER, 3], 3],
+        "volume_m3": between(0.0, 1e12), "com_m": _PLACE, "inertia_per_mass_m2": [[NUMBER, 3], 3],
         "height_m": between(0.0, 1e8),
     },
     "pedestal": {"kind": one_of("plane", "surface")},
     "interface": {
-        "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": AZIMUTH, "point_m": PLACE,
-        "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": SPREAD.or_null(),
-        "outline_m?": [PLACE], "edges_m?": [[PLACE]], "carried?": TEXT, "beside?": TEXT,
+        "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": _AZIMUTH, "point_m": _PLACE,
+        "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": _SPREAD.or_null(),
+        "outline_m?": [_PLACE], "edges_m?": [[_PLACE]], "carried?": TEXT, "beside?": TEXT,
     },
     "contact": {
         "friction_static": between(0.0, 1e6), "friction_kinetic": between(0.0, 1e6), "restitution": between(0.0, 1.0),
     },
-    "quasi_static_toppling_m_s2": [{"azimuth_deg": AZIMUTH, "value": NUMBER.or_null()}],
+    "quasi_static_toppling_m_s2": [{"azimuth_deg": _AZIMUTH, "value": NUMBER.or_null()}],
     "report": _REPORT,
     "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, WORKED_OUT)},
 }  # fmt: skip
@@ -117,7 +117,7 @@ def read_scene_document(path: Path) -> dict[str, Any]:
             expected=f"a scene of schema version {SCHEMA_VERSION}",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
-    check_shape(document, SHAPE, path)
+    check_shape(document, _SHAPE, path)
     normal = document["interface"]["normal"]
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
         raise InputError(
@@ -126,11 +126,11 @@ def read_scene_document(path: Path) -> dict[str, Any]:
             expected="a unit vector that points up",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
-    if len(document["quasi_static_toppling_m_s2"]) > MOST_AZIMUTHS:
+    if len(document["quasi_static_toppling_m_s2"]) > _MOST_AZIMUTHS:
         raise InputError(
             f"quasi_static_toppling_m_s2 has {len(document['quasi_static_toppling_m_s2'])} rows",
             where=str(path),
-            expected=f"at most {MOST_AZIMUTHS} azimuths",
+            expected=f"at most {_MOST_AZIMUTHS} azimuths",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
     return document

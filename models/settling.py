@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
 
-SAID_FROM_DEG = 0.1
+_SAID_FROM_DEG = 0.1
 """Half samples of a scan give its interface within about this angle; a smaller tilt is not significant."""
 
-SAID_FROM_SHARE = 0.002
+_SAID_FROM_SHARE = 0.002
 """Of the rock's height; a rock scanned at rest moves less."""
 
 
@@ -55,12 +55,12 @@ class Settling:
     @property
     def sentence(self) -> str | None:
         """The settling in words; None where the rock stands as scanned."""
-        if self.tilt_deg >= SAID_FROM_DEG:
+        if self.tilt_deg >= _SAID_FROM_DEG:
             return (
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
                 f"({self.way_m:.2g} m at its farthest point) before it is shaken"
             )
-        if self.way_m >= SAID_FROM_SHARE * self.height_m:
+        if self.way_m >= _SAID_FROM_SHARE * self.height_m:
             return f"the rock settles by {self.way_m:.2g} m at its farthest point before it is shaken"
         return None
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-LONGEST = 60
+_LONGEST = 60
 """Letters of a word that a person may have misspelt; comparing costs their square."""
 
 
@@ -17,7 +17,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     >>> nearest("pga", ["scene", "pga_m_s2"])
     'pga_m_s2'
     """
-    if len(word) > LONGEST:
+    if len(word) > _LONGEST:
         return None
     by_lower = {name.lower(): name for name in known}
     asked = word.lower()

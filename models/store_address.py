@@ -7,7 +7,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 
-NO_STORES = (
+_NO_STORES = (
     "arrow_hdfs",
     "asynclocal",
     "data",
@@ -23,7 +23,7 @@ NO_STORES = (
 """Kinds of fsspec that keep no folder, or that are this machine: the last is a path (`local`)."""
 
 _ADDRESS = re.compile(r"^([a-z][a-z0-9+.-]+):/+(?=[^/])", re.IGNORECASE)
-AZURE = "AZURE_STORAGE_CONNECTION_STRING"
+_AZURE = "AZURE_STORAGE_CONNECTION_STRING"
 """Arrow takes no key of an account from an address; without this the machine's own login is used."""
 
 
@@ -44,7 +44,7 @@ def kinds() -> frozenset[str]:
     """Kinds of stores that Arrow or a package of fsspec reaches, by the beginning of an address."""
     import fsspec
 
-    return frozenset({"abfss", "gcs", "viewfs", *fsspec.available_protocols()} - {*NO_STORES})
+    return frozenset({"abfss", "gcs", "viewfs", *fsspec.available_protocols()} - {*_NO_STORES})
 
 
 def address_of(path: str | os.PathLike[str]) -> str:
@@ -73,7 +73,7 @@ def file_system(address: str) -> tuple[Any, str]:
     from pyarrow.fs import AzureFileSystem, FileSystem, FSSpecHandler, PyFileSystem
 
     kind, _, place = address.partition("://")
-    if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(AZURE)):
+    if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(_AZURE)):
         try:
             return AzureFileSystem(**azure_arguments(connection)), place
         except pa.ArrowException as error:
@@ -96,7 +96,7 @@ def file_system(address: str) -> tuple[Any, str]:
             f"is in a kind of store that cannot be reached from here ({error})",
             where=address,
             expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy=f"install the package that is named ({AZURE} is enough for az://), or copy the folder here",
+            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here",
         ) from None
     except Exception as error:  # (some connect at once, and each package has errors of its own)
         raise no_answer(address, error) from None
@@ -127,5 +127,5 @@ def no_answer(address: str, error: Exception) -> InputError:
         where=address,
         expected="a bucket that exists, and credentials that may read and write it",
         remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "
-        f"{AZURE}; FSSPEC_...)",
+        f"{_AZURE}; FSSPEC_...)",
     )

@@ -12,16 +12,16 @@ import pyarrow.parquet as pq
 from toppling.models.digest import BLANK, KEY, check, damaged, seal, unopened
 from toppling.models.errors import InputError, refusals
 
-LEAST_BOUND_BYTES, BYTES_PER_BYTE = 64_000_000, 200
+_LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
 """Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
-LEAST_BOUND_ROWS = 10_000
-VALUE_BYTES = 8
+_LEAST_BOUND_ROWS = 10_000
+_VALUE_BYTES = 8
 _BOUNDED: dict[str, tuple[int, ...]] = {}
 """State of the files that were found to keep within."""
 
 
 _unbounded = refusals(
-    expected=f"a table of at most {LEAST_BOUND_BYTES / 1e6:.0f} MB and {BYTES_PER_BYTE} bytes for each of the file",
+    expected=f"a table of at most {_LEAST_BOUND_BYTES / 1e6:.0f} MB and {_BYTES_PER_BYTE} bytes for each of the file",
     remedy="look where the file comes from: no table that this program makes is packed so densely",
 )
 
@@ -94,8 +94,8 @@ def check_bounds(path: Path) -> None:
     if _BOUNDED.get(str(path)) == stamp:
         return
     footer = pq.read_metadata(path)
-    most = LEAST_BOUND_BYTES + BYTES_PER_BYTE * state.st_size
-    if footer.num_rows > max(state.st_size, LEAST_BOUND_ROWS):
+    most = _LEAST_BOUND_BYTES + _BYTES_PER_BYTE * state.st_size
+    if footer.num_rows > max(state.st_size, _LEAST_BOUND_ROWS):
         raise _unbounded(f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes", path)
     unpacked = decoded = 0
     repeated: set[int] = set()
@@ -103,7 +103,7 @@ def check_bounds(path: Path) -> None:
         for index in range(footer.num_columns):
             column = footer.row_group(group).column(index)
             unpacked += max(column.total_uncompressed_size, 0)
-            decoded += VALUE_BYTES * max(column.num_values, 0)
+            decoded += _VALUE_BYTES * max(column.num_values, 0)
             repeats = column.physical_type == "BYTE_ARRAY" and column.has_dictionary_page
             if repeats and column.num_values * column.total_uncompressed_size > most:
                 repeated.add(index)

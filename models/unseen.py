@@ -31,7 +31,7 @@ from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 
 SCHEMA_VERSION = 1
-DECIMALS = 7
+_DECIMALS = 7
 """Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""
 
 
@@ -66,7 +66,7 @@ class BaseDraw:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            rounded = np.round(np.asarray(getattr(self, field.name), float), DECIMALS) + 0.0  # no minus zero
+            rounded = np.round(np.asarray(getattr(self, field.name), float), _DECIMALS) + 0.0  # no minus zero
             object.__setattr__(self, field.name, rounded)
 
     @property
@@ -221,7 +221,7 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
     down = down[down[:, 2] < -0.2]
     reach = down @ points[hull.vertices].T
     whole = reach.max(axis=1)
-    touching = np.flatnonzero(feet[:, 2] <= feet[:, 2].min() + 0.1**DECIMALS)
+    touching = np.flatnonzero(feet[:, 2] <= feet[:, 2].min() + 0.1**_DECIMALS)
     kept = set(touching[np.isin(touching, corners)].tolist())
     fixed = points[hull.vertices[hull.vertices >= len(feet)]]
     missing = whole - (down @ np.vstack([fixed, feet[sorted(kept)]]).T).max(axis=1)

@@ -17,23 +17,23 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import Statics, statics_of
 
-LARGEST_FRICTION = 1.5
+_LARGEST_FRICTION = 1.5
 """Of rock on rock; above it a coefficient is more likely an angle."""
 
-G_AT_MOST = 1.5
+_G_AT_MOST = 1.5
 """Levels that are all below this are more likely in g than in m/s2."""
 
-G_M_S2 = 9.81
+_G_M_S2 = 9.81
 
 REALISATIONS = 25
 """For a rock whose base is a distribution: the nominal base and enough others to give a spread."""
 
-MOST_NAMED = 5
+_MOST_NAMED = 5
 
 HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
 """Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
 
-LEAST_WITHIN = 3
+_LEAST_WITHIN = 3
 """Levels between hardly any and nearly all toppled that resolve the rise."""
 
 
@@ -53,11 +53,11 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
     """
     found = []
     for static, _ in campaign.friction:
-        if static > LARGEST_FRICTION:
+        if static > _LARGEST_FRICTION:
             angle = f": is it in degrees? tan({static:g}°) is {math.tan(math.radians(static)):.2g}"
             usual = ": rock on rock has 0.6 to 1.0"
             found.append(
-                f"friction {static:g} is above {LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
+                f"friction {static:g} is above {_LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
             )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
@@ -65,10 +65,10 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             f"'realisations = {REALISATIONS}' shakes others too"
         )
     highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
-    if highest < G_AT_MOST:
+    if highest < _G_AT_MOST:
         found.append(
-            f"all levels are below {G_AT_MOST:g} m/s2: are they in g? "
-            f"{highest:g} g is {highest * G_M_S2:.3g} m/s2"
+            f"all levels are below {_G_AT_MOST:g} m/s2: are they in g? "
+            f"{highest:g} g is {highest * _G_M_S2:.3g} m/s2"
         )
         return found  # the same slip in other words would follow
     found += _of_statics(
@@ -93,7 +93,7 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     ]
     records = "1 record is" if len(far) == 1 else f"{len(far)} records are"
     return [
-        f"{records} scaled by more than {LARGEST_FACTOR:g} to {highest:g} m/s2: {listed(named, MOST_NAMED)}; weak "
+        f"{records} scaled by more than {LARGEST_FACTOR:g} to {highest:g} m/s2: {listed(named, _MOST_NAMED)}; weak "
         "records hold noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records "
         f"select --pga {highest / LARGEST_FACTOR:.2g} 100'"
     ]
@@ -122,7 +122,7 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     return [
         f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded (PGV above {TOLD_PGV_M_S:g} m/s or PGD "
         f"above {LARGEST_PGD_M:g} m):".replace("%", " %", 1)
-        + f"{at} {listed(named, MOST_NAMED)}; lower levels or records with less PGV for their PGA avoid it, and the "
+        + f"{at} {listed(named, _MOST_NAMED)}; lower levels or records with less PGV for their PGA avoid it, and the "
         "report tells what leaving these jobs out changes"
     ]
 
@@ -197,7 +197,7 @@ def suggestions(shares: Sequence[Share]) -> list[str]:
         at = f"{low.toppled} of {low.jobs} toppled at the lowest level"
         found.append(f"{at}: add levels below {low.level_m_s2:g} m/s2")
     within = [one for one in rising if HARDLY_SHARE < one.share < 1.0 - HARDLY_SHARE]
-    if not found and len(within) < LEAST_WITHIN:
+    if not found and len(within) < _LEAST_WITHIN:
         below = max(one.level_m_s2 for one in rising if one.share <= HARDLY_SHARE)
         above = [one.level_m_s2 for one in rising if one.share >= 1.0 - HARDLY_SHARE]
         top = min(above, default=high.level_m_s2)

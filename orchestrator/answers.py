@@ -12,15 +12,15 @@ from toppling.orchestrator.task import Row, lost_row
 from toppling.results.store import table_of
 from toppling.workers.job import JobSpec
 
-ASKED = (
+_ASKED = (
     "job_id", "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic",
     "restitution", "realisation", "preset", "engine",
 )  # fmt: skip
 """Columns of a row that repeat what was asked."""
 
-OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
-STATUSES = ("ok", "undecided", "diverged", "failed")
-SAME_PGA = 1e-6
+_OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
+_STATUSES = ("ok", "undecided", "diverged", "failed")
+_SAME_PGA = 1e-6
 """Relative difference up to which a scaled motion has the PGA that was asked for."""
 
 
@@ -58,7 +58,7 @@ def _problem(spec: JobSpec, row: Any) -> str:
     if not isinstance(row, Mapping):
         return f"a {type(row).__name__} and no row"
     asked = lost_row(spec, "", "")
-    for name in ASKED:
+    for name in _ASKED:
         if row.get(name) != asked[name]:
             return f"{name} is {row.get(name)!r}, asked was {asked[name]!r}"
     return _no_answer(row) or _other_motion(spec, row) or _other_cost(row)
@@ -66,13 +66,13 @@ def _problem(spec: JobSpec, row: Any) -> str:
 
 def _no_answer(row: Mapping[str, Any]) -> str:
     status, toppled, outcome = row.get("status"), row.get("toppled"), row.get("outcome")
-    if status not in STATUSES:
+    if status not in _STATUSES:
         return f"status is {status!r}"
     if status != "ok":
         return (
             "" if toppled is None and outcome is None else f"status is {status!r}, yet outcome is {outcome!r}"
         )
-    if not isinstance(toppled, bool) or OUTCOMES.get(str(outcome)) is not toppled:
+    if not isinstance(toppled, bool) or _OUTCOMES.get(str(outcome)) is not toppled:
         return f"status is 'ok', yet outcome is {outcome!r} and toppled is {toppled!r}"
     return ""
 
@@ -82,8 +82,8 @@ def _other_motion(spec: JobSpec, row: Mapping[str, Any]) -> str:
     pga = row.get("pga_m_s2")
     if row["status"] == "failed" or (pga is None and "pga_m_s2" not in row):
         return "" if row["status"] == "failed" else "it does not say what was imposed"
-    low = 0.0 if spec.peak_displacement_m is not None else spec.pga_m_s2 * (1.0 - SAME_PGA)
-    if not (isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + SAME_PGA)):
+    low = 0.0 if spec.peak_displacement_m is not None else spec.pga_m_s2 * (1.0 - _SAME_PGA)
+    if not (isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + _SAME_PGA)):
         return f"pga_m_s2 is {pga!r}, asked was {spec.pga_m_s2!r}"
     return ""
 

@@ -10,11 +10,11 @@ from toppling.models.errors import InputError
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.spelling import did_you_mean
 
-FINEST, COARSEST = 0.005, 0.5
-SHARES = ("median", "p05", "p95")
+_FINEST, _COARSEST = 0.005, 0.5
+_SHARES = ("median", "p05", "p95")
 _KEYS = ("of", "measure", "at", "hazard")
 _EXPECTED = (
-    f"{', '.join(map(repr, SHARES))}, or a table with keys of {', '.join(_KEYS)}: "
+    f"{', '.join(map(repr, _SHARES))}, or a table with keys of {', '.join(_KEYS)}: "
     '{ of = "p05", measure = "pgv_m_s" }, { measure = "pgv_m_s", at = 1.2 } (a probability) or '
     '{ hazard = "curve.csv" } (a failure rate)'
 )
@@ -36,7 +36,7 @@ class Asked:
         File of the hazard curve under which the failure rate is asked for instead.
     """
 
-    of: str = SHARES[0]
+    of: str = _SHARES[0]
     measure: str | None = None
     at: float | None = None
     hazard: Path | None = None
@@ -56,12 +56,12 @@ def read_precision(value: Any, where: str) -> float:
     InputError
         If it is no share.
     """
-    if not is_number(value) or not FINEST <= value <= COARSEST:
+    if not is_number(value) or not _FINEST <= value <= _COARSEST:
         remedy = "5 % is 0.05"
-        if is_number(value) and FINEST <= value / 100.0 <= COARSEST:
+        if is_number(value) and _FINEST <= value / 100.0 <= _COARSEST:
             remedy = f"did you mean {value / 100.0:g}, {value:g} %?"
         raise InputError(
-            shown(value), where=where, expected=f"a share from {FINEST:g} to {COARSEST:g}", remedy=remedy
+            shown(value), where=where, expected=f"a share from {_FINEST:g} to {_COARSEST:g}", remedy=remedy
         )
     return float(value)
 
@@ -78,8 +78,8 @@ def read_target(value: Any, folder: Path, where: str) -> Asked:
     if not isinstance(table, dict) or not table or not set(table) <= set(_KEYS):
         raise _wrong(shown(value), where)
     of, measure, at, hazard = (table.get(key) for key in _KEYS)
-    if of is not None and of not in SHARES:
-        raise _wrong(shown(of), where, did_you_mean(str(of), SHARES, "take 'median' if unsure"))
+    if of is not None and of not in _SHARES:
+        raise _wrong(shown(of), where, did_you_mean(str(of), _SHARES, "take 'median' if unsure"))
     if measure is not None and measure not in LEVEL_MEASURES:
         remedy = did_you_mean(str(measure), LEVEL_MEASURES, f"one of {', '.join(LEVEL_MEASURES)}")
         raise _wrong(f"the measure {shown(measure)}", where, remedy)
@@ -90,7 +90,7 @@ def read_target(value: Any, folder: Path, where: str) -> Asked:
     if sum(one is not None for one in (of, at, hazard)) > 1:
         raise _wrong("more than one of 'of', 'at' and 'hazard'", where, "ask one question a run")
     return Asked(
-        of or SHARES[0], measure, None if at is None else float(at), folder / hazard if hazard else None
+        of or _SHARES[0], measure, None if at is None else float(at), folder / hazard if hazard else None
     )
 
 

@@ -21,16 +21,16 @@ from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
 
-AS_RECORDED = "recorded"
+_AS_RECORDED = "recorded"
 """In place of levels: every record as strong as it is. In place of azimuths: every record as it was oriented."""
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
-MOST_REALISATIONS = 1_000_000
+_MOST_REALISATIONS = 1_000_000
 MOST_JOBS = 10_000_000
 """Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
-LARGEST_DISPLACEMENT_M = 1000.0
-HIGHEST_BAND_HZ = 1000.0
+_LARGEST_DISPLACEMENT_M = 1000.0
+_HIGHEST_BAND_HZ = 1000.0
 
 
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
@@ -57,7 +57,7 @@ def _unmeasured(given: Any, place: Place) -> Unmeasured:
         raise place.wrong(shown(given))
     if ("band_hz" in given) != ("above_band" in given):
         raise place.wrong("one of band_hz and above_band", "both or neither", "such as 25.0 and [0.0, 0.6]")
-    return Unmeasured(**read_keys(DRAWN, given, place.where, place.folder, joint="."))
+    return Unmeasured(**read_keys(_DRAWN, given, place.where, place.folder, joint="."))
 
 
 def _files(given: Any, place: Place) -> tuple[Path, ...]:
@@ -69,12 +69,12 @@ def _count(least: int, most: int = 2**31 - 1) -> Any:
 
 
 # fmt: off
-DRAWN = (
+_DRAWN = (
     Key("friction", pair(math.inf), "[low, high], from 0", "static and kinetic friction", None),
     Key("restitution", pair(1.0), "[low, high], 0 to 1", "restitution", None),
     Key("yaw_deg", number(lambda one: 0 <= one <= 180), "0 to 180 degrees", "turn of the motion, either way", 0.0),
     Key("either_sense", number(lambda _: True, bool), "true or false", "reverse the motion in half of them", False),
-    Key("band_hz", number(lambda one: 0 < one <= HIGHEST_BAND_HZ), f"above 0, up to {HIGHEST_BAND_HZ:g} Hz",
+    Key("band_hz", number(lambda one: 0 < one <= _HIGHEST_BAND_HZ), f"above 0, up to {_HIGHEST_BAND_HZ:g} Hz",
         "where the records' band ends", None),
     Key("above_band", pair(2.0), "[low, high], 0 to 2", "motion above it over that in the octave below", None),
 )
@@ -87,25 +87,25 @@ KEYS = (
     Key("sites", lambda given, place: read_sites(path(given, place)), "a CSV or TOML file, relative to the file",
         "instead of scene, or besides scenes: a table of rocks with their sites", (), page="guide/atlas.md"),
     Key("ensemble", path, "a folder, relative to the file", "the records"),
-    Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, AS_RECORDED),
+    Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, _AS_RECORDED),
         f"above 0, up to {LARGEST_PGA_M_S2:g}; a list, or {{ start, stop, step }} with the stop included; or "
-        f'"{AS_RECORDED}", each record as strong as it is',
+        f'"{_AS_RECORDED}", each record as strong as it is',
         "levels that each record's peak ground acceleration (PGA, of the horizontal vector) is scaled to, in m/s2"),
-    Key("azimuth_deg", axis(lambda azimuth: 0 <= azimuth < 360, AS_RECORDED),
-        f'0 to below 360; a list or a table as above; or "{AS_RECORDED}", each record\'s components as they pointed',
+    Key("azimuth_deg", axis(lambda azimuth: 0 <= azimuth < 360, _AS_RECORDED),
+        f'0 to below 360; a list or a table as above; or "{_AS_RECORDED}", each record\'s components as they pointed',
         "azimuths that the stronger horizontal component of each record is turned to, degrees counter-clockwise from "
         "east"),
     Key("friction", _friction, "a list of numbers, or of [static, kinetic]",
         "coefficients of friction, of rock on rock 0.6 to 1.0"),
     Key("restitution", axis(lambda one: 0 <= one <= 1), "a list of numbers, 0 to 1",
         "how much of the speed of an impact comes back", (0.0,), "[0.0]", "[0.0]"),
-    Key("realisations", _count(1, MOST_REALISATIONS), f"a whole number from 1 to {MOST_REALISATIONS}",
+    Key("realisations", _count(1, _MOST_REALISATIONS), f"a whole number from 1 to {_MOST_REALISATIONS}",
         "jobs for each point: the first on the scene as it is, the others draw centre of mass, base and friction", 1,
         "1", "25"),
     Key("first_realisation", _count(0), "a whole number from 0",
         "number that the realisations begin with, so that a campaign adds to another", 0, "0, the scene as it is",
         "1"),
-    Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(one.name for one in DRAWN)}",
+    Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(one.name for one in _DRAWN)}",
         "what realisations draw besides", None, "none", "{ friction = [0.5, 1.0], yaw_deg = 5.0 }",
         "conventions.md#realisations"),
     Key("preset", word(PRESETS), f"one of {', '.join(PRESETS)}", "how finely each shake is resolved", "standard",
@@ -126,8 +126,8 @@ KEYS = (
     Key("target", lambda given, place: read_target(given, place.folder, place.where),
         '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
-    Key("peak_displacement_m", number(lambda one: 0 < one <= LARGEST_DISPLACEMENT_M),
-        f"metres above 0 and up to {LARGEST_DISPLACEMENT_M:g}",
+    Key("peak_displacement_m", number(lambda one: 0 < one <= _LARGEST_DISPLACEMENT_M),
+        f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
         "largest horizontal displacement of the ground: motions beyond it are high-passed (corners up to 5 Hz), a job "
         "where that does not suffice fails", None, "none", "1.0"),
 )
@@ -256,9 +256,9 @@ class Campaign:
         content |= {
             "sites" if self.sites else "scene": scene,
             "ensemble": ensemble,
-            "pga_m_s2": self.pga_m_s2 or AS_RECORDED,
+            "pga_m_s2": self.pga_m_s2 or _AS_RECORDED,
         }
-        content["azimuth_deg"] = self.azimuth_deg or AS_RECORDED
+        content["azimuth_deg"] = self.azimuth_deg or _AS_RECORDED
         if self.stood:
             content["stood"] = list(stood)
         if self.unmeasured is not None:

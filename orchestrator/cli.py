@@ -55,7 +55,7 @@ GROUPS = {
 
 
 _ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
-OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
+_OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
 """Kinds of addresses that are no folders: pages, and schedulers of Dask."""
 
 
@@ -149,6 +149,6 @@ def _at_hand(word: str) -> str:
         place = at_hand(value)
         click.echo(f"{value}: a copy is in {place}; who writes to it says so in {WRITERS}/", err=True)
         return f"{option}{equals}{place}"
-    if (kind := _ADDRESS.match(value)) and kind[1].lower() not in OF_OTHERS:
+    if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
         return f"{option}{equals}{local(value)}"  # whatever it is for: a verb may make folders before it writes a file
     return word

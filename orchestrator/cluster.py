@@ -33,22 +33,22 @@ QUEUES = {
     "lsf": "LSFCluster",
     "htcondor": "HTCondorCluster",
 }
-LEAST_MEMORY_BYTES = 800_000_000
+_LEAST_MEMORY_BYTES = 800_000_000
 """Of a worker process: half of it is the libraries', and the rest its worlds and records."""
 
-CONNECT_TIMEOUT_S = 30
+_CONNECT_TIMEOUT_S = 30
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Dask's pages ask for no key: they would show the session's work to every account of the host."""
 
-ENCRYPTED = ("tls", "wss")
+_ENCRYPTED = ("tls", "wss")
 """Kinds of addresses at which only holders of a key are let in."""
 
-SETTINGS = Path(__file__).with_name("dask.yaml")
+_SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
 def load_defaults() -> None:
     """Put the project's Dask settings below the user's files and DASK_* variables."""
-    for settings in dask.config.collect_yaml([str(SETTINGS)]):
+    for settings in dask.config.collect_yaml([str(_SETTINGS)]):
         # As if for the first time: what is a default already, Dask takes for the user's own after a refresh.
         dask.config.defaults[:] = [known for known in dask.config.defaults if known != settings]
         dask.config.update_defaults(settings)
@@ -183,7 +183,7 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
     try:
         client = _ClosedIfNotStarted(
             address, scheduler_file=str(scheduler_file) if scheduler_file else None,
-            timeout=CONNECT_TIMEOUT_S, set_as_default=False, **options,
+            timeout=_CONNECT_TIMEOUT_S, set_as_default=False, **options,
         )  # fmt: skip
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         what = str(error).splitlines()[0]
@@ -319,11 +319,11 @@ def _kernels_of_user() -> list[str]:
 
 def _warn_of_little_memory(kind: str, processes: int) -> None:
     given = dask.config.get(f"jobqueue.{kind}.memory", None)
-    if given and parse_bytes(given) < processes * LEAST_MEMORY_BYTES:
+    if given and parse_bytes(given) < processes * _LEAST_MEMORY_BYTES:
         log.warning(
             "memory: %s in jobqueue.yaml is less than %.1f GB for each of %d processes: they may be killed for lack "
             "of it",
-            *(given, LEAST_MEMORY_BYTES / 1e9, processes),
+            *(given, _LEAST_MEMORY_BYTES / 1e9, processes),
         )
 
 
@@ -331,7 +331,7 @@ def _warn_of_open_door(address: str) -> None:
     """Warn of a scheduler that lets in whoever reaches it, beyond this machine."""
     scheme, _, place = address.partition("://")
     host = place.rpartition(":")[0].strip("[]")
-    if scheme in ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":
+    if scheme in _ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":
         return
     log.warning(
         "%s asks nobody for a key: whoever reaches it on the network can run code as the user of its workers. Start it "
@@ -353,7 +353,7 @@ def _check_scheduler(client: Client) -> None:
             "a crash will cost more retries. Start it with DASK_CONFIG=%s",
             saturation,
             failures,
-            SETTINGS,
+            _SETTINGS,
         )
 
 

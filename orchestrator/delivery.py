@@ -21,14 +21,14 @@ from distributed.utils import sync
 
 from toppling.models.folder import cache_folder, new_folder
 
-PIECE_BYTES = 2**23
+_PIECE_BYTES = 2**23
 """What is sent at once: large beside a round trip, small beside a worker's memory."""
 
 SHELF = "toppling_asset"
 """The scheduler's handler that answers workers."""
 
-ID = re.compile(r"[0-9a-f]{8,64}")
-KEPT_S = 7 * 86400.0
+_ID = re.compile(r"[0-9a-f]{8,64}")
+_KEPT_S = 7 * 86400.0
 """A host keeps what it was sent for as long after its last use."""
 
 
@@ -99,7 +99,7 @@ def offer(client: Client, folders: Mapping[str, Path]) -> None:
         upload = uuid.uuid4().hex
         for path in sorted(each for each in folder.iterdir() if each.is_file()):
             with path.open("rb") as source:
-                while piece := source.read(PIECE_BYTES):
+                while piece := source.read(_PIECE_BYTES):
                     client.run_on_scheduler(_add, upload=upload, file=path.name, piece=piece)
         client.run_on_scheduler(_complete, upload=upload, name=name, client=client.id)
 
@@ -131,7 +131,7 @@ def delivered(name: str) -> Path:
     NotKeptError
         If no place here can be written.
     """
-    if not ID.fullmatch(name):
+    if not _ID.fullmatch(name):
         msg = f"{name!r} is no id of a content"
         raise NotKeptError(msg)
     kept_in = cache_folder() / "delivered"
@@ -166,8 +166,8 @@ def _fetch(name: str, place: Path) -> None:
                 msg = f"{file!r} is no name of a file"
                 raise NotKeptError(msg)
             with (staging / file).open("wb") as target:
-                for offset in range(0, size, PIECE_BYTES):
-                    piece = _ask(name=name, file=file, offset=offset, size=PIECE_BYTES)
+                for offset in range(0, size, _PIECE_BYTES):
+                    piece = _ask(name=name, file=file, offset=offset, size=_PIECE_BYTES)
                     if not piece:
                         msg = f"the scheduler lost {file} while it was sent"
                         raise NotDeliveredError(msg)
@@ -191,7 +191,7 @@ def _ask(**question: Any) -> Any:
 
 
 def _forget_old(kept_in: Path) -> None:
-    before = time.time() - KEPT_S
+    before = time.time() - _KEPT_S
     for place in kept_in.iterdir():
         if place.is_dir() and place.stat().st_mtime < before:
             forget(place)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 JOBS_IN_BATCH = 256
 """Upper limit; the time budget of a batch usually ends it first."""
 
-BATCHES_LEFT_PER_WORKER = 4
+_BATCHES_LEFT_PER_WORKER = 4
 """Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
 
-LAST_PER_WORKER = 30
-LAST_SHARE = 0.2
+_LAST_PER_WORKER = 30
+_LAST_SHARE = 0.2
 """So many of the last jobs a worker, at most such a share of all, go out the longest records first.
 
 A long one that began last would keep the others waiting: job times differ by a factor of thirty.
@@ -106,7 +106,7 @@ class Dispatch:
         self.hung: Counter[int] = Counter()  # of a job's deaths those of a worker that hung
         self._waiting = len(pending)
         self._duration_s = duration_s
-        self._last = int(LAST_SHARE * len(pending))  # of them as yet in the order given
+        self._last = int(_LAST_SHARE * len(pending))  # of them as yet in the order given
 
     @property
     def waiting(self) -> int:
@@ -128,11 +128,11 @@ class Dispatch:
             return Batch((job,), self._attempts[job], alone=True)
         if not self._segments:
             return None
-        if self._waiting <= min(self._last, LAST_PER_WORKER * workers):
+        if self._waiting <= min(self._last, _LAST_PER_WORKER * workers):
             self._longest_first()
         segment = self._segments.popleft()
         size = min(
-            room, JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1)))
+            room, JOBS_IN_BATCH, math.ceil(self._waiting / (_BATCHES_LEFT_PER_WORKER * max(workers, 1)))
         )
         elsewhere = np.flatnonzero(self._scene[segment[:size]] != self._scene[segment[0]])
         size = int(elsewhere[0]) if len(elsewhere) else size

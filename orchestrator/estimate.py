@@ -22,23 +22,23 @@ from toppling.orchestrator.progress import duration
 from toppling.orchestrator.stands import check_stands
 from toppling.workers.job import Assets, JobSpec, run_job
 
-TIMED_JOBS = 48
+_TIMED_JOBS = 48
 """At most; of a campaign like the study's, whose jobs cost from a thousandth of a second to seconds, their mean is
 known to some 20 %."""
 
-TIMED_S = 20.0
+_TIMED_S = 20.0
 """Time for them, beyond which no other one is begun."""
 
-LEAST_TIMED = 6
+_LEAST_TIMED = 6
 """Of a plan of fewer jobs all."""
 
-TIMED_SHARE = 8
+_TIMED_SHARE = 8
 """Of a smaller plan one in so many jobs is timed: an estimate must not cost as much as the run."""
 
-ROCKS_TIMED = 3
+_ROCKS_TIMED = 3
 """Of an atlas."""
 
-BRIEF_S = 60.0
+_BRIEF_S = 60.0
 """Of less than this no seconds are told: workers take some to start."""
 
 
@@ -64,7 +64,7 @@ class TimeEstimate:
     def words(self, jobs: int, workers: int | None) -> str:
         """Say it; of the cores here unless a number of workers is given."""
         count = workers or os.cpu_count() or 1
-        if self.wall_s(count) < BRIEF_S:
+        if self.wall_s(count) < _BRIEF_S:
             on = f"on {count} workers" if count > 1 else "on 1 worker"
             return f"{jobs:,} jobs are expected to take less than a minute {on} ({self.timed} timed)"
         here = f"{duration(self.wall_s(count))} on {count} workers like this machine's cores"
@@ -83,7 +83,7 @@ def spread(count: int, wanted: int) -> NDArray[np.int64]:
 
 def timed_jobs(pending: int) -> int:
     """Jobs to time of so many that are pending."""
-    return min(TIMED_JOBS, max(LEAST_TIMED, pending // TIMED_SHARE), pending)
+    return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
 
 def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -136,7 +136,7 @@ def estimate(
         with pool_of(1, _load, scene, ensemble) as pool:
             # The first one also pays for what is computed once in a process, and is timed again.
             pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
-            end = time.monotonic() + TIMED_S
+            end = time.monotonic() + _TIMED_S
             for row in chosen:
                 cost_s.append(pool.submit(_timed_s, planned.spec(int(row))).result())
                 timed_rows.append(int(row))
@@ -154,7 +154,7 @@ def estimate(
 def estimate_atlas(planned: Plan) -> TimeEstimate | None:
     """The same of many rocks, by the jobs of a few of them."""
     found = []
-    for number in spread(len(planned.scenes), ROCKS_TIMED):
+    for number in spread(len(planned.scenes), _ROCKS_TIMED):
         campaign = planned.scenes[number].campaign
         scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
         alone = plan(campaign, scene, ensemble)

@@ -38,17 +38,17 @@ from toppling.workers.job import JobSpec
 
 log = logging.getLogger(__name__)
 
-BATCH_BUDGET_S = 2.0
+_BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
 ATLAS_BUDGET_S = 6.0
 """The same of many rocks: making one ready costs a third of a second."""
 
-BATCHES_A_SECOND = 100
+_BATCHES_A_SECOND = 100
 """What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
 
-POLL_S = 0.02
-LOOK_S = 2.0
+_POLL_S = 0.02
+_LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
 
 FLUSH_S = (5.0, 60.0)
@@ -59,7 +59,7 @@ Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
 
 def budget_s(workers: int) -> float:
     """Work of one task on a cluster of so many workers, in seconds."""
-    return max(BATCH_BUDGET_S, workers / BATCHES_A_SECOND)
+    return max(_BATCH_BUDGET_S, workers / _BATCHES_A_SECOND)
 
 
 def room_for(rows: Sequence[Row], budget_s: float) -> int:
@@ -168,7 +168,7 @@ class Execution:
     def _wait(self, arriving: as_completed) -> None:
         until = time.monotonic() + 0.5
         while not arriving.has_ready() and time.monotonic() < until:
-            time.sleep(POLL_S)
+            time.sleep(_POLL_S)
             if self.client.status != "running":
                 raise ConnectionError(LOST)
 
@@ -244,7 +244,7 @@ class Execution:
     def _look(self) -> None:
         """See how many threads there are, and replace workers that hang."""
         now = time.monotonic()
-        if now - self._looked < LOOK_S:
+        if now - self._looked < _LOOK_S:
             return
         self._looked = now
         workers = sum(self.client.nthreads().values())

@@ -41,13 +41,13 @@ from toppling.workers.engines import ENGINES
 
 SCHEMA_VERSION = 1
 
-ASKED = ("audit", "precision", "target")
+_ASKED = ("audit", "precision", "target")
 """Keys of a campaign that change how many of its jobs are done, and none of them: a run may go on with others."""
 
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
 
-GOES_ON, INTERRUPTED = "running", "interrupted"
+_GOES_ON, _INTERRUPTED = "running", "interrupted"
 """What `run.json` says of the end of a session before it comes, and where it came too early."""
 
 LOCK_PATIENCE_S = 1.0
@@ -178,13 +178,13 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": now(), "host": socket.gethostname(), "ended": GOES_ON, **told}
+        notes = {"started_at": now(), "host": socket.gethostname(), "ended": _GOES_ON, **told}
         note(run, notes, new=True)
         try:
             yield notes
         finally:
-            if notes["ended"] == GOES_ON:
-                notes["ended"] = INTERRUPTED
+            if notes["ended"] == _GOES_ON:
+                notes["ended"] = _INTERRUPTED
             note(run, notes)
 
 
@@ -207,7 +207,7 @@ def set_jobs(run: Path, jobs: int) -> None:
 
 def ended(notes: dict[str, Any]) -> dict[str, Any]:
     """Notes of a session that does not go on: one that was killed could not say so itself."""
-    return notes | {"ended": INTERRUPTED} if notes.get("ended") == GOES_ON else notes
+    return notes | {"ended": _INTERRUPTED} if notes.get("ended") == _GOES_ON else notes
 
 
 def place_in(run: Path, name: str) -> Path:
@@ -345,7 +345,7 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
     # A value that an earlier version did not write is no difference, except where it has no default.
     unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
-    differing = [name for name in compared if there.get(name) != here.get(name) and name not in ASKED]
+    differing = [name for name in compared if there.get(name) != here.get(name) and name not in _ASKED]
     values = [
         ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing
     ]

@@ -18,13 +18,13 @@ from typing import Any, NoReturn, TypeVar
 INTERRUPTED = 130
 """Exit code of a program that was stopped."""
 
-PATIENCE_S = 60
+_PATIENCE_S = 60
 """What has not ended in order so long after it was told to is ended without."""
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
 """What ends a program in order, where it asks for that (:func:`stop_in_order`)."""
 
-LOOK_S = 0.1
+_LOOK_S = 0.1
 """Time between looks at whether the KeyboardInterrupt is still on its way."""
 
 Entered = TypeVar("Entered")
@@ -84,7 +84,7 @@ def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (
     sys.unraisablehook = threading.excepthook = _of_no_interest
     _STOP.asked_at = time.monotonic()
     signal.signal(signal.SIGALRM, _look)
-    signal.setitimer(signal.ITIMER_REAL, LOOK_S, LOOK_S)
+    signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
     _raise_unless_held()
 
 
@@ -95,7 +95,7 @@ def end_of_stop() -> None:
 
 def _look(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
     """See whether the KeyboardInterrupt is still on its way: libraries swallow it in finalizers and bare excepts."""
-    if _STOP.asked_at is not None and time.monotonic() - _STOP.asked_at > PATIENCE_S:
+    if _STOP.asked_at is not None and time.monotonic() - _STOP.asked_at > _PATIENCE_S:
         print("stopped: the end took too long", file=sys.stderr, flush=True)  # noqa: T201  (nothing else works here)
         os._exit(INTERRUPTED)
     _raise_unless_held()

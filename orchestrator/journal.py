@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 LOG_FILE = "run.log"
-TAIL_BYTES = 65_536
+_TAIL_BYTES = 65_536
 _CHECKSUM = b', "crc32": "'
 
 log = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
     """Find the newest entry of some kinds near the end of a run's log."""
     try:
         with (run / LOG_FILE).open("rb") as file:
-            begin = file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
+            begin = file.seek(max(file.seek(0, os.SEEK_END) - _TAIL_BYTES, 0))
             lines = file.read().splitlines()
     except OSError:
         return None

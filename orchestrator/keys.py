@@ -14,7 +14,7 @@ from toppling.models.errors import InputError
 from toppling.models.folder import local
 from toppling.models.spelling import did_you_mean
 
-MOST_ON_AN_AXIS = 50_000
+_MOST_ON_AN_AXIS = 50_000
 """Of levels, azimuths, coefficients or records; azimuths a hundredth of a degree apart are 36,000."""
 
 REQUIRED: Any = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
@@ -194,16 +194,16 @@ def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
         raise place.wrong(what, "step above 0, stop not below start", f"did you mean {sound}?")
     # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
     many = (float(stop) - float(start)) / step
-    if not many < MOST_ON_AN_AXIS:
+    if not many < _MOST_ON_AN_AXIS:
         what = f"{shown(given)} holds {many:.3g} numbers"
-        raise place.wrong(what, f"at most {MOST_ON_AN_AXIS}", "take a larger step")
+        raise place.wrong(what, f"at most {_MOST_ON_AN_AXIS}", "take a larger step")
     return [round(start + index * step, 12) for index in range(int(many + 5e-4) + 1)]
 
 
 def distinct(values: list, place: Place) -> list:
     """The values, if each is there once, and not too many are."""
-    if len(values) > MOST_ON_AN_AXIS:
-        raise place.wrong(f"{len(values)} values", f"at most {MOST_ON_AN_AXIS}", "leave some out")
+    if len(values) > _MOST_ON_AN_AXIS:
+        raise place.wrong(f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out")
     if repeated := [shown(one) for one, count in Counter(values).items() if count > 1]:
         what = f"{', '.join(sorted(repeated)[:10])} given twice"
         raise place.wrong(what, "every value once", "remove the repetition")

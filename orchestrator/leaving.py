@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 LEAVING = threading.Event()
 """Set in a worker's process that is told to leave: the batch at hand ends with the job at hand."""
 
-GRACE_S = 5.0
+_GRACE_S = 5.0
 """A job at hand has this long; clouds and batch systems give half a minute before they kill."""
 
 BACK_WITHIN_S = 120.0
@@ -96,7 +96,7 @@ async def _leave(worker: Worker) -> None:
     LEAVING.set()
     log.warning("told to leave: ending the job at hand")
     at_hand = {task.key for task in worker.state.executing}
-    end = time.monotonic() + GRACE_S
+    end = time.monotonic() + _GRACE_S
     while time.monotonic() < end and at_hand & {task.key for task in worker.state.executing}:
         await asyncio.sleep(_LOOK_S)
     with contextlib.suppress(OSError):  # the scheduler is gone too

@@ -10,11 +10,11 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-LOOPBACK = "127.0.0.1"
-SLOWEST_S = 30.0
+_LOOPBACK = "127.0.0.1"
+_SLOWEST_S = 30.0
 """A connection on which nothing comes for so long is closed."""
 HTML, TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
-NOTHING = "default-src 'none'"
+_NOTHING = "default-src 'none'"
 
 
 class Loopback(ThreadingHTTPServer):
@@ -32,7 +32,7 @@ class Loopback(ThreadingHTTPServer):
 
     def __init__(self, answers: "type[Answers]", port: int = 0) -> None:
         self.secret = secrets.token_urlsafe(16)
-        super().__init__((LOOPBACK, port), answers)
+        super().__init__((_LOOPBACK, port), answers)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that has gone."""
@@ -42,12 +42,12 @@ class Loopback(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """What to open in a browser."""
-        return f"http://{LOOPBACK}:{self.server_port}/{self.secret}/"
+        return f"http://{_LOOPBACK}:{self.server_port}/{self.secret}/"
 
     @cached_property
     def hosts(self) -> set[str]:
         """Names under which a browser may ask: another name may be another site's, turned to this address."""
-        return {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
+        return {f"{name}:{self.server_port}" for name in (_LOOPBACK, "localhost")}
 
 
 class Answers(BaseHTTPRequestHandler):
@@ -56,7 +56,7 @@ class Answers(BaseHTTPRequestHandler):
     server: Loopback
     server_version = "toppling"
     sys_version = ""
-    timeout = SLOWEST_S
+    timeout = _SLOWEST_S
 
     def asked(self) -> str | None:
         """The address behind the secret; None where the secret is another's or the server has another name."""
@@ -72,7 +72,7 @@ class Answers(BaseHTTPRequestHandler):
         self.send(b"not found", TEXT, status=HTTPStatus.NOT_FOUND)
 
     def send(
-        self, body: bytes, kind: str = HTML, policy: str = NOTHING, status: HTTPStatus = HTTPStatus.OK
+        self, body: bytes, kind: str = HTML, policy: str = _NOTHING, status: HTTPStatus = HTTPStatus.OK
     ) -> None:
         """Send an answer that no one keeps, and that loads nothing but what its policy allows."""
         self.send_response(status)

@@ -13,16 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-SEED = 2017
+_SEED = 2017
 """Any number would do: the order is random with regard to the answers, and the same on every machine."""
 
-RECORDS_TOGETHER = 64
+_RECORDS_TOGETHER = 64
 """Records that share a block, as many as a worker keeps in memory."""
 
-JOBS_OF_A_RECORD = 4
+_JOBS_OF_A_RECORD = 4
 """In a block of more records than that: reading one costs a few milliseconds."""
 
-SCENES_KEPT = 8
+_SCENES_KEPT = 8
 """By a worker."""
 
 JOBS_OF_A_SCENE = 128
@@ -66,11 +66,11 @@ def diagonal(*sizes: int) -> NDArray[np.int64]:
 
 def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
     """Groups that records are divided into, and jobs of a record in a block."""
-    groups = 1 if scenes == 1 else math.ceil(records / RECORDS_TOGETHER)
-    if scenes > SCENES_KEPT:
+    groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
+    if scenes > _SCENES_KEPT:
         jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
     else:
-        jobs = JOBS_OF_A_RECORD if records / groups > RECORDS_TOGETHER else 1
+        jobs = _JOBS_OF_A_RECORD if records / groups > _RECORDS_TOGETHER else 1
     return groups, min(jobs, levels * azimuths)
 
 
@@ -96,7 +96,7 @@ def balanced_order(
     records, levels, azimuths, scenes = (int(codes.max()) + 1 for codes in (record, level, azimuth, scene))
     sizes = scene_sizes or (scenes,)
     scenes = math.prod(sizes)
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(_SEED)
     groups, jobs = block_jobs(records, levels, azimuths, scenes)
     turn = random.permutation(records)[record]  # a record's place among records
     group = turn * groups // records

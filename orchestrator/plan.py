@@ -25,7 +25,7 @@ from toppling.orchestrator.sites import Site
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
 
-COLUMNS = pa.schema(
+_COLUMNS = pa.schema(
     [
         ("job_id", pa.string()),
         ("scene_id", pa.dictionary(pa.int32(), pa.string())),
@@ -35,7 +35,7 @@ COLUMNS = pa.schema(
 )
 """Of the table of jobs: of each its axes, of the types that they have in the results."""
 
-EQUAL_SHARE_S = 40.0
+_EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
 
 
@@ -45,7 +45,7 @@ Settled = Mapping[tuple[str, float, float], Settling | InputError]
 
 def expected_s(motion_s: float, jobs: int) -> float:
     """Tell what jobs are expected to cost, in a unit of its own, from their records' durations together."""
-    return motion_s + EQUAL_SHARE_S * jobs
+    return motion_s + _EQUAL_SHARE_S * jobs
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +306,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     of_scene = pa.DictionaryArray.from_arrays(np.zeros(len(codes), np.int32), pa.array([scene_id]))
     jobs = pa.Table.from_arrays(
         [ids, of_scene, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
-        names=COLUMNS.names,
-    ).cast(COLUMNS)
+        names=_COLUMNS.names,
+    ).cast(_COLUMNS)
     if _scene_by_scene(campaign):
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
     return Plan(campaign, (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),), jobs, recorded)

@@ -25,7 +25,7 @@ from toppling.results.store import RESULTS_FILE, attempts_with, compact, finishe
 
 log = logging.getLogger(__name__)
 
-ROUNDS = 3
+_ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
 
@@ -183,7 +183,7 @@ def work_off(wanted: Wanted, work: Work, merge: Callable[[], set[str]] | None = 
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)
             in_vain += 1
-        if in_vain >= ROUNDS:
+        if in_vain >= _ROUNDS:
             msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
             raise RunError(msg)
         sent |= set(pending.tolist())

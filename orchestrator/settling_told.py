@@ -12,16 +12,16 @@ from toppling.models.settling import Settling
 from toppling.models.statics import polygon, support_polygon_m, tipping_m_s2
 from toppling.workers.seating import settled
 
-MEANT_FROM_DEG = 1.0
-MEANT_FROM_SHARE = 0.01
+_MEANT_FROM_DEG = 1.0
+_MEANT_FROM_SHARE = 0.01
 """Of the rock's height; from here on a settling is more than an interface that is a little off."""
 
-WHY_A_SCANNED_ROCK_SETTLES = (
+_WHY_A_SCANNED_ROCK_SETTLES = (
     "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
     "(--plane), or a wedge or adhesion that holds it"
 )
 
-AZIMUTHS_DEG = range(0, 360, 10)
+_AZIMUTHS_DEG = range(0, 360, 10)
 
 Rose = list[tuple[float, float]]
 
@@ -61,7 +61,7 @@ class Settled:
         if len(outline) < 3:
             return _rose(scene)
         return tipping_m_s2(
-            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, AZIMUTHS_DEG
+            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, _AZIMUTHS_DEG
         )
 
     @property
@@ -73,7 +73,7 @@ class Settled:
     def is_large(self) -> bool:
         """Whether it is more than the interface's own error, so that a person should look at it."""
         found = self.settling
-        return found.tilt_deg >= MEANT_FROM_DEG or found.way_m >= MEANT_FROM_SHARE * found.height_m
+        return found.tilt_deg >= _MEANT_FROM_DEG or found.way_m >= _MEANT_FROM_SHARE * found.height_m
 
     @property
     def sentences(self) -> list[str]:
@@ -84,7 +84,7 @@ class Settled:
         told += [rounded.sentence] if rounded is not None and rounded.is_coarse else []
         told += [self.settling.sentence] if self.settling.sentence else []
         if self.settling.sentence and "unseen_base" in self.scanned.report:
-            told[-1:] = [f"{told[-1]}; {WHY_A_SCANNED_ROCK_SETTLES}"]
+            told[-1:] = [f"{told[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
         if not (self.is_large and self.scanned.ground.is_plane):  # what follows is told of one plane
             return told
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
@@ -106,7 +106,7 @@ class Settled:
 
 
 def _rose(scene: Scene) -> Rose:
-    return scene.quasi_static_toppling_m_s2(AZIMUTHS_DEG)
+    return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
 
 
 def settling_notes(scene: Scene) -> list[str]:

@@ -21,7 +21,7 @@ from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age
 
-SCENE_FILE = "scene.json"
+_SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
 _AGE = re.compile(r"[\d.eE+*/-]+")
 _NUMBERS = ("longitude", "latitude", "friction")
@@ -164,7 +164,7 @@ def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
 def scene_folder(folder: Path) -> Path:
     """The folder itself, or the folder `scene` in it where that holds the scene."""
     inner = folder / "scene"
-    return inner if not (folder / SCENE_FILE).exists() and (inner / SCENE_FILE).exists() else folder
+    return inner if not (folder / _SCENE_FILE).exists() and (inner / _SCENE_FILE).exists() else folder
 
 
 def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
@@ -180,7 +180,7 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         root = Path(pattern).anchor
         base = Path(root) if root else place.folder
         matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
-        scenes = [one for match in matches if ((one := scene_folder(match)) / SCENE_FILE).exists()]
+        scenes = [one for match in matches if ((one := scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
             raise place.wrong(
                 f"{shown(pattern)} names no scene", "folders with a scene.json", "correct the path"

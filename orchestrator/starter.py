@@ -10,10 +10,10 @@ from toppling.orchestrator.campaign import KEYS
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.trial import Statics, Trial
 
-BELOW_LEAST = 0.9
+_BELOW_LEAST = 0.9
 """The lowest level is at most this share of the least static toppling acceleration."""
 
-STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
+_STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
     >>> levels_between(2.17, 18.3, 12)
     Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
     """
-    low = BELOW_LEAST * least_m_s2
-    step = min(STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
+    low = _BELOW_LEAST * least_m_s2
+    step = min(_STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
     # On the grid of the next finer round number, so that a coarse step still begins above zero.
-    grid = step if low >= step else max((one for one in STEPS_M_S2 if one <= low), default=low)
+    grid = step if low >= step else max((one for one in _STEPS_M_S2 if one <= low), default=low)
     start = math.floor(low / grid + 1e-9) * grid
     stop = start + math.ceil((most_m_s2 - start) / step - 1e-9) * step
     return Levels(round(start, 6), round(stop, 6), step)

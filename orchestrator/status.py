@@ -17,7 +17,7 @@ from toppling.results.precision import STATEMENT_FILE
 from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
-WINDOW = timedelta(minutes=1)
+_WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
@@ -129,9 +129,9 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
 def _pace(rows: pa.Table, jobs: int) -> tuple[float | None, float | None]:
     """Jobs a second in the last minute of stored rows, and the time left at that rate."""
     last = pc.max(rows["finished_at"]).as_py()
-    if last is None or datetime.now(UTC) - last > 10 * WINDOW:
+    if last is None or datetime.now(UTC) - last > 10 * _WINDOW:
         return None, None
-    recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - WINDOW, rows["finished_at"].type)))
+    recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - _WINDOW, rows["finished_at"].type)))
     seconds = max((last - pc.min(recent["finished_at"]).as_py()).total_seconds(), 1.0)
     rate_per_s = len(recent) / seconds
     return rate_per_s, (jobs - len(rows)) / rate_per_s

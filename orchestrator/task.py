@@ -35,7 +35,7 @@ from toppling.workers.shake import compile_once
 
 log = logging.getLogger(__name__)
 
-ONE_AT_A_TIME = threading.Lock()
+_ONE_AT_A_TIME = threading.Lock()
 """The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
 
 Row = dict[str, Any]
@@ -235,7 +235,7 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     end = time.perf_counter() + budget_s
     rows: list[Row] = []
     for spec in specs:
-        with ONE_AT_A_TIME:
+        with _ONE_AT_A_TIME:
             rows.append(_shake(spec, assets))
         if time.perf_counter() >= end or LEAVING.is_set():
             break

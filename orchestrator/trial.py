@@ -13,15 +13,15 @@ from toppling.orchestrator.plan import expected_s
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
 
-AZIMUTH_STEP_DEG = 10
+_AZIMUTH_STEP_DEG = 10
 RECORDS = 10
 """Enough to see where most topple, few enough to wait for."""
 
-MOST_SHARE = 0.8
-GROWTH = 1.35
+_MOST_SHARE = 0.8
+_GROWTH = 1.35
 """Ratio of a level to the one below."""
 
-HIGHEST_M_S2, HIGHEST_OVER_LEAST = 20.0, 4.0
+_HIGHEST_M_S2, _HIGHEST_OVER_LEAST = 20.0, 4.0
 """Levels end at the first, twice gravity, or for a squat rock at so many times its least static acceleration."""
 
 
@@ -59,14 +59,14 @@ class Trial:
     @property
     def most_at_m_s2(self) -> float:
         """Level at which most records had toppled it, or the highest that was tried."""
-        wanted = math.ceil(MOST_SHARE * len(self.topples_at_m_s2))
+        wanted = math.ceil(_MOST_SHARE * len(self.topples_at_m_s2))
         return min(sorted(self.topples_at_m_s2)[wanted - 1], self.highest_m_s2)
 
 
 def statics_of(scene: Scene) -> Statics:
     """Statics of the rock as it stands once it has settled; infinite where nothing topples it."""
     stands = settled(scene)
-    azimuths = range(0, 360, AZIMUTH_STEP_DEG)
+    azimuths = range(0, 360, _AZIMUTH_STEP_DEG)
     found = stands.quasi_static_toppling_m_s2(azimuths)
     azimuth_deg, least_m_s2 = min(found, key=lambda one: one[1])
     return Statics(least_m_s2, azimuth_deg)
@@ -82,9 +82,9 @@ def spread_records(ensemble: Ensemble, count: int) -> list[str]:
 
 def levels_to_try(least_m_s2: float) -> list[float]:
     """Levels from the least static acceleration up."""
-    highest = max(HIGHEST_M_S2, HIGHEST_OVER_LEAST * least_m_s2)
-    count = int(math.log(highest / least_m_s2) / math.log(GROWTH))
-    return [*(least_m_s2 * GROWTH**step for step in range(1, count + 1)), highest]
+    highest = max(_HIGHEST_M_S2, _HIGHEST_OVER_LEAST * least_m_s2)
+    count = int(math.log(highest / least_m_s2) / math.log(_GROWTH))
+    return [*(least_m_s2 * _GROWTH**step for step in range(1, count + 1)), highest]
 
 
 def try_out(
@@ -138,7 +138,7 @@ def try_out(
             motion_s += duration[record]
             jobs += 1
             seen()
-        if sum(map(math.isfinite, topples_at.values())) >= MOST_SHARE * len(records):
+        if sum(map(math.isfinite, topples_at.values())) >= _MOST_SHARE * len(records):
             break
     mean_s = float(np.mean([*duration.values()]))
     return Trial(

@@ -16,16 +16,16 @@ from toppling.orchestrator.journal import tell
 
 log = logging.getLogger(__name__)
 
-REPLACE_TIMEOUT_S = 30
-WORTH_A_WORKER_S, WORTH_A_BATCH_JOB_S = 15.0, 300.0
+_REPLACE_TIMEOUT_S = 30
+WORTH_A_WORKER_S, _WORTH_A_BATCH_JOB_S = 15.0, 300.0
 """Work that another process is started for: a few times what it takes to start, or to come out of a queue."""
 
-LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
+_LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
 """What lists the numbers of a user's batch jobs that have not ended."""
 
-LIST_PAUSE_S = 30.0
-LIST_TIMEOUT_S = 20.0
-SUBMITTED_IN_VAIN = 3
+_LIST_PAUSE_S = 30.0
+_LIST_TIMEOUT_S = 20.0
+_SUBMITTED_IN_VAIN = 3
 """Times in a row that batch jobs end, all of them, before a worker of one has come."""
 
 IDLE_S = 30.0
@@ -82,13 +82,15 @@ class Upkeep:
     def _see_which_ended(self) -> None:
         """Ask the batch system for jobs that were cancelled, or failed, before a worker of theirs came."""
         cluster: Any = self._client.cluster
-        command = LISTED.get(getattr(getattr(cluster, "job_cls", None), "config_name", ""))
+        command = _LISTED.get(getattr(getattr(cluster, "job_cls", None), "config_name", ""))
         waiting = {name: job.job_id for name, job in cluster.workers.items() if name not in self._came}
-        if command is None or not waiting or time.monotonic() - self._listed < LIST_PAUSE_S:
+        if command is None or not waiting or time.monotonic() - self._listed < _LIST_PAUSE_S:
             return
         self._listed = time.monotonic()
         with contextlib.suppress(OSError, subprocess.SubprocessError):
-            told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIST_TIMEOUT_S)
+            told = subprocess.run(
+                command, capture_output=True, text=True, check=True, timeout=_LIST_TIMEOUT_S
+            )
             there = set(told.stdout.split())
             self._ended = {name for name, number in waiting.items() if number and number not in there}
 
@@ -105,7 +107,7 @@ class Upkeep:
         of_queue = not isinstance(cluster, LocalCluster)
         if of_queue and self._ended >= set(cluster.worker_spec):
             self._in_vain += 1
-        if self._in_vain > SUBMITTED_IN_VAIN:
+        if self._in_vain > _SUBMITTED_IN_VAIN:
             msg = (
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
                 "(log-directory in jobqueue.yaml, else the folder of this command)"
@@ -123,7 +125,7 @@ class Upkeep:
             )
             log.warning(told, len(dropped))
             with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
-                self._client.sync(cluster.scale_down, dropped, callback_timeout=REPLACE_TIMEOUT_S)
+                self._client.sync(cluster.scale_down, dropped, callback_timeout=_REPLACE_TIMEOUT_S)
         cluster.scale(**{"jobs" if of_queue else "n": wanted})
 
     def grow(self, work_left_s: float) -> None:
@@ -141,7 +143,7 @@ class Upkeep:
             return
         of_queue = not isinstance(cluster, LocalCluster)
         processes = max((len(spec.get("group", [""])) for spec in cluster.worker_spec.values()), default=1)
-        worth_s = WORTH_A_BATCH_JOB_S * processes if of_queue else WORTH_A_WORKER_S
+        worth_s = _WORTH_A_BATCH_JOB_S * processes if of_queue else WORTH_A_WORKER_S
         wanted = min(most, math.ceil(work_left_s / worth_s))
         if wanted > len(cluster.worker_spec):
             tell("more workers", there=len(cluster.worker_spec), wanted=wanted)

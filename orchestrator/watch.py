@@ -25,10 +25,10 @@ from toppling.results.analysis.fragility import PLANES, by_contact, cells
 from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.reader import open_run
 
-LATEST = 12
+_LATEST = 12
 """Topplings that are listed."""
 
-KEPT_S = 1.5
+_KEPT_S = 1.5
 """An answer serves all who ask within this time."""
 
 JOB = re.compile(r"[0-9a-f]{8,64}")
@@ -100,7 +100,7 @@ def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
 def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """The topplings that were stored last, newest first."""
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
-    newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(LATEST)
+    newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(_LATEST)
     names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "topple_azimuth_deg", "topple_time_s"]
     rounded = newest[names].round({"topple_azimuth_deg": 0, "topple_time_s": 2})
     return json.loads(rounded.to_json(orient="records"))
@@ -176,7 +176,7 @@ class Watching(Loopback):
 
     def __init__(self, run: Path, replays: Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
-        self._answered = -KEPT_S
+        self._answered = -_KEPT_S
         self._answer = b""
         self._lock = threading.Lock()
         super().__init__(_Answers, port)
@@ -184,7 +184,7 @@ class Watching(Loopback):
     def state(self) -> bytes:
         """State of the run as JSON; a run that cannot be read gives an error in its place."""
         with self._lock:
-            if time.monotonic() - self._answered > KEPT_S:
+            if time.monotonic() - self._answered > _KEPT_S:
                 try:
                     told = shown(self.run)
                 except (InputError, OSError) as error:

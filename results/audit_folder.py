@@ -20,7 +20,7 @@ DRAWN_FILE = "drawn.json"
 REFERENCE = "reference"
 """Name of the audit by the same engine's finest preset."""
 
-PLAN_ID = b"plan_id"
+_PLAN_ID = b"plan_id"
 """Key of the metadata of an audit's `jobs.parquet`."""
 
 LEAST_JOBS = 10
@@ -43,7 +43,7 @@ def check_place(run: Path, place: Path) -> None:
         check_plan_id(run, drawn, read_json(drawn).get("plan_id"))
     if jobs.exists() and check(jobs):
         stated = pq.read_schema(jobs).metadata or {}
-        check_plan_id(run, jobs, stated[PLAN_ID].decode() if PLAN_ID in stated else None)
+        check_plan_id(run, jobs, stated[_PLAN_ID].decode() if _PLAN_ID in stated else None)
 
 
 def check_audits(run: Path) -> None:
@@ -61,4 +61,4 @@ def write_jobs(place: Path, jobs: pa.Table, plan_id: str) -> None:
         fresh = pc.is_in(before["job_id"], value_set=jobs["job_id"].combine_chunks())
         jobs = pa.concat_tables([jobs, before.filter(pc.invert(fresh))], promote_options="permissive")
     with new_file(path) as hidden:
-        write_table(jobs.replace_schema_metadata({PLAN_ID: plan_id}), hidden)
+        write_table(jobs.replace_schema_metadata({_PLAN_ID: plan_id}), hidden)

@@ -18,12 +18,12 @@ from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import BASES, read_scene_document
 from toppling.models.tables import read_table
 
-CAMPAIGN_FILE, JOBS_FILE, RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
+CAMPAIGN_FILE, JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"
 """Table of the rocks of an atlas, and the folder with one for each of them."""
 SCENE_FILES = ("scene.json", "rock.ply", "pedestal.ply", BASES)
 ENSEMBLE_FILES = (CATALOG, MOTIONS)
-RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensemble")
+_RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensemble")
 """Of motions that the rock is known to have stood."""
 
 _WRITTEN_ONCE = (
@@ -31,7 +31,7 @@ _WRITTEN_ONCE = (
     JOBS_FILE,
     SITES_FILE,
     *(f"scene/{name}" for name in SCENE_FILES),
-    *(f"{place}/{name}" for place in ("ensemble", *RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
+    *(f"{place}/{name}" for place in ("ensemble", *_RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
 )
 
 NEEDED = tuple(
@@ -80,9 +80,9 @@ def check_files(run: Path) -> None:
     InputError
         If one is of another run, by its name, or damaged.
     """
-    if not (run / RUN_FILE).exists():
+    if not (run / _RUN_FILE).exists():
         return
-    there = [run / name for name in (RUN_FILE, *written_once(run))]
+    there = [run / name for name in (_RUN_FILE, *written_once(run))]
     _once(f"files {run.absolute()}", there, lambda: _compare(run))
 
 
@@ -101,7 +101,7 @@ def check_rows(run: Path, path: Path) -> None:
     InputError
         If it holds rows of other jobs.
     """
-    known = [one for one in (run / RUN_FILE, run / JOBS_FILE) if one.exists()]
+    known = [one for one in (run / _RUN_FILE, run / JOBS_FILE) if one.exists()]
     if known:
         _once(f"rows {path.absolute()}", [path, *known], lambda: _compare_rows(run, path))
 
@@ -114,9 +114,9 @@ def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
     InputError
         If it is another.
     """
-    expected = _document(run).get("plan_id") if (run / RUN_FILE).exists() else None
+    expected = _document(run).get("plan_id") if (run / _RUN_FILE).exists() else None
     if plan_id is not None and expected is not None and plan_id != expected:
-        raise ForeignError(f"is of another run (plan {plan_id}, {run / RUN_FILE} says {expected})", path)
+        raise ForeignError(f"is of another run (plan {plan_id}, {run / _RUN_FILE} says {expected})", path)
 
 
 def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
@@ -133,7 +133,7 @@ def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
 
 
 def _document(run: Path) -> dict[str, Any]:
-    path = run / RUN_FILE
+    path = run / _RUN_FILE
     try:
         return check_run_document(read_json(path), path, whole_document=False)
     except OSError as error:
@@ -159,13 +159,13 @@ def _compare(run: Path) -> None:
     if other:
         names, several = ", ".join(other), len(other) > 1
         what = "are not those" if several else "is not the one"
-        culprit = f"{RUN_FILE} or they are" if several else "it is"
+        culprit = f"{_RUN_FILE} or they are" if several else "it is"
         place = run if several else run / other[0]
         raise ForeignError(f"{names} {what} that the run was begun with: {culprit} of another run", place)
     for name, key, found in _ids(run, document, recorded):
         if found != document[key]:
             raise ForeignError(
-                f"is of another run ({key} {found}, {RUN_FILE} says {document[key]})", run / name
+                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name
             )
 
 
@@ -200,7 +200,7 @@ def _compare_rows(run: Path, path: Path) -> None:
             raise ForeignError(
                 f"holds rows of another run ({foreign} of {len(rows)} are of no job in {JOBS_FILE})", path
             )
-    document = _document(run) if (run / RUN_FILE).exists() else {}
+    document = _document(run) if (run / _RUN_FILE).exists() else {}
     if (scene_id := document.get("scene_id")) is not None:
         known_ids = {one["scene_id"] for one in document.get("scenes") or [document]}
         if other := [one for one in pc.unique(rows["scene_id"]).to_pylist() if one not in known_ids]:

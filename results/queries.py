@@ -13,7 +13,7 @@ from toppling.models.errors import InputError
 from toppling.results.sandbox import collected, opened, time_limit
 from toppling.results.store import newest_rows, read_steady, result_files
 
-APART = ("engine", "preset", "scene_id", "physics_version")
+_APART = ("engine", "preset", "scene_id", "physics_version")
 """Columns of `results` in which runs may differ, so that their rows answer different questions."""
 
 _TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -152,9 +152,9 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     if "rock" in named:
         named.add("scene_id")
     kinds = connection.execute(
-        f"select distinct run, rock, {', '.join(APART)} from results where physics_version is not null order by run"
+        f"select distinct run, rock, {', '.join(_APART)} from results where physics_version is not null order by run"
     ).fetch_df()
-    differing = [name for name in APART if kinds[name].nunique() > 1]
+    differing = [name for name in _APART if kinds[name].nunique() > 1]
     told = [name for name in ("run", *differing) if name in named]
     groups = kinds.groupby(told) if told else [((), kinds)]
     if not any(of[name].nunique() > 1 for _, of in groups for name in differing):

@@ -14,7 +14,7 @@ from toppling.models.trajectory import Trajectory
 STILL_SHARE = 1e-3
 """A rock whose centre of mass moves by less than this share of its height shows nothing yet."""
 
-LEAD_S = 0.5
+_LEAD_S = 0.5
 """Time shown before something is to be seen."""
 
 
@@ -62,7 +62,7 @@ class Replay:
         seen = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
         if not len(seen):
             return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
-        return max(float(path.time_s[seen[0]]) - LEAD_S, 0.0), float(path.time_s[-1])
+        return max(float(path.time_s[seen[0]]) - _LEAD_S, 0.0), float(path.time_s[-1])
 
     def placed(self, position_m: Array, quaternion_xyzw: Array) -> Array:
         """Vertices of the rock in a pose, (n, 3)."""

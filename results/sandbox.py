@@ -14,10 +14,10 @@ from toppling.models.errors import InputError
 MEMORY_BYTES = 2 << 30
 """Of a query at work, and of its answer: the sums and joins of a million jobs take a tenth of it."""
 TIME_S = 120.0
-BATCH_ROWS = 2_048
+_BATCH_ROWS = 2_048
 """Of an answer that are made at once, before its size is looked at."""
 
-LOCKED = {
+_LOCKED = {
     "enable_external_access": "false",
     "autoinstall_known_extensions": "false",
     "autoload_known_extensions": "false",
@@ -29,7 +29,7 @@ LOCKED = {
 
 def opened(trusted: bool) -> duckdb.DuckDBPyConnection:
     """Connection for a query; unless it is trusted, one that reads and writes no file and has limits."""
-    config: dict[str, Any] = {} if trusted else {**LOCKED, "memory_limit": f"{MEMORY_BYTES >> 20}MiB"}
+    config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{MEMORY_BYTES >> 20}MiB"}
     return duckdb.connect(config=config)
 
 
@@ -70,7 +70,7 @@ def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
     """
     if trusted:
         return answer.to_arrow_table()
-    reader, batches, size = answer.to_arrow_reader(BATCH_ROWS), [], 0
+    reader, batches, size = answer.to_arrow_reader(_BATCH_ROWS), [], 0
     for batch in reader:
         batches.append(batch)
         size += batch.nbytes

@@ -32,8 +32,8 @@ log = logging.getLogger(__name__)
 
 RESULTS_FILE = "results.parquet"
 PARTS_FOLDER = "parts"
-PART_NAME = re.compile(r"part-[0-9]{20}-[0-9a-f]{8}\.parquet")
-ROWS_IN_GROUP = 20_000
+_PART_NAME = re.compile(r"part-[0-9]{20}-[0-9a-f]{8}\.parquet")
+_ROWS_IN_GROUP = 20_000
 """Rows in a row group: small enough that a query of one record skips most of a large run."""
 
 PathLike = str | os.PathLike[str]
@@ -238,7 +238,7 @@ def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
 
 def _write(table: pa.Table, target: Path) -> Path:
     with new_file(target) as hidden:
-        write_table(table, hidden, ROWS_IN_GROUP)
+        write_table(table, hidden, _ROWS_IN_GROUP)
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the new name itself must outlive a power cut
@@ -276,7 +276,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         if path.name == RESULTS_FILE:
             raise error if isinstance(error, InputError) else damaged(path, error) from error
         reason = error.what if isinstance(error, InputError) else str(error).splitlines()[0]
-        if set_aside and PART_NAME.fullmatch(path.name):
+        if set_aside and _PART_NAME.fullmatch(path.name):
             _set_aside(path, f"is torn or changed ({reason})")
         else:
             log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)

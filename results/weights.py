@@ -28,7 +28,7 @@ from toppling.results.schema import SCHEMA
 WEIGHTS_FILE = "weights.parquet"
 EARLIER_FILE = "stood/weights.json"
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
-SAME = 1e-9
+_SAME = 1e-9
 """Share by which weights may differ and still be one."""
 Contact = tuple[float, float, float]
 
@@ -198,7 +198,7 @@ def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
         if len(drawn):
             each = weights.of(tuple(map(float, contact)))  # type: ignore[arg-type]  # of three columns
             factor[drawn.index] = each[drawn.to_numpy()] / each[drawn.unique()].mean()
-    if (factor.sub(1.0).abs() < SAME).all():
+    if (factor.sub(1.0).abs() < _SAME).all():
         return frame
     return frame.assign(base_weight=factor, record_weight=frame.get("record_weight", 1.0) * factor)
 
@@ -215,7 +215,7 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
     if "record_weight" not in frame or "base_weight" not in frame:
         return frame.get("record_weight")
     weight = frame["record_weight"] / frame["base_weight"]
-    return None if (weight.sub(1.0).abs() < SAME).all() else weight
+    return None if (weight.sub(1.0).abs() < _SAME).all() else weight
 
 
 def sentences(told: Mapping[str, Any]) -> list[str]:

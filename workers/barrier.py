@@ -12,10 +12,10 @@ from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
 from toppling.workers.contact.candidates import ContactModel, contact_of
 
-AXES_STEP_DEG = 2.0
+_AXES_STEP_DEG = 2.0
 """Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""
 
-YAWS = 72
+_YAWS = 72
 """About the normal, for which the least energy is known: a slope has another side of the rock downhill in each."""
 
 
@@ -37,7 +37,7 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float |
         for the weakest of all.
     """
     by_yaw = _least_by_yaw_j_kg(scene)
-    yaws = slice(None) if yaw_deg is None else [round(yaw_deg * YAWS / 360.0) % len(by_yaw)]
+    yaws = slice(None) if yaw_deg is None else [round(yaw_deg * _YAWS / 360.0) % len(by_yaw)]
     by_tilt = by_yaw[yaws].min(axis=0)
     return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
 
@@ -59,7 +59,7 @@ def _arms_m(contact: ContactModel) -> Array:
 def _least_by_yaw_j_kg(scene: Scene) -> Array:
     """Least potential energy per mass (yaws, tilts) at each whole degree of tilt; on the level one yaw is all."""
     rises_m, up = _rises_m(contact_of(scene)), contact_of(scene).scene_from_support[2]
-    yaws_rad = np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / YAWS) if up[2] < 1.0 else np.zeros(1)
+    yaws_rad = np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / _YAWS) if up[2] < 1.0 else np.zeros(1)
     ups = Rotation.from_euler("z", -yaws_rad[:, None]).apply(up)
     return np.array([scene.gravity_m_s2 * (rises_m @ one).min(axis=1) for one in ups])
 
@@ -73,7 +73,7 @@ def _rises_m(contact: ContactModel) -> Array:
     would seem to need up to twelve times the energy.
     """
     arms, lying = _arms_m(contact), lying_arms_m(contact)
-    azimuth = np.arange(0.0, 2.0 * np.pi, np.deg2rad(AXES_STEP_DEG))
+    azimuth = np.arange(0.0, 2.0 * np.pi, np.deg2rad(_AXES_STEP_DEG))
     axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     here = np.arange(len(axes))
     after = np.roll(here, -1)

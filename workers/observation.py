@@ -18,7 +18,7 @@ from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between
 from toppling.workers.simulation import Simulation, X, Y, Z, largest_tilt_deg
 
-TOUCHING_AT_START_SHARE = 1e-4
+_TOUCHING_AT_START_SHARE = 1e-4
 """Of R: contact points so near the lowest one touch at the start."""
 
 
@@ -38,7 +38,7 @@ class Body(NamedTuple):
         """Of a problem."""
         contact, (start_pose, _) = problem.contact, problem.initial
         gaps = contact.gaps_m(start_pose)
-        touching = gaps <= gaps.min() + TOUCHING_AT_START_SHARE * contact.half_diagonal_m
+        touching = gaps <= gaps.min() + _TOUCHING_AT_START_SHARE * contact.half_diagonal_m
         first = contact.points_body_m[touching].mean(axis=0)
         return cls(
             lying_m=np.ascontiguousarray(lying_arms_m(contact)),
@@ -188,10 +188,10 @@ def ends_of_pedestal(scene: Scene) -> Array:
 
     lines = ConvexHull(plumb_m(scene.pedestal.vertices_m)).equations
     room_m = -(plumb_m(scene.rock.vertices_m) @ lines[:, :2].T + lines[:, 2]).max(axis=0)
-    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
+    return np.asarray(lines[room_m < _END_WITHIN_HEIGHTS * scene.rock.height_m])
 
 
-END_WITHIN_HEIGHTS = 0.5
+_END_WITHIN_HEIGHTS = 0.5
 """A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: a scanned
 pedestal keeps .6 of it."""
 

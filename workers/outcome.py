@@ -17,13 +17,13 @@ from toppling.workers.observation import Displacement
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced
 
-STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
+_STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
 """Of the rules after which there is no answer."""
 
-LEVEL_SHARE = 1e-8
+_LEVEL_SHARE = 1e-8
 """Of R: heights of the centre of mass that differ by less are those of a rock at rest."""
 
-NEGLIGIBLE_WAY_SHARE = 1e-3
+_NEGLIGIBLE_WAY_SHARE = 1e-3
 """Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
 
 
@@ -91,7 +91,7 @@ def result_of(
     **cost: Any,
 ) -> ShakeResult:
     """What happened, told from the whole trajectory (n,) and (n, 7), support frame, and from what was seen last."""
-    contact, status = problem.contact, STATUS.get(ended_by, "ok")
+    contact, status = problem.contact, _STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
     fell = ended_by in dict(FALLS) or lodged or bool(tilt[-1] > TOPPLED_TILT_DEG)
     toppled = fell if status == "ok" else None
@@ -144,7 +144,7 @@ def _point_of_no_return(
         still = int(fallen[0]) - 1 if len(fallen) else len(com_m) - 1
     else:  # at rest on another face
         still = int(np.flatnonzero(tilt_deg <= TOPPLED_TILT_DEG).max(initial=0))
-    level_m = LEVEL_SHARE * contact.half_diagonal_m
+    level_m = _LEVEL_SHARE * contact.half_diagonal_m
     return _last_top(com_m @ contact.scene_from_support[2], max(still, 0), level_m)
 
 
@@ -155,7 +155,7 @@ def _fell_toward_deg(contact: ContactModel, com_m: Array, turning: int) -> float
     """
     moved_m = (com_m - com_m[0]) @ contact.scene_from_support.T
     way_m = float(np.hypot(*moved_m[turning, :2]))
-    seen = turning if way_m > NEGLIGIBLE_WAY_SHARE * contact.half_diagonal_m else -1
+    seen = turning if way_m > _NEGLIGIBLE_WAY_SHARE * contact.half_diagonal_m else -1
     return azimuth_deg(moved_m[seen])
 
 

@@ -16,9 +16,9 @@ from toppling.workers.contact.candidates import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
 from toppling.workers.start import Array, State, start_of
 
-AZIMUTH_STEP_DEG = 10.0
+_AZIMUTH_STEP_DEG = 10.0
 
-LOOKED_AT = 1024
+_LOOKED_AT = 1024
 """Samples of the motion at a time."""
 
 
@@ -97,8 +97,8 @@ class Problem:
         (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
         """
         motion = self.motion
-        for end in range(len(motion.acceleration_m_s2), 0, -LOOKED_AT):  # mostly found near the end
-            begin = max(end - LOOKED_AT, 0)
+        for end in range(len(motion.acceleration_m_s2), 0, -_LOOKED_AT):  # mostly found near the end
+            begin = max(end - _LOOKED_AT, 0)
             strong = np.flatnonzero(~self._is_weak(motion.acceleration_m_s2[begin:end]))
             if len(strong):
                 return float((begin + strong[-1] + 1) * motion.time_step_s)
@@ -118,6 +118,6 @@ class Problem:
 @kept
 def _tipping_ratio(scene: Scene) -> float:
     """Least constant horizontal acceleration that topples the rock, over gravity."""
-    azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
+    azimuths = np.arange(0.0, 360.0, _AZIMUTH_STEP_DEG).tolist()
     least = scene.quasi_static_toppling_m_s2(azimuths)
     return min(value for _, value in least) / scene.gravity_m_s2

@@ -10,16 +10,16 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.options import NumericalOptions
 
-LONGEST_STEP_SHARE = 1 / 16
+_LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
 
-FAST_HZ = (15.0, 50.0)
+_FAST_HZ = (15.0, 50.0)
 """Steps follow motions faster than the first, and none faster than the second."""
 
-FAST_SHARE = 0.25
+_FAST_SHARE = 0.25
 """Of a motion's energy: so much lies above its highest energetic frequency."""
 
-STEPS_PER_PERIOD = 12.0
+_STEPS_PER_PERIOD = 12.0
 """Forces are averaged over a step: with n of them in a period, slip is short by some 300 / n^2 per cent."""
 
 
@@ -34,16 +34,16 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     if asked_s is None:
         step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
-        shortest_s = 1.0 / (STEPS_PER_PERIOD * FAST_HZ[1])
+        shortest_s = 1.0 / (_STEPS_PER_PERIOD * _FAST_HZ[1])
         if step_s <= shortest_s or not _slips(scene, motion):
             return step_s
         fast_hz = energetic_frequency_hz(motion)
         return (
-            min(step_s, max(1.0 / (STEPS_PER_PERIOD * fast_hz), shortest_s))
-            if fast_hz > FAST_HZ[0]
+            min(step_s, max(1.0 / (_STEPS_PER_PERIOD * fast_hz), shortest_s))
+            if fast_hz > _FAST_HZ[0]
             else step_s
         )
-    longest_s = LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
+    longest_s = _LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
     if not 0.0 < asked_s <= longest_s:
         raise InputError(
             f"time_step is {asked_s} s",
@@ -59,7 +59,7 @@ def energetic_frequency_hz(motion: Motion) -> float:
     count = fft.next_fast_len(len(motion.acceleration_m_s2), real=True)
     energy = np.square(np.abs(fft.rfft(motion.acceleration_m_s2, count, axis=0))).sum(axis=1)
     below = np.cumsum(energy)
-    return float(np.searchsorted(below, (1.0 - FAST_SHARE) * below[-1]) / (count * motion.time_step_s))
+    return float(np.searchsorted(below, (1.0 - _FAST_SHARE) * below[-1]) / (count * motion.time_step_s))
 
 
 def _slips(scene: Scene, motion: Motion) -> bool:

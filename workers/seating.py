@@ -16,7 +16,7 @@ from toppling.workers.engines import DEFAULT, ENGINES, Pool
 from toppling.workers.options import PRESETS
 from toppling.workers.termination import friction_that_stops
 
-PASSES = 3
+_PASSES = 3
 
 OPTIONS = PRESETS["standard"]
 
@@ -48,7 +48,7 @@ def _settled(scene: Scene, pool: Pool) -> Scene:
         return dataclasses.replace(scene, rock=rock)
     seated = _on_its_pedestal(scene)
     # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         if equilibrium_possible(
             seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
         )[0]:

@@ -14,12 +14,12 @@ from toppling.models.errors import InputError
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import ContactModel
 
-SUNK_SHARE = 1e-4
+_SUNK_SHARE = 1e-4
 """A start whose points are deeper than this share of R is raised; what is less the engine lets out gently."""
 
-STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
+_STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
 
-DEEPEST_START_SHARE = 0.1
+_DEEPEST_START_SHARE = 0.1
 """Of R: no one means a start that is deeper."""
 
 
@@ -84,12 +84,12 @@ def checked_start(initial: State | Mapping[str, Any]) -> State:
     """
     given = dict(initial) if isinstance(initial, Mapping) else vars(initial)
     for name, value in given.items():
-        size = STATE_SIZES.get(name)
+        size = _STATE_SIZES.get(name)
         if size is None:
             raise InputError(
                 f"initial has {name!r}",
                 where="shake, initial",
-                expected=", ".join(STATE_SIZES),
+                expected=", ".join(_STATE_SIZES),
                 remedy="leave it out, or correct its name",
             )
         try:
@@ -119,11 +119,11 @@ def _out_of_the_ground(contact: ContactModel, pose: Array) -> Array:
         If the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
     """
     deep_share = -float(contact.gaps_m(pose).min()) / contact.half_diagonal_m
-    if deep_share > DEEPEST_START_SHARE:
+    if deep_share > _DEEPEST_START_SHARE:
         raise InputError(
             f"the rock starts inside the ground, {deep_share:.2g} of its half diagonal deep",
             where="shake, initial",
-            expected=f"a lowest point no deeper than {DEEPEST_START_SHARE} of the half diagonal",
+            expected=f"a lowest point no deeper than {_DEEPEST_START_SHARE} of the half diagonal",
             remedy="raise position_m, which is that of the centre of mass",
         )
-    return contact.touching(pose) if deep_share > SUNK_SHARE else pose
+    return contact.touching(pose) if deep_share > _SUNK_SHARE else pose

@@ -21,7 +21,7 @@ from toppling.models.ground.stepping import Grounded
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
-GROUND_REACH = 4.0
+_GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
 
 FOUND_WITHIN = 0.1
@@ -30,10 +30,10 @@ FOUND_WITHIN = 0.1
 RESTING_SHARE = 1e-4
 """Of R: contacts so near a rock at rest may carry it."""
 
-QUASI_STATIC_STEP = 0.003
+_QUASI_STATIC_STEP = 0.003
 """Of sqrt(R / g): time step of a rock that tips without gathering speed."""
 
-FARTHEST_SETTLING = 0.1
+_FARTHEST_SETTLING = 0.1
 """Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen."""
 
 PAIRS = 1 << 16
@@ -167,7 +167,7 @@ class GroundedBody:
 
     def _largest_held(self, azimuth_deg: float) -> float:
         push = -horizontal_unit_vector(azimuth_deg) @ self.scene_from_support
-        step_s = QUASI_STATIC_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
+        step_s = _QUASI_STATIC_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         return largest_held_m_s2(self.clockless(self.resting_pose, step_s), push, 30.0 * self.gravity_m_s2)
 
     @classmethod
@@ -182,7 +182,7 @@ class GroundedBody:
         com = (rock.com_m - pedestal.point_m) @ turn
         body_m = (rock.vertices_m - rock.com_m) @ turn @ axes
         size = rock.half_diagonal_m
-        reach, far = FOUND_WITHIN * size, GROUND_REACH * size
+        reach, far = FOUND_WITHIN * size, _GROUND_REACH * size
         ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
         return cls(
             rock=contact_mesh(body_m, rock.faces, body_m.min(axis=0), body_m.max(axis=0), reach),
@@ -206,7 +206,7 @@ class GroundedBody:
         pose = self.resting_pose
         turn = self.scene_from_support
         com = pose[:3] @ turn.T + pedestal.point_m
-        if not self.stands(pose) or np.linalg.norm(com - rock.com_m) > FARTHEST_SETTLING * rock.height_m:
+        if not self.stands(pose) or np.linalg.norm(com - rock.com_m) > _FARTHEST_SETTLING * rock.height_m:
             raise InputError(
                 "left alone, the rock does not stand on its pedestal's surface",
                 where=where,

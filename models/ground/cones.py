@@ -15,13 +15,13 @@ import numpy as np
 from toppling.models.compiled import Array, inner
 from toppling.models.ground.sticking import push, stick_at_once
 
-SWEEPS = 400
+_SWEEPS = 400
 """Over all contacts, at most."""
 
-SWEEPS_BETWEEN = 8
+_SWEEPS_BETWEEN = 8
 """After so many contacts that all stick are solved for at once."""
 
-DIRECTIONS = 12
+_DIRECTIONS = 12
 """Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
 
 
@@ -40,7 +40,7 @@ def solve_cones(
         _prepare(contacts[i], inverse_inertia, basis[i], mobility[i], inverse[i])
         push(contacts[i].arm_m, contacts[i].impulse, inverse_inertia, velocity)
     own, slip, new, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for sweep in range(SWEEPS):
+    for sweep in range(_SWEEPS):
         largest = 0.0
         for i in range(count):
             one, axes = contacts[i], basis[i]
@@ -74,11 +74,11 @@ def solve_cones(
                 largest = max(largest, moved)
         if largest < enough_m_s:
             return sweep + 1
-        if sweep % SWEEPS_BETWEEN == 2 and stick_at_once(
+        if sweep % _SWEEPS_BETWEEN == 2 and stick_at_once(
             contacts, count, friction[0], inverse_inertia, velocity, basis, enough_m_s
         ):
             return sweep + 1
-    return SWEEPS
+    return _SWEEPS
 
 
 @inner(allocates=True)
@@ -148,7 +148,7 @@ def _one_cone(
     size = math.sqrt(x * x + y * y)
     x, y = (x / size, y / size) if size > 0.0 else (1.0, 0.0)
     normal = 0.0
-    for _ in range(DIRECTIONS):
+    for _ in range(_DIRECTIONS):
         stiff = m[0, 0] + kinetic * (m[0, 1] * x + m[0, 2] * y)
         if stiff <= 1e-3 * m[0, 0]:  # jammed: friction alone would stop it
             stiff = 1e-3 * m[0, 0]

@@ -19,16 +19,16 @@ from toppling.models.ground.vectors import cross, dot, minus, plus, rotation_of,
 MOST = 128
 """Contacts that are looked at in one pose; of more, those with the least gaps."""
 
-FEATURES = 24
+_FEATURES = 24
 """Edges and vertices that are nearest to one point at most."""
 
-SAME_NORMAL = 1e-7
+_SAME_NORMAL = 1e-7
 """Faces under one point whose normals' product misses 1 by less are one."""
 
 LEANING = 0.1
 """Sine by which an edge beside a point that touches a face may dip below it: the edge's other end then touches too."""
 
-ASIDE = 0.01
+_ASIDE = 0.01
 """Sine by which the way between two edges may lead into a body: a line that lies on a face touches it at both ends."""
 
 CONTACT = np.dtype(
@@ -80,8 +80,8 @@ class _Room(NamedTuple):
 @inner(allocates=True)
 def _room() -> _Room:
     return _Room(
-        np.empty((8, 7)), np.empty(FEATURES, np.int64), np.empty(FEATURES, np.int64),
-        np.empty((FEATURES, 3)), np.empty((FEATURES, 3)), np.empty(FEATURES),
+        np.empty((8, 7)), np.empty(_FEATURES, np.int64), np.empty(_FEATURES, np.int64),
+        np.empty((_FEATURES, 3)), np.empty((_FEATURES, 3)), np.empty(_FEATURES),
     )  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def _keep_feature(room: _Room, features: int, name: int, n: Any, depth: float, c
     while k < features and room.ids[k] != name:
         k += 1
     if k == features:
-        if features == FEATURES:
+        if features == _FEATURES:
             return features
         features += 1
         room.ids[k], room.hits[k], room.inside[k] = name, 0, np.inf
@@ -143,7 +143,7 @@ def _keep_feature(room: _Room, features: int, name: int, n: Any, depth: float, c
 def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
     """Note a face under a point unless it is one that is known, or lies behind one that is less deep."""
     for k in range(count):
-        if dot(found[k], n) > 1.0 - SAME_NORMAL:
+        if dot(found[k], n) > 1.0 - _SAME_NORMAL:
             return count
         if depth < 0.0 and found[k, 3] < 0.0:
             # Behind a ridge only one of its two faces is the way out: the nearer.
@@ -266,7 +266,7 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     for _ in range(2):
         out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
         out_of_rock = -min(dot(n, own0), dot(n, own1))
-        if out_of_ground <= ASIDE and out_of_rock <= ASIDE:
+        if out_of_ground <= _ASIDE and out_of_rock <= _ASIDE:
             place = plus(c, t, other)
             gap = dot(n, minus(plus(a, s, way), place))
             if -margin_m < gap < margin_m:

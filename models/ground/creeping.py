@@ -11,19 +11,19 @@ from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import square
 from toppling.models.ground.stepping import Grounded, advance
 
-TIPPED_RAD = 0.8
+_TIPPED_RAD = 0.8
 """A rock that tips slowly is followed so far."""
 
-TIPPING_SHARE = 0.004
+_TIPPING_SHARE = 0.004
 """Of R: way of one of its steps."""
 
-PASSED = 0.9
+_PASSED = 0.9
 """Share of the largest acceleration that was held, below which it is past it."""
 
-FOLLOWED_SHARE = 0.1
+_FOLLOWED_SHARE = 0.1
 """Of R: way on which it is followed past the largest."""
 
-MOST_POSES = 300
+_MOST_POSES = 300
 
 
 @compiled
@@ -54,8 +54,8 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
     still = 1e-4 * math.sqrt(square(sim.gravity_m_s2))
     peak, trial = pose.copy(), pose.copy()
     best, here = 0.0, 0.05 * most_m_s2
-    least_cosine = math.cos(0.5 * TIPPED_RAD)
-    for _ in range(MOST_POSES):
+    least_cosine = math.cos(0.5 * _TIPPED_RAD)
+    for _ in range(_MOST_POSES):
         low, high = 0.0, here
         while _gives_way(sim, pose, push, high) < still:
             low, high = high, 1.5 * high
@@ -70,16 +70,16 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
         if low > best:
             best, peak[:] = low, pose
         here = max(low, 0.02 * best)
-        if low < PASSED * best and moved_m(peak, pose, sim.farthest_m) > FOLLOWED_SHARE * sim.size_m:
+        if low < _PASSED * best and moved_m(peak, pose, sim.farthest_m) > _FOLLOWED_SHARE * sim.size_m:
             return best
         pushed = 1.02 * max(low, best) + 500.0 * still
         way, step_s = 0.0, sim.step_s
         for _ in range(20):
             trial[:] = pose
             way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
-            if way > 2.0 * TIPPING_SHARE * sim.size_m:
+            if way > 2.0 * _TIPPING_SHARE * sim.size_m:
                 step_s *= 0.5
-            elif way < 0.5 * TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
+            elif way < 0.5 * _TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
                 step_s *= 1.5
             else:
                 break

@@ -7,17 +7,17 @@ import scipy
 
 from toppling.models.compiled import Array, Flags
 
-SIDES = 32
+_SIDES = 32
 """Of the pyramid within each friction cone: it misses at most 1 - cos(pi / SIDES), half a per cent, of the friction."""
 
-DIRECTIONS = 48
+_DIRECTIONS = 48
 """In which the border of the loads that are held is looked for."""
 
 
 def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     """Forces and moments about the centre of mass (6, n) of the edges of the contacts' friction pyramids."""
     columns = []
-    angle = 2.0 * np.pi * np.arange(SIDES) / SIDES if friction > 0.0 else np.zeros(1)
+    angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES if friction > 0.0 else np.zeros(1)
     for arm, normal in zip(arms_m, normals, strict=True):
         helper = np.eye(3)[np.argmin(np.abs(normal))]
         one = np.cross(normal, helper)
@@ -74,9 +74,9 @@ def held_polygon(columns: Array, size_m: float) -> Array:
     held. Empty where gravity along -z alone is not held.
     """
     down = np.array([0.0, 0.0, -1.0])
-    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     corners = []
-    for way in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(DIRECTIONS)]):
+    for way in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_DIRECTIONS)]):
         far = farthest_load(columns, down, way, size_m)
         if far is None or far < 0.0:
             return np.zeros((0, 3))

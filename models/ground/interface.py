@@ -10,10 +10,10 @@ from toppling.models.ground.body import RESTING_SHARE, GroundedBody
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_triangles
 
-NARROWEST_SHARE = 1e-3
+_NARROWEST_SHARE = 1e-3
 """Of the rock's size: contacts that lie so near one line give no plane."""
 
-STEEPEST_DEG = 60.0
+_STEEPEST_DEG = 60.0
 """A plane through contacts that is steeper describes no ground."""
 
 
@@ -51,11 +51,11 @@ def surface_below(
     shift = body.scene_from_support @ (body.touching(body.pose)[:3] - body.pose[:3])
     near = body.contacts(body.resting_pose, RESTING_SHARE * body.size_m)
     places = near["place_m"] @ body.scene_from_support.T + level.point_m
-    normal = _plane_through(places, NARROWEST_SHARE * body.size_m)
+    normal = _plane_through(places, _NARROWEST_SHARE * body.size_m)
     if normal is None:
         mean = (near["normal"] @ body.scene_from_support.T).mean(axis=0)
         normal = mean / np.linalg.norm(mean)
-    if normal[2] < np.cos(np.radians(STEEPEST_DEG)):
+    if normal[2] < np.cos(np.radians(_STEEPEST_DEG)):
         normal = np.array([0.0, 0.0, 1.0])
     return rock.moved(np.eye(3), shift), Pedestal(places.mean(axis=0), normal, level.vertices_m, faces)
 

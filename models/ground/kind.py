@@ -10,19 +10,19 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import Array
 from toppling.models.ground.body import FOUND_WITHIN, GroundedBody
 
-LOOKED_AT_SHARE = 0.03
+_LOOKED_AT_SHARE = 0.03
 """Of the rock's height: what is nearer to a rock at rest it touches when it tilts a little."""
 
 FLAT_SHARE = 0.01
 """Of the rock's height: contacts so near the interface plane lie in it."""
 
-FLAT_DEG = 2.0
+_FLAT_DEG = 2.0
 """Contacts whose normal is off the plane's by less have its normal."""
 
-TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 52.0)
+_TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 52.0)
 """To which the rock is tilted, to see what stands beside it: beyond, it has fallen and cannot lodge."""
 
-WAYS = 12
+_WAYS = 12
 """In which it is tilted."""
 
 
@@ -60,13 +60,13 @@ def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
         Of the rock.
     """
     pose = body.touching(body.pose)
-    near = body.contacts(pose, LOOKED_AT_SHARE * height_m, leaning=1.0)
+    near = body.contacts(pose, _LOOKED_AT_SHARE * height_m, leaning=1.0)
     off_deg = np.degrees(np.arccos(np.clip(near["normal"][:, 2], -1.0, 1.0)))
     off_m = np.abs(near["place_m"][:, 2])
     if off_m.max(initial=0.0) > FLAT_SHARE * height_m:
         what = f"a contact lies {off_m.max() / height_m:.2f} of the rock's height off the interface plane"
         return GroundKind(False, what)
-    if off_deg.max(initial=0.0) > FLAT_DEG:
+    if off_deg.max(initial=0.0) > _FLAT_DEG:
         return GroundKind(
             False, f"a contact's normal is {off_deg.max():.0f} degrees off the interface plane's"
         )
@@ -83,10 +83,10 @@ def _beside(body: GroundedBody, pose: Array, near: np.ndarray, height_m: float) 
     if len(near) == 0:
         return None
     places = near["place_m"]
-    for way in 2.0 * np.pi * np.arange(WAYS) / WAYS:
+    for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS:
         outward = np.array([np.cos(way), np.sin(way), 0.0])
         pivot = places[np.argmax(places @ outward)]
-        for tilt in np.radians(TILTS_DEG):
+        for tilt in np.radians(_TILTS_DEG):
             turn = Rotation.from_rotvec(tilt * np.array([-outward[1], outward[0], 0.0]))
             com = pivot + turn.apply(pose[:3] - pivot)
             tilted = np.concatenate([com, (turn * Rotation.from_quat(pose[3:])).as_quat()])

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from toppling.models.compiled import Array, Flags, Indices
 
-CELLS = 40
+_CELLS = 40
 """Cells of the grid along the longest side of what is looked up."""
 
-FLAT_SHARE = 1e-6
+_FLAT_SHARE = 1e-6
 """Sine of the angle between two triangles up to which they are one face."""
 
 
@@ -97,7 +97,7 @@ def contact_mesh(
         np.maximum(low_m, vertices.min(axis=0)) - reach_m,
         np.minimum(high_m, vertices.max(axis=0)) + reach_m,
     )
-    cell = float((high - low).max()) / CELLS
+    cell = float((high - low).max()) / _CELLS
     shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)
     first, near = _register(corners, low, cell, shape, reach_m)
     kept = ends[stands_out]
@@ -142,7 +142,7 @@ def _convexity(
     first, last = order[begins], order[begins + shares - 1]
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
-    opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -FLAT_SHARE
+    opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -_FLAT_SHARE
     return opens | (shares == 1), both
 
 

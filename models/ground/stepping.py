@@ -22,25 +22,25 @@ from toppling.models.ground.pairs import Pairs, moved_m, refresh
 from toppling.models.ground.rigid import invert, move, spin, square
 from toppling.models.ground.vectors import rotation_of
 
-MOST_IMPACTS = 20
+_MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
 
-TOUCHING_SHARE = 2e-6
+_TOUCHING_SHARE = 2e-6
 """Of R: a contact so near carries."""
 
-MARGIN_SHARE = 0.003
+_MARGIN_SHARE = 0.003
 """Of R: contacts so near are looked at in a step, and as many more as the rock may move in it."""
 
-SLACK_SHARE = 0.05
+_SLACK_SHARE = 0.05
 """Of R: way of the rock over which the features that may touch are kept."""
 
-ENOUGH = 2e-6
+_ENOUGH = 2e-6
 """Over the speed that gravity gives in a step: changes of impulses that are let go."""
 
-CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
+_CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
 
-RETURNED = 0.2
+_RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
 
 
@@ -84,17 +84,17 @@ def take_steps(sim: Grounded, steps: int) -> None:
 def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
     """One step, cut at its impacts."""
     gone = 0.0
-    for impact in range(MOST_IMPACTS + 1):
+    for impact in range(_MOST_IMPACTS + 1):
         left = sim.step_s - gone
         if left <= 1e-9 * sim.step_s:
             return
         cut = np.inf
-        for early in CUT_TOO_EARLY:
+        for early in _CUT_TOO_EARLY:
             since = begin_s + gone
             increment = velocity_increment_m_s(
                 sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
             )
-            cut = advance(sim, left, increment, pose, velocity, impact == MOST_IMPACTS, early)
+            cut = advance(sim, left, increment, pose, velocity, impact == _MOST_IMPACTS, early)
             if cut >= left:
                 break
             left = cut
@@ -129,7 +129,7 @@ def advance(
         free[k] = velocity[k] + increment[k]
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
     far = moved_m(pose, middle, sim.farthest_m)
-    margin = MARGIN_SHARE * sim.size_m + 2.0 * far
+    margin = _MARGIN_SHARE * sim.size_m + 2.0 * far
     _look(sim, middle, margin)
     count = contacts_in(sim.rock, sim.ground, sim.pairs, middle, margin, LEANING, sim.trial)
     count = _choose(sim, count, step_s, velocity, free, whole)
@@ -161,7 +161,7 @@ def advance(
 @inner(allocates=True)
 def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Array, whole: bool) -> int:
     """Put contacts that carry in this step first, with their floors; those that may land after them, marked."""
-    touching, chosen = TOUCHING_SHARE * sim.size_m, 0
+    touching, chosen = _TOUCHING_SHARE * sim.size_m, 0
     for i in range(count):
         one = sim.trial[i]
         rate = _rate(one, velocity)
@@ -217,7 +217,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     turn, inverse = np.empty((3, 3)), np.empty((3, 3))
     rotation_of(pose, turn)
     invert(turn, sim.inertia_m2, inverse)
-    margin = 20.0 * TOUCHING_SHARE * sim.size_m
+    margin = 20.0 * _TOUCHING_SHARE * sim.size_m
     _look(sim, pose, margin)
     count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
     for i in range(count):
@@ -232,7 +232,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 
 @inner
 def _enough_m_s(sim: Grounded) -> float:
-    return ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
+    return _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
 
 
 @inner(allocates=True)
@@ -244,9 +244,9 @@ def _take_back(
     for i in range(count):
         one = sim.contacts[i]
         gap = one.gap_m + 0.5 * step_s * _rate(one, velocity)
-        one.floor_m_s = max(-gap, 0.0) * RETURNED
+        one.floor_m_s = max(-gap, 0.0) * _RETURNED
         deepest = max(deepest, -gap)
-    if deepest <= 0.1 * TOUCHING_SHARE * sim.size_m:
+    if deepest <= 0.1 * _TOUCHING_SHARE * sim.size_m:
         return
     shift, arm = np.zeros(6), np.empty(3)
     for _ in range(8):
@@ -275,7 +275,7 @@ def _take_back(
 @inner
 def _look(sim: Grounded, pose: Array, margin: float) -> None:
     """Find the features that may touch, unless those found last still serve."""
-    slack = SLACK_SHARE * sim.size_m
+    slack = _SLACK_SHARE * sim.size_m
     if math.isnan(sim.pairs.pose[0]) or not moved_m(sim.pairs.pose, pose, sim.farthest_m) + margin < slack:
         refresh(sim.rock, sim.ground, pose, max(slack, 2.0 * margin), sim.pairs)
 

@@ -15,16 +15,16 @@ import numpy as np
 from toppling.models.compiled import Array, inner
 from toppling.models.ground.vectors import cross, dot, plus
 
-MOST_STICKING = 8
+_MOST_STICKING = 8
 """Contacts that are solved for at once."""
 
-DEPENDENT = 1e-7
+_DEPENDENT = 1e-7
 """Share of a diagonal element that must be left, or its equation follows from those before it and is left out."""
 
-WITHIN = 0.999
+_WITHIN = 0.999
 """Share of static friction up to which a contact counts as one that sticks."""
 
-MISSED = 500.0
+_MISSED = 500.0
 """Times what the sweeps let go: by so much a velocity whose equation is left out may differ, as gaps are not equal."""
 
 
@@ -54,7 +54,7 @@ def stick_at_once(
     enough_m_s : float
         A velocity that is off by less is right.
     """
-    chosen = np.empty(MOST_STICKING, np.int64)
+    chosen = np.empty(_MOST_STICKING, np.int64)
     sticking = _those_that_carry(contacts, count, friction, chosen)
     if sticking < 2:
         return False
@@ -75,7 +75,7 @@ def stick_at_once(
             after[axis] += change[row] * ways[row, axis]
             after[3 + axis] += change[row] * ways[row, 6 + axis]
     for row in range(rows):
-        if abs(missing[row] + _rate(ways[row], velocity) - _rate(ways[row], after)) > MISSED * enough_m_s:
+        if abs(missing[row] + _rate(ways[row], velocity) - _rate(ways[row], after)) > _MISSED * enough_m_s:
             return False
     for k in range(sticking):
         one = contacts[chosen[k]]
@@ -100,7 +100,7 @@ def _those_that_carry(contacts: Any, count: int, friction: float, chosen: Any) -
         if normal <= 0.0:
             continue
         square = dot(one.impulse, one.impulse) - normal * normal
-        if sticking == MOST_STICKING or square > (WITHIN * friction * normal) ** 2:
+        if sticking == _MOST_STICKING or square > (_WITHIN * friction * normal) ** 2:
             return 0
         chosen[sticking] = i
         sticking += 1
@@ -157,7 +157,7 @@ def _solved(ways: Array, matrix: Array, missing: Array) -> Array:
             for k in range(j):
                 rest -= matrix[i, k] * matrix[j, k]
             matrix[i, j] = rest * matrix[j, j] if i > j else rest
-        if matrix[i, i] > DEPENDENT * whole:
+        if matrix[i, i] > _DEPENDENT * whole:
             matrix[i, i] = 1.0 / math.sqrt(matrix[i, i])
         else:
             matrix[i, : i + 1] = 0.0

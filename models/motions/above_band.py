@@ -10,12 +10,12 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import resample
 
-ORDER = 3
-ENVELOPE_S = 0.5
+_ORDER = 3
+_ENVELOPE_S = 0.5
 """Window over which the octave below the corner is averaged for the envelope of the octave above."""
 HIGHEST_CORNER = 0.5
 """Of the sampling frequency: the octave below is then still resolved."""
-SAMPLES_A_PERIOD = 4
+_SAMPLES_A_PERIOD = 4
 """At least, at the highest frequency that is added."""
 
 
@@ -53,11 +53,11 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
             expected=f"a corner of at most {HIGHEST_CORNER / motion.time_step_s:g} Hz",
             remedy="give a smaller band_hz",
         )
-    finer = int(np.ceil(2.0 * corner_hz * SAMPLES_A_PERIOD * motion.time_step_s - 1e-9))
+    finer = int(np.ceil(2.0 * corner_hz * _SAMPLES_A_PERIOD * motion.time_step_s - 1e-9))
     fine = resample(motion, motion.time_step_s / max(finer, 1))
     acceleration_m_s2 = fine.acceleration_m_s2
     below = _octave(acceleration_m_s2, 0.5 * corner_hz, fine.time_step_s)
-    window = max(round(ENVELOPE_S / fine.time_step_s), 1)
+    window = max(round(_ENVELOPE_S / fine.time_step_s), 1)
     power = scipy.ndimage.uniform_filter1d(below**2, window, axis=0)
     strength = np.sqrt(np.maximum(power, 0.0))  # running sums leave zero by their rounding
     noise = _octave(strength * random.normal(size=strength.shape), corner_hz, fine.time_step_s)
@@ -70,6 +70,6 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
 def _octave(values: Array, from_hz: float, time_step_s: float) -> Array:
     """What lies between a frequency and its double, without a shift in time."""
     sections = scipy.signal.butter(
-        ORDER, [from_hz, 2.0 * from_hz], "bandpass", fs=1.0 / time_step_s, output="sos"
+        _ORDER, [from_hz, 2.0 * from_hz], "bandpass", fs=1.0 / time_step_s, output="sos"
     )
     return scipy.signal.sosfiltfilt(sections, values, axis=0, padtype="constant")

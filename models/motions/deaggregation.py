@@ -16,10 +16,10 @@ from toppling.models.documents import csv_rows, listed, shown
 from toppling.models.errors import InputError
 from toppling.models.motions.metadata import text_table
 
-TRACE = "T"
+_TRACE = "T"
 """What nshmp-haz prints for a contribution below 0.01 %."""
 
-DEPTH = 6
+_DEPTH = 6
 """Folders between a deaggregation of nshmp-haz and its config.json, at most."""
 
 
@@ -129,7 +129,7 @@ def _around(centre: float, width: float) -> tuple[float, float]:
 
 def _number(table: Path, line: int, text: str) -> float:
     try:
-        value = 0.0 if text == TRACE else float(text)
+        value = 0.0 if text == _TRACE else float(text)
     except ValueError:
         value = math.nan
     if not 0 <= value < math.inf:
@@ -147,7 +147,7 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
         found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
         if all(found):
             return tuple(float(one[1]) for one in found if one)  # type: ignore[return-value]
-    for folder in table.absolute().parents[:DEPTH]:
+    for folder in table.absolute().parents[:_DEPTH]:
         if (folder / "config.json").is_file():
             try:
                 bins = json.loads((folder / "config.json").read_text(encoding="utf-8"))["deagg"]["bins"]

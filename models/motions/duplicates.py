@@ -10,11 +10,11 @@ from scipy.signal import correlate
 from toppling.models.motions.record import Record
 from toppling.models.motions.stations import SAME_SHAKING_S
 
-LIKE_PEAKS = 0.1
+_LIKE_PEAKS = 0.1
 """Records whose PGA and PGV differ by more than this share are not compared sample by sample."""
-LIKE_SHAPE = 0.97
+_LIKE_SHAPE = 0.97
 """Correlation of the horizontal vectors' lengths from which two records are one."""
-COMPARED_STEP_S = 0.02
+_COMPARED_STEP_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ def _are_one(a: Candidate, b: Candidate) -> bool:
     if a.shaking.is_that_of(b.shaking):
         return True
     for name in ("pga_m_s2", "pgv_m_s"):
-        if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > LIKE_PEAKS:
+        if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > _LIKE_PEAKS:
             return False
-    return _likeness(_length(a.record), _length(b.record)) > LIKE_SHAPE
+    return _likeness(_length(a.record), _length(b.record)) > _LIKE_SHAPE
 
 
 def _length(record: Record) -> NDArray[np.float64]:
@@ -100,7 +100,7 @@ def _length(record: Record) -> NDArray[np.float64]:
 
     Means over the step are as good as a resampling to tell records apart, at any ratio of the steps.
     """
-    time = np.arange(np.ceil(record.motion.duration_s / COMPARED_STEP_S) + 1) * COMPARED_STEP_S
+    time = np.arange(np.ceil(record.motion.duration_s / _COMPARED_STEP_S) + 1) * _COMPARED_STEP_S
     horizontal = record.motion.mean_between(time)[:, :2]
     return np.hypot(horizontal[:, 0], horizontal[:, 1])
 

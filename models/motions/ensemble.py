@@ -21,9 +21,9 @@ from toppling.models.motions.record import Record, motion_sha
 from toppling.models.tables import check_bounds, read_table, table_writer, write_table
 
 SCHEMA_VERSION = "2"
-RECORDS_IN_MEMORY = 64
+_RECORDS_IN_MEMORY = 64
 """As many as share a block of jobs (`orchestrator.order`); a record is seldom larger than half a megabyte."""
-PGA_TOLERANCE = 1e-9
+_PGA_TOLERANCE = 1e-9
 """Share by which two machines' roots may differ in the catalogue's PGA, by which every motion is scaled."""
 
 _MOTION_SCHEMA = pa.schema(
@@ -76,7 +76,7 @@ class Ensemble:
         self._row = {name: index for index, name in enumerate(self.record_ids)}
         self._motions: pq.ParquetFile | None = None
         self._lock = threading.Lock()
-        self.record = lru_cache(RECORDS_IN_MEMORY)(self._sound)
+        self.record = lru_cache(_RECORDS_IN_MEMORY)(self._sound)
 
     @classmethod
     def load(cls, folder: str | Path) -> "Ensemble":
@@ -269,7 +269,7 @@ def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path)
     if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
         raise _ensemble_error(f"the motion of {name!r} does not have the hash in the catalogue", folder)
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
-    if not abs(stated - pga) <= PGA_TOLERANCE * pga:
+    if not abs(stated - pga) <= _PGA_TOLERANCE * pga:
         raise _ensemble_error(f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue", folder)
 
 

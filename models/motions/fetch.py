@@ -11,12 +11,12 @@ from typing import Any
 from toppling.models.csv_text import plain
 from toppling.models.errors import InputError
 
-BEFORE_S, AFTER_S = 30.0, 120.0
-SLOWEST_KM_S = 2.0
-"""A window ends `AFTER_S` after waves of this speed arrive."""
-BANDS = ("HN", "HL", "BN", "EN", "HG")
+_BEFORE_S, _AFTER_S = 30.0, 120.0
+_SLOWEST_KM_S = 2.0
+"""A window ends `_AFTER_S` after waves of this speed arrive."""
+_BANDS = ("HN", "HL", "BN", "EN", "HG")
 """Accelerometers' bands, the preferred first."""
-TABLE = "metadata.csv"
+_TABLE = "metadata.csv"
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _write_table(rows: list[dict[str, Any]], asked: _Asked, missing: list[str]) 
             expected="waveforms of accelerometers",
             remedy="widen the radius or the window, or ask another service",
         )
-    table = asked.folder / TABLE
+    table = asked.folder / _TABLE
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
@@ -216,7 +216,7 @@ def _inventory(
     stations: Sequence[str],
     window: tuple[Any, Any] | None,
 ) -> Any:
-    asked: dict[str, Any] = {"level": "response", "channel": ",".join(f"{band}?" for band in BANDS)}
+    asked: dict[str, Any] = {"level": "response", "channel": ",".join(f"{band}?" for band in _BANDS)}
     if stations:
         pairs = [station.split(".") for station in stations]
         if any(len(pair) != 2 for pair in pairs):
@@ -233,7 +233,7 @@ def _inventory(
     if window is not None:
         asked |= {"starttime": window[0], "endtime": window[1]}
     elif event is not None:
-        asked |= {"starttime": event.time, "endtime": event.time + AFTER_S}
+        asked |= {"starttime": event.time, "endtime": event.time + _AFTER_S}
     try:
         return client.get_stations(**asked)
     except Exception as error:
@@ -294,7 +294,7 @@ def _window(event: Source | None, distance_km: float | None) -> tuple[Any, Any]:
     if event is None:
         msg = "neither an event nor a window"
         raise ValueError(msg)
-    return event.time - BEFORE_S, event.time + (distance_km or 0.0) / SLOWEST_KM_S + AFTER_S
+    return event.time - _BEFORE_S, event.time + (distance_km or 0.0) / _SLOWEST_KM_S + _AFTER_S
 
 
 def _instrument(station: Any) -> tuple[str, str]:
@@ -302,11 +302,11 @@ def _instrument(station: Any) -> tuple[str, str]:
     count: dict[tuple[str, str], set[str]] = {}
     for channel in station:
         count.setdefault((channel.location_code, channel.code[:2]), set()).add(channel.code[2:])
-    whole = [key for key, letters in count.items() if len(letters) >= 3 and key[1] in BANDS]
+    whole = [key for key, letters in count.items() if len(letters) >= 3 and key[1] in _BANDS]
     if not whole:
         msg = "no accelerometer with three components"
         raise _NothingError(msg)
-    return min(whole, key=lambda key: (BANDS.index(key[1]), key[0]))
+    return min(whole, key=lambda key: (_BANDS.index(key[1]), key[0]))
 
 
 def _distance_km(event: Source, station: Any) -> float:

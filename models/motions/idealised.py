@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.motion import Motion
 
-TIME_STEP_S = 0.005
+_TIME_STEP_S = 0.005
 
 
 def full_sine(
-    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:
     """One full cycle of a sine of acceleration: a one-sided pulse of velocity, PGV = PGA x period / pi."""
     time = _times(period_s, time_step_s)
@@ -18,7 +18,7 @@ def full_sine(
 
 
 def full_cosine(
-    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:
     """One full cycle of a cosine of acceleration: velocity goes both ways, PGV = PGA x period / (2 pi)."""
     time = _times(period_s, time_step_s)
@@ -26,7 +26,7 @@ def full_cosine(
 
 
 def sawtooth_velocity(
-    pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+    pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:
     """One cycle of a sawtooth of velocity (the study's figure 8): to +PGV, to -PGV, back to rest.
 
@@ -41,7 +41,7 @@ def sawtooth_velocity(
 
 
 def ricker(
-    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:
     """Symmetric Ricker wavelet of acceleration (Ricker 1943), centred in a record of 3 periods.
 

@@ -20,7 +20,7 @@ from toppling.models.motions.table_rows import channels_of_row, rows_given
 
 logger = logging.getLogger(__name__)
 
-NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
+_NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
 """Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
 
 
@@ -73,7 +73,7 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
 
 def _may_be_record(file: Path, folder: Path) -> bool:
     hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
-    if hidden or not file.is_file() or file.suffix.lower() in NO_RECORDS:
+    if hidden or not file.is_file() or file.suffix.lower() in _NO_RECORDS:
         return False
     return not (file.suffix.lower() == ".csv" and looks_like_table(file))
 

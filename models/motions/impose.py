@@ -13,9 +13,9 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass
 from toppling.models.motions.record import Record
 
-LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
+_LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
 """High-pass corners that are tried, lowest first, to hold a peak displacement."""
-LIMITING_ORDER = 4
+_LIMITING_ORDER = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +89,10 @@ def _scaled_and_turned(motion: Motion, scale: float, turn_deg: float) -> Motion:
 @lru_cache(maxsize=64)
 def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mapping[str, float]]:
     """High-passed motion of the unscaled record, within `limit_m` of displacement, and its intensity."""
-    low, high = -1, len(LIMITING_CORNERS_HZ) - 1
-    held, reached = _held(record.motion, float(LIMITING_CORNERS_HZ[high]))
+    low, high = -1, len(_LIMITING_CORNERS_HZ) - 1
+    held, reached = _held(record.motion, float(_LIMITING_CORNERS_HZ[high]))
     if reached > limit_m:
-        corner = LIMITING_CORNERS_HZ[-1]
+        corner = _LIMITING_CORNERS_HZ[-1]
         message = f"even a high-pass at {corner:g} Hz leaves {reached:.3g} m at the unscaled record"
         raise InputError(
             message,
@@ -102,7 +102,7 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
         )
     while high - low > 1:  # a higher corner leaves less displacement
         middle = (low + high) // 2
-        motion, peak = _held(record.motion, float(LIMITING_CORNERS_HZ[middle]))
+        motion, peak = _held(record.motion, float(_LIMITING_CORNERS_HZ[middle]))
         if peak <= limit_m:
             held, high = motion, middle
         else:
@@ -113,6 +113,6 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
 
 def _held(motion: Motion, corner_hz: float) -> tuple[Motion, float]:
     """High-passed motion and its peak horizontal displacement, m."""
-    filtered = end_at_rest(high_pass(motion, corner_hz, LIMITING_ORDER))
+    filtered = end_at_rest(high_pass(motion, corner_hz, _LIMITING_ORDER))
     ground = displacement_m(filtered)
     return filtered, float(np.hypot(ground[:, 0], ground[:, 1]).max())

@@ -19,13 +19,13 @@ from toppling.models.frames import azimuth_deg
 from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.motion import Motion
 
-DAMPING = 0.05
+_DAMPING = 0.05
 SPECTRUM_PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
 """Periods at which a catalogue keeps the RotD50 spectrum."""
-SAMPLES_A_PERIOD, FINEST = 40, 16
+_SAMPLES_A_PERIOD, _FINEST = 40, 16
 """A response is looked at so often a period, which keeps its peak within 0.3 %, but at most at so many times the
 record's samples: between these the ground is a straight line, and the oscillator swings on."""
-DISTINCT_DIRECTION_DEG = 22.5
+_DISTINCT_DIRECTION_DEG = 22.5
 """Half of the study's direction bin: directions farther apart than this are distinct."""
 
 
@@ -47,7 +47,7 @@ def displacement_m(motion: Motion) -> NDArray[np.float64]:
 
 
 def oscillator_response_m_s2(
-    acceleration: ArrayLike, time_step_s: float, period_s: float, damping: float = DAMPING
+    acceleration: ArrayLike, time_step_s: float, period_s: float, damping: float = _DAMPING
 ) -> NDArray[np.float64]:
     """Pseudo-acceleration of a damped oscillator on a shaking base: omega squared times its displacement.
 
@@ -120,7 +120,7 @@ def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def spectral_acceleration_m_s2(
-    motion: Motion, periods_s: Sequence[float], damping: float = DAMPING
+    motion: Motion, periods_s: Sequence[float], damping: float = _DAMPING
 ) -> dict[str, NDArray[np.float64]]:
     """Response spectra (pseudo-acceleration) of a motion's horizontal pair.
 
@@ -131,7 +131,7 @@ def spectral_acceleration_m_s2(
     """
     rows = []
     for period in periods_s:
-        finer = min(math.ceil(SAMPLES_A_PERIOD * motion.time_step_s / period), FINEST)
+        finer = min(math.ceil(_SAMPLES_A_PERIOD * motion.time_step_s / period), _FINEST)
         ground = _between_samples(motion.acceleration_m_s2[:, :2], finer)
         response = oscillator_response_m_s2(ground, motion.time_step_s / finer, period, damping)
         rotated = rotated_peaks(response)
@@ -176,7 +176,7 @@ def directionality(horizontal: NDArray[np.float64]) -> float:
     if length[peak] == 0:
         return 0.0
     cosine = horizontal @ horizontal[peak] / (length[peak] * np.where(length > 0, length, 1.0))
-    elsewhere = length[cosine < np.cos(np.deg2rad(DISTINCT_DIRECTION_DEG))]
+    elsewhere = length[cosine < np.cos(np.deg2rad(_DISTINCT_DIRECTION_DEG))]
     return float(elsewhere.max(initial=0.0) / length[peak])
 
 

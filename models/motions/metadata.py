@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import TIME_STEPS_S
 from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
 
-COLUMNS = {
+_COLUMNS = {
     "record_id": ("record_id", "rec_id"),
     "event": ("event",),
     "station": ("station",),
@@ -33,14 +33,14 @@ COLUMNS = {
 """What is read, and the names that a table may give it; other columns are left alone."""
 
 
-WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
+_WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 """Columns that hold no number."""
 UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
-LONGEST_HEADER = 100_000
-LONGEST_NAME, LONGEST_PATH = 255, 2000
+_LONGEST_HEADER = 100_000
+_LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of a file's name, and of its path: file systems have no longer ones."""
-FACTORS = (1e-15, 1e6)
+_FACTORS = (1e-15, 1e6)
 """Of one count in a unit: below the least of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
 _PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
@@ -88,7 +88,7 @@ def read_table(table: Path) -> list[Entry]:
         the line.
     """
     with text_table(table) as file:
-        head = file.readline(LONGEST_HEADER)
+        head = file.readline(_LONGEST_HEADER)
         delimiter = _delimiter_of(head)
         file.seek(0)
         rows = list(csv_rows(file, table, delimiter))
@@ -161,7 +161,7 @@ def _delimiter_of(head: str) -> str:
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        head = file.readline(LONGEST_HEADER)
+        head = file.readline(_LONGEST_HEADER)
     return {"h1", "h2"} <= {name.strip() for name in head.split(_delimiter_of(head))}
 
 
@@ -169,7 +169,7 @@ def unit_m_s2(text: str) -> float | None:
     """One unit in m/s2, from its name or a factor and a name ('4.7e-06 m/s2', a count); None if not known."""
     factor, name = _factor_and_name(text)
     unit = acceleration_m_s2(name)
-    return factor * unit if unit is not None and FACTORS[0] <= factor <= FACTORS[1] else None
+    return factor * unit if unit is not None and _FACTORS[0] <= factor <= _FACTORS[1] else None
 
 
 def _factor_and_name(text: str) -> tuple[float, str]:
@@ -181,22 +181,22 @@ def _factor_and_name(text: str) -> tuple[float, str]:
 
 def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> Entry:
     where = f"{table}:{line}"
-    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()}
+    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in _COLUMNS.items()}
     if decimal_comma:
-        text |= {key: text[key].replace(",", ".") for key in text if key not in WORDS}
+        text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
     for key in ("h1", "h2"):
         if not text[key]:
             raise InputError(
                 f"no file in column {key}", where=where, expected="a path", remedy="name the file"
             )
     for key in ("h1", "h2", "v"):
-        if len(text[key].encode()) > LONGEST_PATH or any(
-            len(p.encode()) > LONGEST_NAME for p in Path(text[key]).parts
+        if len(text[key].encode()) > _LONGEST_PATH or any(
+            len(p.encode()) > _LONGEST_NAME for p in Path(text[key]).parts
         ):
             raise InputError(
                 f"the file in column {key} is {shown(text[key])}, a name of {len(text[key])} characters",
                 where=where,
-                expected=f"a path of names of at most {LONGEST_NAME} bytes",
+                expected=f"a path of names of at most {_LONGEST_NAME} bytes",
                 remedy="correct the table",
             )
     unit = unit_m_s2(text["unit"]) if text["unit"] else None

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
 
-SHORTEST_STEP_S = 1e-9
-LONGEST_S = 1e6
-LARGEST_M_S2 = 1e6
+_SHORTEST_STEP_S = 1e-9
+_LONGEST_S = 1e6
+_LARGEST_M_S2 = 1e6
 """Beyond these no ground moves; squares and integrals of what is within them stay far from overflow."""
 
 
@@ -45,14 +45,14 @@ class Motion:
             raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
         if not (np.isfinite(time_step) and time_step > 0):
             raise _motion_error(f"the time step is {time_step}", "a positive number of seconds")
-        if not SHORTEST_STEP_S <= time_step <= LONGEST_S / len(values):
+        if not _SHORTEST_STEP_S <= time_step <= _LONGEST_S / len(values):
             raise _motion_error(
                 f"{len(values)} samples at a time step of {time_step:g} s",
-                f"steps of at least {SHORTEST_STEP_S:g} s, and a motion of at most {LONGEST_S:g} s",
+                f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
             )
-        if np.abs(values).max() > LARGEST_M_S2:
+        if np.abs(values).max() > _LARGEST_M_S2:
             raise _motion_error(
-                f"the acceleration reaches {np.abs(values).max():g} m/s2", f"at most {LARGEST_M_S2:g} m/s2"
+                f"the acceleration reaches {np.abs(values).max():g} m/s2", f"at most {_LARGEST_M_S2:g} m/s2"
             )
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)

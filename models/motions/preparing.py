@@ -12,7 +12,7 @@ from toppling.models.motions.quality import beyond_nature, check_samples
 from toppling.models.motions.record import Record
 from toppling.models.motions.stations import Triple, oriented
 
-LEFT = {
+_LEFT = {
     "corrected": "left as the agency corrected it",
     "sound": "left as it came",
     "uncorrected": "left uncorrected, as asked",
@@ -157,4 +157,4 @@ def _processed(
     if asked if asked is not None else quality == "uncorrected":
         motion, done = process(motion, corner_hz)
         return motion, "drifting" if any(DRIFTS in step for step in done) else "processed", [*steps, *done]
-    return motion, quality, [*steps, LEFT[quality]]
+    return motion, quality, [*steps, _LEFT[quality]]

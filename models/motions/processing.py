@@ -10,33 +10,33 @@ from toppling.models.errors import InputError
 from toppling.models.motions.intensity import displacement_m, velocity_m_s
 from toppling.models.motions.motion import Motion
 
-TAPER_SHARE = 0.05
+_TAPER_SHARE = 0.05
 """Share of the record that the cosine taper takes at each end."""
-HIGH_PASS_ORDER = 4
+_HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
-LOWEST_CORNER_HZ = 0.001
+_LOWEST_CORNER_HZ = 0.001
 """A filter with a lower corner would need hours of zeros beside the record."""
-CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
+_CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
-QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
+_QUIET_SHARE, _DRIFT_SHARE = 0.1, 0.25
 """A sound displacement stays within the second share of its peak over the last, first share of the record."""
 
 
 DRIFTS = "highest tried; the displacement still drifts at the end"
 """How the history says that no corner passed the displacement check."""
 
-RETURNED_SHARE = 0.5
+_RETURNED_SHARE = 0.5
 """Without a filter a sound displacement stays within this share of its peak over the last tenth of the record.
 
 Of 110 records that agencies corrected 99 do; of 30 uncorrected ones each reaches .99.
 """
-LEVEL_SHARE, CARRIED_S = 0.05, 5.0
+_LEVEL_SHARE, _CARRIED_S = 0.05, 5.0
 """Or it moves by less than the first share of its peak there, a permanent displacement, if the peak velocity
 could have made it in so many seconds: what drifts to and fro may be level at the end, but is far larger.
 """
 
 
-def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) -> Motion:
+def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -> Motion:
     """Acausal Butterworth high-pass: no phase shift, half the power at the corner for each of its two passes.
 
     Zeros are put before and after while it runs (1.5 order / corner seconds in all, Converse and Brady 1992),
@@ -55,11 +55,11 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
         If the corner is not between zero and half the sampling rate.
     """
     nyquist_hz = 0.5 / motion.time_step_s
-    if not LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
+    if not _LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
         raise InputError(
             f"a high-pass corner of {corner_hz:g} Hz",
             where="high-pass",
-            expected=f"{LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
+            expected=f"{_LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
             remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
         )
     filtered, pad = _filtered(motion, corner_hz, order)
@@ -81,7 +81,7 @@ def demean(motion: Motion) -> Motion:
     return Motion(motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0), motion.time_step_s)
 
 
-def taper(motion: Motion, share: float = TAPER_SHARE) -> Motion:
+def taper(motion: Motion, share: float = _TAPER_SHARE) -> Motion:
     """Cosine taper over a share of the record at each end."""
     window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * share)
     return Motion(motion.acceleration_m_s2 * window[:, None], motion.time_step_s)
@@ -130,7 +130,7 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     ----------
     motion : Motion
     corner_hz : float or None
-        Corner of the high-pass; None chooses the lowest of `CORNERS_HZ` whose displacement ends near zero.
+        Corner of the high-pass; None chooses the lowest of `_CORNERS_HZ` whose displacement ends near zero.
 
     Returns
     -------
@@ -140,8 +140,8 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     chosen, how = (corner_hz, "as asked") if corner_hz is not None else _corner_by_displacement(start)
     history = (
         "mean removed",
-        f"cosine taper of {TAPER_SHARE:.0%} at each end",
-        f"acausal Butterworth high-pass at {chosen:g} Hz, order {HIGH_PASS_ORDER} ({how})",
+        f"cosine taper of {_TAPER_SHARE:.0%} at each end",
+        f"acausal Butterworth high-pass at {chosen:g} Hz, order {_HIGH_PASS_ORDER} ({how})",
         "cubic taken off the displacement, end velocity and displacement zero",
     )
     return end_at_rest(high_pass(start, chosen)), history
@@ -149,10 +149,10 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
 
 def _displacement_drift(motion: Motion, corner_hz: float) -> float:
     """Largest share of its peak displacement that a component reaches near its end after the filter."""
-    filtered, pad = _filtered(motion, corner_hz, HIGH_PASS_ORDER)
+    filtered, pad = _filtered(motion, corner_hz, _HIGH_PASS_ORDER)
     ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
     samples = len(motion.acceleration_m_s2)
-    end = ground[pad + round((1 - QUIET_SHARE) * samples) : pad + samples].max(axis=0)
+    end = ground[pad + round((1 - _QUIET_SHARE) * samples) : pad + samples].max(axis=0)
     peak = ground.max(axis=0)
     return float((end / np.where(peak > 0, peak, 1.0)).max())
 
@@ -161,17 +161,17 @@ def drifts(motion: Motion) -> bool:
     """Whether a component's displacement neither returns nor stays where it is, as of an offset left in."""
     ground = displacement_m(motion)
     size: NDArray[np.float64] = np.abs(ground)
-    start = int((1 - QUIET_SHARE) * len(ground))
+    start = int((1 - _QUIET_SHARE) * len(ground))
     peak = size.max(axis=0)
-    returns = size[start:].max(axis=0) <= RETURNED_SHARE * peak
-    level = np.ptp(ground[start:], axis=0) <= LEVEL_SHARE * peak
-    carried = peak <= CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
+    returns = size[start:].max(axis=0) <= _RETURNED_SHARE * peak
+    level = np.ptp(ground[start:], axis=0) <= _LEVEL_SHARE * peak
+    carried = peak <= _CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
     return not (returns | level & carried).all()
 
 
 def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
     """Lowest corner whose displacement is quiet at the end, else the highest tried, and which it is."""
-    for corner in CORNERS_HZ:
-        if _displacement_drift(motion, corner) <= DRIFT_SHARE:
+    for corner in _CORNERS_HZ:
+        if _displacement_drift(motion, corner) <= _DRIFT_SHARE:
             return corner, "lowest that passes the displacement check"
-    return CORNERS_HZ[-1], DRIFTS
+    return _CORNERS_HZ[-1], DRIFTS

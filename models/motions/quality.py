@@ -6,20 +6,20 @@ import numpy as np
 
 from toppling.models.motions.formats.component import Component, refuse
 
-QUESTIONABLE_M_S2 = 5 * 9.80665
-TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
+_QUESTIONABLE_M_S2 = 5 * 9.80665
+_TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
 """Beyond these few records have been; a unit that was mistaken is likelier."""
-USUAL_PGA_M_S2, USUAL_PGV_M_S = 1.5 * 9.80665, 1.5
-COMMON_UNITS_M_S2 = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
-CLIPPED_SAMPLES, CLIPPED_RUN = 10, 4
+_USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * 9.80665, 1.5
+_COMMON_UNITS_M_S2 = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
+_CLIPPED_SAMPLES, _CLIPPED_RUN = 10, 4
 """So many samples at the extreme, so many of them in a row, are a clipped instrument."""
-RAIL_SHARE, RAIL_RUNS = 0.95, 3
+_RAIL_SHARE, _RAIL_RUNS = 0.95, 3
 """A rail lies this near to the record's farthest sample; nearer to the middle, where an offset was taken off, only what
 is reached so often is one."""
-SPIKE_RATIO = 8.0
+_SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
-FILLED_GAP_S = 0.5
-FILLED_GAP_SHARE = 0.1
+_FILLED_GAP_S = 0.5
+_FILLED_GAP_SHARE = 0.1
 """A constant stretch this long, with this share of the peak shortly before and after, is a filled gap."""
 
 
@@ -33,7 +33,7 @@ def check_samples(component: Component) -> None:
     """
     a = component.acceleration_m_s2
     peak = float(np.abs(a).max())
-    if peak > QUESTIONABLE_M_S2:
+    if peak > _QUESTIONABLE_M_S2:
         _refuse_sample(
             component,
             int(np.abs(a).argmax()),
@@ -63,13 +63,13 @@ def beyond_nature(
         Whether the agency or the program has corrected the baseline.
     """
     limits = (
-        ("PGA", pga_m_s2, TOLD_PGA_M_S2, "m/s2, more than 3 g"),
+        ("PGA", pga_m_s2, _TOLD_PGA_M_S2, "m/s2, more than 3 g"),
         ("PGV", pgv_m_s, TOLD_PGV_M_S, "m/s, more than 3 m/s"),
     )
     beyond = [f"{name} is {value:.3g} {of}" for name, value, limit, of in limits if value > limit]
     if not beyond:
         return ()
-    if not baseline and pga_m_s2 <= TOLD_PGA_M_S2:
+    if not baseline and pga_m_s2 <= _TOLD_PGA_M_S2:
         return (f"{beyond[0]}: its baseline is not corrected",)
     return (", ".join(beyond) + _explained(pga_m_s2, pgv_m_s, unit_m_s2),)
 
@@ -78,12 +78,12 @@ def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
     """Which unit mistaken for which makes usual peaks unusual, by the least factor; nothing if none does."""
     mistaken = sorted(
         (taken / meant, taken_name, meant_name)
-        for taken_name, taken in COMMON_UNITS_M_S2.items()
-        for meant_name, meant in COMMON_UNITS_M_S2.items()
+        for taken_name, taken in _COMMON_UNITS_M_S2.items()
+        for meant_name, meant in _COMMON_UNITS_M_S2.items()
         if meant < taken and (unit_m_s2 is None or math.isclose(taken, unit_m_s2, rel_tol=0.01))
     )
     for factor, taken_name, meant_name in mistaken:
-        if pga_m_s2 <= factor * USUAL_PGA_M_S2 and pgv_m_s <= factor * USUAL_PGV_M_S:
+        if pga_m_s2 <= factor * _USUAL_PGA_M_S2 and pgv_m_s <= factor * _USUAL_PGV_M_S:
             return (
                 f": if its samples are in {meant_name} and not in {taken_name},"
                 f" the peak is {pga_m_s2 / factor:.3g} m/s2"
@@ -104,10 +104,10 @@ def _clipped(component: Component, a: np.ndarray) -> None:
     for extreme in (a.max(), a.min()):
         count = int((a == extreme).sum())
         flat = [run for run in _runs(a == extreme) if _ends_in_mid_course(a, run, quantum)]
-        if count < CLIPPED_SAMPLES or not flat:
+        if count < _CLIPPED_SAMPLES or not flat:
             continue
         share = max(abs(extreme) / peak, abs(extreme - middle) / farthest)
-        if share >= RAIL_SHARE or (len(flat) >= RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
+        if share >= _RAIL_SHARE or (len(flat) >= _RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
             start, end = max(flat, key=lambda run: run[1] - run[0])
             _refuse_sample(
                 component,
@@ -121,7 +121,7 @@ def _clipped(component: Component, a: np.ndarray) -> None:
 def _ends_in_mid_course(a: np.ndarray, run: tuple[int, int], quantum: float) -> bool:
     """Whether a flat run is long, and both samples beside it are more than one step of the values away."""
     start, end = run
-    if end - start < CLIPPED_RUN:
+    if end - start < _CLIPPED_RUN:
         return False
     beside = [abs(a[at] - a[start]) for at in (start - 1, end) if 0 <= at < len(a)]
     return not beside or min(beside) > 1.5 * quantum
@@ -133,7 +133,7 @@ def _spike(component: Component, a: np.ndarray) -> None:
     bend = np.abs(a[1:-1] - 0.5 * (a[:-2] + a[2:]))
     worst = int(bend.argmax())
     others = np.delete(bend, slice(max(worst - 2, 0), worst + 3))
-    if bend[worst] > SPIKE_RATIO * others.max():
+    if bend[worst] > _SPIKE_RATIO * others.max():
         _refuse_sample(
             component,
             worst + 1,
@@ -145,14 +145,14 @@ def _spike(component: Component, a: np.ndarray) -> None:
 
 
 def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
-    least = max(int(FILLED_GAP_S / component.time_step_s), 10)
+    least = max(int(_FILLED_GAP_S / component.time_step_s), 10)
     same = np.diff(a) == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
     for start, end in edges.reshape(-1, 2):
         if end - start < least or start < 1 or end + 1 >= len(a):
             continue
         before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
-        if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > FILLED_GAP_SHARE * peak:
+        if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > _FILLED_GAP_SHARE * peak:
             seconds = (end - start) * component.time_step_s
             _refuse_sample(
                 component,

@@ -10,7 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.models.motions.ensemble import Ensemble
 
-LEAST_COMPONENTS = 2
+_LEAST_COMPONENTS = 2
 """Every record has so many."""
 
 
@@ -134,7 +134,7 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, Narrow]]:
         if limits:
             condition = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
             yield condition, where(lambda row, column=column, limits=limits: _within(row[column], limits))  # type: ignore[misc]
-    if choice.components > LEAST_COMPONENTS:
+    if choice.components > _LEAST_COMPONENTS:
         yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
     if choice.quality:
         yield f"quality {' or '.join(choice.quality)}", where(lambda row: row["quality"] in choice.quality)

@@ -26,13 +26,13 @@ from toppling.models.motions.record import Record
 from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_tests
 from toppling.models.tables import check_bounds
 
-TESTS, MOTIONS = "tests.csv", "motions.parquet"
-ALONG_X_DEG = (0.0, 90.0)
+_TESTS, _MOTIONS = "tests.csv", "motions.parquet"
+_ALONG_X_DEG = (0.0, 90.0)
 """The table's axis is x: which way it points in the mesh's frame is the campaign's to say."""
-UNKNOWN_RECORD = "unknown record"
+_UNKNOWN_RECORD = "unknown record"
 """Tests whose record is not known count as one record: none of them may tell of another."""
-MOST_NAMED = 8
-END_S, STILL_SHARE = 0.25, 0.15
+_MOST_NAMED = 8
+_END_S, _STILL_SHARE = 0.25, 0.15
 """A table has come to rest if its last motion (root mean square) is less than this share of the peak."""
 
 
@@ -82,7 +82,7 @@ class Experiment:
     def warnings(self) -> list[str]:
         """What may be wrong with the files, in sentences."""
         messages = []
-        unknown = [test.test_no for test in self.tests if test.ground_motion == UNKNOWN_RECORD]
+        unknown = [test.test_no for test in self.tests if test.ground_motion == _UNKNOWN_RECORD]
         if unknown:
             messages.append(
                 f"which record the table followed is not known of {_named(unknown)}, which count as one record: "
@@ -117,7 +117,7 @@ def read_experiment(folder: Path, outcome: str) -> Experiment:
     if is_raw(folder):
         rows, motions = raw_tests(folder), raw_motions(folder)
     else:
-        rows, motions = _rows(folder / TESTS), _motions(folder / MOTIONS)
+        rows, motions = _rows(folder / _TESTS), _motions(folder / _MOTIONS)
     for name in ("test_no", outcome):
         if not rows or name not in rows[0]:
             columns = ", ".join(rows[0]) if rows else "none"
@@ -176,17 +176,17 @@ def _test(row: Mapping[str, Any], outcome: str) -> Test:
     }
     if row[outcome] not in (0, 1):
         raise InputError(f"{row[outcome]!r}", where=where, expected="0 or 1", remedy="correct the table")
-    return Test(number, str(row.get("ground_motion") or UNKNOWN_RECORD), row[outcome] == 1, predicted)
+    return Test(number, str(row.get("ground_motion") or _UNKNOWN_RECORD), row[outcome] == 1, predicted)
 
 
 def _named(test_numbers: list[int]) -> str:
-    return f"test{'s' * (len(test_numbers) > 1)} {listed([str(one) for one in test_numbers], MOST_NAMED)}"
+    return f"test{'s' * (len(test_numbers) > 1)} {listed([str(one) for one in test_numbers], _MOST_NAMED)}"
 
 
 def _ends_at_rest(motion: Motion) -> bool:
     along = motion.acceleration_m_s2[:, 0]
-    last = along[-max(round(END_S / motion.time_step_s), 1) :]
-    return bool(np.sqrt((last**2).mean()) <= STILL_SHARE * np.abs(along).max())
+    last = along[-max(round(_END_S / motion.time_step_s), 1) :]
+    return bool(np.sqrt((last**2).mean()) <= _STILL_SHARE * np.abs(along).max())
 
 
 def _is_known(value: object) -> bool:
@@ -199,7 +199,7 @@ def _record(test: Test, motion: Motion) -> Record:
         motion,
         event=test.ground_motion,
         station="shaking table",
-        component_azimuths_deg=ALONG_X_DEG,
+        component_azimuths_deg=_ALONG_X_DEG,
         quality="corrected",
     )
 

@@ -30,16 +30,16 @@ from toppling.models.motions.motion import Motion
 
 METRES_A_COUNT = -1.524e-5
 """0.6 thousandths of an inch, opposite to the accelerometer's positive direction."""
-CROSSOVER_HZ, CROSSOVER_ORDER = 4.0, 2
-BAND_HZ, BAND_ORDER = 25.0, 3
+_CROSSOVER_HZ, _CROSSOVER_ORDER = 4.0, 2
+BAND_HZ, _BAND_ORDER = 25.0, 3
 """The records' band; beyond it the accelerometer tells of the table's bearings rather than of its motion."""
-KEPT_EVERY = 2
+_KEPT_EVERY = 2
 """Samples, of those filtered to the band."""
-ACCELERATION, DISPLACEMENT = 1, 5
+ACCELERATION, _DISPLACEMENT = 1, 5
 """Columns of the text file."""
-LEAST_SAMPLES = 100
-MOST_TESTS = 1_000_000
-LARGEST_SHEET_BYTES = 50_000_000
+_LEAST_SAMPLES = 100
+_MOST_TESTS = 1_000_000
+_LARGEST_SHEET_BYTES = 50_000_000
 _NO_WORKBOOK = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, LookupError, ValueError, RuntimeError,
     OverflowError, RecursionError, ElementTree.ParseError,
@@ -79,13 +79,13 @@ def _raw_motion(path: Path) -> Motion:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of an empty file, which is told below
-            columns = np.loadtxt(path, skiprows=1, usecols=(0, ACCELERATION, DISPLACEMENT), ndmin=2)
+            columns = np.loadtxt(path, skiprows=1, usecols=(0, ACCELERATION, _DISPLACEMENT), ndmin=2)
     except (ValueError, IndexError, OSError, UnicodeDecodeError) as error:
         short = re.search(r"at row (\d+) with", str(error))
         what = f"line {int(short[1]) + 1} is cut off" if short else f"cannot be read ({error})"
         raise _no_experiment(what, path) from None
-    if len(columns) < LEAST_SAMPLES:
-        raise _no_experiment(f"{len(columns)} samples, fewer than {LEAST_SAMPLES}", path)
+    if len(columns) < _LEAST_SAMPLES:
+        raise _no_experiment(f"{len(columns)} samples, fewer than {_LEAST_SAMPLES}", path)
     time_s = columns[:, 0]
     step_s = round(float((time_s[-1] - time_s[0]) / (len(columns) - 1)), 6)
     even_s = time_s[0] + step_s * np.arange(len(columns))
@@ -93,15 +93,17 @@ def _raw_motion(path: Path) -> Motion:
     if not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
         raise _no_experiment("values that are no numbers, or samples not at equal times", path)
     along = fused_m_s2(columns[:, 1] * STANDARD_GRAVITY_M_S2, columns[:, 2] * METRES_A_COUNT, step_s)
-    return Motion(np.outer(along[::KEPT_EVERY], [1.0, 0.0, 0.0]), KEPT_EVERY * step_s)
+    return Motion(np.outer(along[::_KEPT_EVERY], [1.0, 0.0, 0.0]), _KEPT_EVERY * step_s)
 
 
 def fused_m_s2(acceleration_m_s2: Array, displacement_m: Array, time_step_s: float) -> Array:
     """Acceleration of the table: that of its displacement at low frequencies, the accelerometer's above."""
-    low = _low_passed(displacement_m, CROSSOVER_HZ, CROSSOVER_ORDER, time_step_s)
+    low = _low_passed(displacement_m, _CROSSOVER_HZ, _CROSSOVER_ORDER, time_step_s)
     from_displacement = np.gradient(np.gradient(low, time_step_s), time_step_s)
-    measured = acceleration_m_s2 - _low_passed(acceleration_m_s2, CROSSOVER_HZ, CROSSOVER_ORDER, time_step_s)
-    return _low_passed(from_displacement + measured, BAND_HZ, BAND_ORDER, time_step_s)
+    measured = acceleration_m_s2 - _low_passed(
+        acceleration_m_s2, _CROSSOVER_HZ, _CROSSOVER_ORDER, time_step_s
+    )
+    return _low_passed(from_displacement + measured, BAND_HZ, _BAND_ORDER, time_step_s)
 
 
 def raw_tests(folder: Path) -> list[dict[str, Any]]:
@@ -143,7 +145,7 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
 
 def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
     """Rows of a workbook's first sheet, each a mapping from the column's letter to a number or a text."""
-    check_size(path, LARGEST_SHEET_BYTES, "a workbook")
+    check_size(path, _LARGEST_SHEET_BYTES, "a workbook")
     try:
         with zipfile.ZipFile(path) as book:
             shared = []
@@ -165,11 +167,11 @@ def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
 
 
 def _parsed(book: zipfile.ZipFile, name: str, path: Path) -> ElementTree.Element:
-    if book.getinfo(name).file_size > LARGEST_SHEET_BYTES:
+    if book.getinfo(name).file_size > _LARGEST_SHEET_BYTES:
         raise _no_experiment(f"{name} is too large", path)
     with book.open(name) as part:  # what the archive says of the size may be wrong
-        content = part.read(LARGEST_SHEET_BYTES + 1)
-    if len(content) > LARGEST_SHEET_BYTES:
+        content = part.read(_LARGEST_SHEET_BYTES + 1)
+    if len(content) > _LARGEST_SHEET_BYTES:
         raise _no_experiment(f"{name} is too large", path)
     text = content.decode("utf-8-sig")  # another encoding would hide what is looked for
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
@@ -191,7 +193,7 @@ def _value(cell: ElementTree.Element, shared: list[str]) -> float | str | None:
 
 def _is_number(value: object) -> bool:
     """Whether a cell holds the number of a test."""
-    return isinstance(value, float) and math.isfinite(value) and abs(value) < MOST_TESTS
+    return isinstance(value, float) and math.isfinite(value) and abs(value) < _MOST_TESTS
 
 
 def _column(title: str) -> str:

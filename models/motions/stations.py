@@ -11,12 +11,12 @@ from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
 from toppling.models.motions.motion import Motion
 
-LEAST_ANGLE_DEG = 30.0
+_LEAST_ANGLE_DEG = 30.0
 """Two horizontals closer than this to one line cannot be resolved into x and y."""
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
-STEP_TOLERANCE = 1e-3
-SHARED_LENGTH = 0.8
+_STEP_TOLERANCE = 1e-3
+_SHARED_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|[LTV]|H1|H2|\d{3})$",
@@ -95,11 +95,11 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
     if isinstance(bearings[0], float) and isinstance(bearings[1], float):
         azimuths = ((90.0 - bearings[0]) % 360.0, (90.0 - bearings[1]) % 360.0)
         angle = np.deg2rad(azimuths)
-        if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(LEAST_ANGLE_DEG)):
+        if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(_LEAST_ANGLE_DEG)):
             raise InputError(
                 f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly on one line",
                 where=channels.first.where,
-                expected=f"at least {LEAST_ANGLE_DEG:g} degrees between them",
+                expected=f"at least {_LEAST_ANGLE_DEG:g} degrees between them",
                 remedy="correct the azimuths in the header or in the metadata table",
             )
         axes = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -180,7 +180,7 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
     _refuse_lost_rows(parts)
     step = parts[0].time_step_s
     for component in parts[1:]:
-        if abs(component.time_step_s / step - 1) > STEP_TOLERANCE:
+        if abs(component.time_step_s / step - 1) > _STEP_TOLERANCE:
             raise InputError(
                 f"the time step is {component.time_step_s:g} s, that of {parts[0].path.name} is {step:g} s",
                 where=component.where,
@@ -202,11 +202,11 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
         )
     history = []
     lengths = [len(c.acceleration_m_s2) for c in parts]
-    if count < SHARED_LENGTH * max(lengths):
+    if count < _SHARED_LENGTH * max(lengths):
         raise InputError(
             f"components of {', '.join(map(str, lengths))} samples share {count}: one seems truncated",
             where=parts[lengths.index(min(lengths))].where,
-            expected=f"components that share {SHARED_LENGTH:.0%} of the longest",
+            expected=f"components that share {_SHARED_LENGTH:.0%} of the longest",
             remedy="fetch the short one again, or cut all to one length first",
         )
     if len(set(lengths)) > 1 or any(skip):

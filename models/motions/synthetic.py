@@ -17,27 +17,27 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass
 from toppling.models.motions.record import Record
 
-TIME_STEP_S = 0.01
-DENSITY_KG_M3, SHEAR_VELOCITY_M_S = 2800.0, 3500.0
-RADIATION, FREE_SURFACE, PARTITION = 0.55, 2.0, 1 / np.sqrt(2)
-REFERENCE_DISTANCE_KM, CROSSOVER_KM = 1.0, 40.0
-QUALITY_AT_1_HZ, QUALITY_EXPONENT = 180.0, 0.45
-MEDIAN_KAPPA_S = 0.035
-WINDOW_PEAK_SHARE, WINDOW_END_SHARE, WINDOW_LENGTH = 0.2, 0.05, 2.0
-ROCK_AMPLIFICATION = (
+_TIME_STEP_S = 0.01
+_DENSITY_KG_M3, _SHEAR_VELOCITY_M_S = 2800.0, 3500.0
+_RADIATION, _FREE_SURFACE, _PARTITION = 0.55, 2.0, 1 / np.sqrt(2)
+_REFERENCE_DISTANCE_KM, _CROSSOVER_KM = 1.0, 40.0
+_QUALITY_AT_1_HZ, _QUALITY_EXPONENT = 180.0, 0.45
+_MEDIAN_KAPPA_S = 0.035
+_WINDOW_PEAK_SHARE, _WINDOW_END_SHARE, _WINDOW_LENGTH = 0.2, 0.05, 2.0
+_ROCK_AMPLIFICATION = (
     (0.01, 0.09, 0.16, 0.51, 0.84, 1.25, 2.26, 3.17, 6.05, 16.6, 61.2),
     (1.00, 1.10, 1.18, 1.42, 1.58, 1.74, 2.06, 2.25, 2.58, 3.13, 4.00),
 )
 """Frequencies (Hz) and factors of generic rock, 620 m/s over the upper 30 m."""
-PATH_DURATION = (0.0, 7.0, 45.0, 125.0, 175.0), (0.0, 2.4, 8.4, 10.9, 17.4)
+_PATH_DURATION = (0.0, 7.0, 45.0, 125.0, 175.0), (0.0, 2.4, 8.4, 10.9, 17.4)
 """Distances (km) and what the path adds to the duration (s) in active crust."""
-CALIBRATION = 1.2
+_CALIBRATION = 1.2
 """Factor on the spectra: the path's durations exceed those with which the source was calibrated, and longer
 shaking of one spectrum peaks lower. It brings PGA and response spectra to the empirical medians
 (`against_targets`)."""
-LOW_CUT_HZ = 0.05
-PULSE_DISTANCE_KM = (5.0, 15.0)
-MEDIAN_PULSE_VELOCITY_M_S = 0.9
+_LOW_CUT_HZ = 0.05
+_PULSE_DISTANCE_KM = (5.0, 15.0)
+_MEDIAN_PULSE_VELOCITY_M_S = 0.9
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Scenario:
 
     magnitude: float
     distance_km: float
-    kappa_s: float = MEDIAN_KAPPA_S
+    kappa_s: float = _MEDIAN_KAPPA_S
     amplitude: float = 1.0
     duration: float = 1.0
     pulse: bool = False
@@ -90,11 +90,11 @@ def synthetic_ensemble(
     for index in range(count):
         rng = np.random.default_rng([seed, index])
         pulse = int((index + 1) * pulse_share) > int(index * pulse_share)
-        near, far = PULSE_DISTANCE_KM if pulse else (5.0, 100.0)
+        near, far = _PULSE_DISTANCE_KM if pulse else (5.0, 100.0)
         scenario = Scenario(
             magnitude=float(rng.uniform(6.0, 8.0)),
             distance_km=float(np.exp(rng.uniform(np.log(near), np.log(far)))),
-            kappa_s=float(MEDIAN_KAPPA_S * np.exp(0.4 * rng.standard_normal())),
+            kappa_s=float(_MEDIAN_KAPPA_S * np.exp(0.4 * rng.standard_normal())),
             amplitude=float(np.exp(0.5 * rng.standard_normal())),
             duration=float(np.exp(0.35 * rng.standard_normal())),
             pulse=pulse,
@@ -125,24 +125,24 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     """
     duration = scenario.duration * _median_duration_s(scenario.magnitude, scenario.distance_km)
     window = _saragoni_hart_window(duration)
-    lead = round(2.0 / TIME_STEP_S)
-    samples = lead + len(window) + round(5.0 / TIME_STEP_S)
-    frequency = np.fft.rfftfreq(samples, TIME_STEP_S).astype(float)
+    lead = round(2.0 / _TIME_STEP_S)
+    samples = lead + len(window) + round(5.0 / _TIME_STEP_S)
+    frequency = np.fft.rfftfreq(samples, _TIME_STEP_S).astype(float)
     horizontal = scenario.amplitude * acceleration_spectrum_m_s(frequency, scenario)
     vertical = horizontal / _horizontal_to_vertical(frequency)
     noise = np.zeros((3, samples))
     noise[:, lead : lead + len(window)] = rng.standard_normal((3, len(window))) * window
     shape = np.fft.rfft(noise, axis=1)
     shape /= np.sqrt(np.mean(np.abs(shape) ** 2, axis=1, keepdims=True))
-    spectra = shape * np.stack([horizontal, horizontal, vertical]) / TIME_STEP_S
+    spectra = shape * np.stack([horizontal, horizontal, vertical]) / _TIME_STEP_S
     history = [
         f"M {scenario.magnitude:.2f}, R {scenario.distance_km:.1f} km, kappa {scenario.kappa_s:.3f} s",
     ]
     if scenario.pulse:
         history.append(_add_pulse(spectra, samples, scenario, rng))
-    motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, TIME_STEP_S)
-    history.append(f"acausal Butterworth high-pass at {LOW_CUT_HZ:g} Hz, brought to rest")
-    return end_at_rest(high_pass(motion, LOW_CUT_HZ)), tuple(history)
+    motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, _TIME_STEP_S)
+    history.append(f"acausal Butterworth high-pass at {_LOW_CUT_HZ:g} Hz, brought to rest")
+    return end_at_rest(high_pass(motion, _LOW_CUT_HZ)), tuple(history)
 
 
 def _corner_frequencies_hz(magnitude: float) -> tuple[float, float, float]:
@@ -158,7 +158,7 @@ def _effective_distance_km(magnitude: float, distance_km: float) -> float:
 
 def _median_duration_s(magnitude: float, distance_km: float) -> float:
     """Duration of source, half the lower corner's period, and path (Boore and Thompson 2014)."""
-    path = np.interp(_effective_distance_km(magnitude, distance_km), *PATH_DURATION)
+    path = np.interp(_effective_distance_km(magnitude, distance_km), *_PATH_DURATION)
     return float(0.5 / _corner_frequencies_hz(magnitude)[0] + path)
 
 
@@ -167,24 +167,24 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
     lower, upper, weight = _corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
     constant = (
-        RADIATION
-        * FREE_SURFACE
-        * PARTITION
-        / (4 * np.pi * DENSITY_KG_M3 * SHEAR_VELOCITY_M_S**3 * REFERENCE_DISTANCE_KM * 1000)
+        _RADIATION
+        * _FREE_SURFACE
+        * _PARTITION
+        / (4 * np.pi * _DENSITY_KG_M3 * _SHEAR_VELOCITY_M_S**3 * _REFERENCE_DISTANCE_KM * 1000)
     )
     f = frequency_hz
     source = moment_n_m * ((1 - weight) / (1 + (f / lower) ** 2) + weight / (1 + (f / upper) ** 2))
     distance = _effective_distance_km(scenario.magnitude, scenario.distance_km)
     spreading = (
-        REFERENCE_DISTANCE_KM / min(distance, CROSSOVER_KM) * np.sqrt(min(1.0, CROSSOVER_KM / distance))
+        _REFERENCE_DISTANCE_KM / min(distance, _CROSSOVER_KM) * np.sqrt(min(1.0, _CROSSOVER_KM / distance))
     )
-    quality = QUALITY_AT_1_HZ * np.maximum(f, 1e-9) ** QUALITY_EXPONENT
-    path = spreading * np.exp(-np.pi * f * distance * 1000 / (quality * SHEAR_VELOCITY_M_S))
+    quality = _QUALITY_AT_1_HZ * np.maximum(f, 1e-9) ** _QUALITY_EXPONENT
+    path = spreading * np.exp(-np.pi * f * distance * 1000 / (quality * _SHEAR_VELOCITY_M_S))
     amplification = np.interp(
-        np.log(np.maximum(f, 1e-3)), np.log(ROCK_AMPLIFICATION[0]), ROCK_AMPLIFICATION[1]
+        np.log(np.maximum(f, 1e-3)), np.log(_ROCK_AMPLIFICATION[0]), _ROCK_AMPLIFICATION[1]
     )
     site = amplification * np.exp(-np.pi * scenario.kappa_s * f)
-    return CALIBRATION * constant * source * path * site * (2 * np.pi * f) ** 2
+    return _CALIBRATION * constant * source * path * site * (2 * np.pi * f) ** 2
 
 
 def _horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -195,13 +195,13 @@ def _horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.flo
 def _saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
     """Exponential window of Saragoni and Hart (1974) as in Boore (2003), twice as long as the duration."""
     b = (
-        -WINDOW_PEAK_SHARE
-        * np.log(WINDOW_END_SHARE)
-        / (1 + WINDOW_PEAK_SHARE * (np.log(WINDOW_PEAK_SHARE) - 1))
+        -_WINDOW_PEAK_SHARE
+        * np.log(_WINDOW_END_SHARE)
+        / (1 + _WINDOW_PEAK_SHARE * (np.log(_WINDOW_PEAK_SHARE) - 1))
     )
-    c = b / WINDOW_PEAK_SHARE
-    share = np.linspace(0.0, 1.0, round(WINDOW_LENGTH * duration_s / TIME_STEP_S) + 1)
-    return (np.e / WINDOW_PEAK_SHARE) ** b * share**b * np.exp(-c * share)
+    c = b / _WINDOW_PEAK_SHARE
+    share = np.linspace(0.0, 1.0, round(_WINDOW_LENGTH * duration_s / _TIME_STEP_S) + 1)
+    return (np.e / _WINDOW_PEAK_SHARE) ** b * share**b * np.exp(-c * share)
 
 
 def velocity_pulse_m_s(
@@ -225,21 +225,21 @@ def _add_pulse(
     the time of the noise's largest velocity.
     """
     period = 10 ** (-2.9 + 0.5 * scenario.magnitude) * np.exp(0.3 * rng.standard_normal())
-    velocity = MEDIAN_PULSE_VELOCITY_M_S * np.exp(0.3 * rng.standard_normal())
+    velocity = _MEDIAN_PULSE_VELOCITY_M_S * np.exp(0.3 * rng.standard_normal())
     cycles, phase = rng.uniform(1.2, 2.5), rng.uniform(0, 2 * np.pi)
     noise = np.fft.irfft(spectra[0], samples)
     speed = np.abs(np.cumsum(noise - noise.mean()))
-    time: NDArray[np.float64] = (np.arange(samples, dtype=np.float64) - speed.argmax()) * TIME_STEP_S
+    time: NDArray[np.float64] = (np.arange(samples, dtype=np.float64) - speed.argmax()) * _TIME_STEP_S
     reach = cycles * period / 2  # kept inside of the record
     time += max(0.0, reach - time[-1]) - max(0.0, reach + time[0])
-    pulse = np.gradient(velocity_pulse_m_s(time, velocity, period, cycles, phase), TIME_STEP_S)
+    pulse = np.gradient(velocity_pulse_m_s(time, velocity, period, cycles, phase), _TIME_STEP_S)
     pulse_spectrum = np.fft.rfft(pulse)
     rest = np.abs(np.abs(spectra[0]) - np.abs(pulse_spectrum))
     spectra[0] = rest * np.exp(1j * np.angle(spectra[0])) + pulse_spectrum
     return f"near-fault pulse along x: {velocity:.2f} m/s, period {period:.2f} s, {cycles:.2f} cycles"
 
 
-TARGET_PGV_PGA_S = (0.04, 0.25)
+_TARGET_PGV_PGA_S = (0.04, 0.25)
 """5th and 95th percentile of PGV/PGA that an ensemble for toppling should span."""
 BOORE_1997: Mapping[str, tuple[float, ...]] = {
     "pga_rotd50_m_s2": (-0.242, 0.527, 0.0, -0.778, -0.371, 1396.0, 5.57),
@@ -248,7 +248,7 @@ BOORE_1997: Mapping[str, tuple[float, ...]] = {
     "sa_rotd50_2s_m_s2": (-1.743, 1.085, -0.085, -0.812, -0.655, 1795.0, 5.85),
 }
 """b1, b2, b3, b5, bV, VA, h of Boore, Joyner and Fumal (1997, Seism. Res. Lett. 68, 128-153), any fault."""
-ROCK_VELOCITY_M_S = 620.0
+_ROCK_VELOCITY_M_S = 620.0
 
 
 def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:
@@ -261,7 +261,7 @@ def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> 
         + b2 * shift
         + b3 * shift**2
         + b5 * np.log(distance)
-        + slope * np.log(ROCK_VELOCITY_M_S / reference)
+        + slope * np.log(_ROCK_VELOCITY_M_S / reference)
     )
     return float(9.80665 * np.exp(ln_g))
 
@@ -282,7 +282,7 @@ def against_targets(records: Sequence[Record]) -> list[str]:
     ratio = np.percentile([r.intensity["pgv_pga_s"] for r in records], [5, 95])
     lines = [
         f"{'PGV/PGA, 5th and 95th percentile':<44}{ratio[0]:.3f} and {ratio[1]:.3f} s"
-        f"   target {TARGET_PGV_PGA_S[0]} and {TARGET_PGV_PGA_S[1]} s"
+        f"   target {_TARGET_PGV_PGA_S[0]} and {_TARGET_PGV_PGA_S[1]} s"
     ]
     plain = [
         (r.magnitude, r.distance_km, r.intensity)

@@ -12,10 +12,10 @@ from toppling.models.motions.formats.component import UP, Component
 from toppling.models.motions.metadata import Entry
 from toppling.models.motions.stations import Triple, triple
 
-SAME_INSTRUMENT = 1.25
+_SAME_INSTRUMENT = 1.25
 """Factor within which the sensitivities of one instrument's channels lie."""
 
-SAME_UNIT = 1e-3
+_SAME_UNIT = 1e-3
 """Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
 
 
@@ -149,7 +149,7 @@ def _refuse_other_direction(name: str, component: Component, entry: Entry) -> No
 
 def _refuse_other_unit(component: Component, entry: Entry) -> None:
     by_name, by_row = component.stated_unit_m_s2, entry.unit_m_s2
-    if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=SAME_UNIT):
+    if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=_SAME_UNIT):
         return
     raise InputError(
         f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by the names in {component.path.name}",
@@ -177,12 +177,12 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
         if not peak or peak < 0 or about_mean == 0:
             return channels
         scales.append(peak / about_mean)
-    if max(scales) > SAME_INSTRUMENT * min(scales):
+    if max(scales) > _SAME_INSTRUMENT * min(scales):
         listed = ", ".join(f"{scale:.4g}" for scale in scales)
         raise InputError(
             f"the peaks that the table states scale the channels by {listed} m/s2",
             where=entry.where,
-            expected=f"one scale within a factor of {SAME_INSTRUMENT:g}, as one instrument has",
+            expected=f"one scale within a factor of {_SAME_INSTRUMENT:g}, as one instrument has",
             remedy="state the samples' unit in the column 'unit', or give the StationXML",
         )
     note = (

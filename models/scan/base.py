@@ -11,37 +11,37 @@ from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sh
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
-RIM_PER_HEIGHT = 0.06
+_RIM_PER_HEIGHT = 0.06
 """Height over the interface up to which the seen underside shapes the hidden one."""
-RIM_CELLS = 5
+_RIM_CELLS = 5
 """Of seen cells so near to each other, the lowest carries the hidden base; the others are the rock's side."""
-RIM_SPREAD_PER_HEIGHT = 0.0003
+_RIM_SPREAD_PER_HEIGHT = 0.0003
 """Cells this little higher than the lowest are as low."""
-TENSION = 0.05
+_TENSION = 0.05
 """Of the hidden base's membrane over its plate's stiffness, cells: what keeps it from dipping below its rim."""
-CLOSING_CELLS = (12, 24, 48, 96)
+_CLOSING_CELLS = (12, 24, 48, 96)
 """Gaps in the seen rim, half as wide, that are bridged: the first that leave a base of some size."""
-LEAST_BASE_SHARE = 0.3
+_LEAST_BASE_SHARE = 0.3
 """Share of the seen underside's convex hull that a hidden base takes up at least."""
-SHARP_RIM_PER_HEIGHT = 0.003
+_SHARP_RIM_PER_HEIGHT = 0.003
 """Median height to which the rim of a flat, sharp-edged base is seen: the spacing of points."""
-RELIEF_OF_RIM = 0.6
+_RELIEF_OF_RIM = 0.6
 """Relief of the hidden base over the rim's height beyond that: known bases are off by 0.2 to 0.7 of it."""
-RELIEF_LENGTH_PER_HEIGHT = 0.05
-HOLE_STIFFNESS = 0.02
-RESTING_PER_HEIGHT = 0.0008
+_RELIEF_LENGTH_PER_HEIGHT = 0.05
+_HOLE_STIFFNESS = 0.02
+_RESTING_PER_HEIGHT = 0.0008
 """The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
-HOLE_SPACINGS = 1.3
+_HOLE_SPACINGS = 1.3
 """A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
 CORES_OF_HOLES = (0.8, 0.6, 0.4, 0.2, 0.0)
 """The rock rests where a foot's hole is at least this share of its greatest depth: the first on which it stands."""
-FLAT_SHARE = 0.5
+_FLAT_SHARE = 0.5
 """A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
-SIDE_PER_HEIGHT = 0.006
+_SIDE_PER_HEIGHT = 0.006
 """A side seen down to this height, with no pedestal seen behind it, stands on the pedestal."""
 LEAST_GAP_PER_HEIGHT = 0.003
 """Gap left where the pedestal was seen below the rock: a ray went through, from a rim that is higher."""
-WIDEST_SPACING_CELLS = 4.0
+_WIDEST_SPACING_CELLS = 4.0
 """Points farther apart than this are strays: no ray went through between them."""
 
 
@@ -75,8 +75,8 @@ def near_the_interface(
     height_m : float
         Height of the rock.
     """
-    low = rock[:, 2] < RIM_PER_HEIGHT * height_m
-    lit = np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m
+    low = rock[:, 2] < _RIM_PER_HEIGHT * height_m
+    lit = np.abs(pedestal[:, 2]) < 0.5 * _RIM_PER_HEIGHT * height_m
     low[low] = not_strays(rock[low])
     lit[lit] = not_strays(pedestal[lit], alone=6.0)
     return low, lit
@@ -149,7 +149,7 @@ class Underside:
         side = smooth_sheet(self.grid, np.where(self.seen, self.seen_m, 0.0), np.where(self.seen, 3.0, 0.0))
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
         sheet = np.where(self.hidden, sheet_m, side - away)
-        return Base(self.grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), self.hidden)
+        return Base(self.grid, np.where(sheet < _RESTING_PER_HEIGHT * height_m, 0.0, sheet), self.hidden)
 
 
 def hidden_base(
@@ -191,9 +191,9 @@ def hidden_base(
     rests = _deepest(depth, hidden, core)
     if outline is not None:
         rests, depth = outline, np.where(outline, 10.0, 0.0)
-    weight = np.where(under.carries, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
-    sheet = smooth_sheet(grid, np.where(under.carries, under.seen_m, 0.0), weight, tension=TENSION)
-    low_side = under.seen & (under.seen_m < SIDE_PER_HEIGHT * height_m)
+    weight = np.where(under.carries, 3.0, np.where(rests, _HOLE_STIFFNESS * depth**2, 0.0))
+    sheet = smooth_sheet(grid, np.where(under.carries, under.seen_m, 0.0), weight, tension=_TENSION)
+    low_side = under.seen & (under.seen_m < _SIDE_PER_HEIGHT * height_m)
     to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
@@ -206,11 +206,11 @@ def hidden_base(
 def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed."""
     hull = ConvexHull(np.argwhere(seen)).volume
-    for reach in CLOSING_CELLS:
+    for reach in _CLOSING_CELLS:
         closed = ndimage.binary_closing(np.pad(seen, reach), iterations=reach)[reach:-reach, reach:-reach]
         hidden = ndimage.binary_fill_holes(closed | seen) & ~seen
         hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
-        if hidden.sum() > LEAST_BASE_SHARE * hull:
+        if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break
     return hidden
 
@@ -220,18 +220,18 @@ def _lowest_of_rim(
 ) -> NDArray[np.bool_]:
     """Seen cells that are the lowest around."""
     known = np.where(seen, height, np.inf)
-    return seen & (known <= ndimage.minimum_filter(known, RIM_CELLS) + RIM_SPREAD_PER_HEIGHT * height_m)
+    return seen & (known <= ndimage.minimum_filter(known, _RIM_CELLS) + _RIM_SPREAD_PER_HEIGHT * height_m)
 
 
 def _unseen_relief(
     grid: Grid, rim: NDArray[np.float64], height_m: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Smooth random heights, as rough as a base whose rim hangs so high over the pedestal may be."""
-    beyond = float(np.median(rim)) - SHARP_RIM_PER_HEIGHT * height_m if len(rim) else 0.0
+    beyond = float(np.median(rim)) - _SHARP_RIM_PER_HEIGHT * height_m if len(rim) else 0.0
     waves = ndimage.gaussian_filter(
-        rng.normal(size=grid.shape), RELIEF_LENGTH_PER_HEIGHT * height_m / grid.cell_m
+        rng.normal(size=grid.shape), _RELIEF_LENGTH_PER_HEIGHT * height_m / grid.cell_m
     )
-    return RELIEF_OF_RIM * max(beyond, 0.0) * waves / waves.std()
+    return _RELIEF_OF_RIM * max(beyond, 0.0) * waves / waves.std()
 
 
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -248,7 +248,7 @@ def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_], core: float)
     deepest = np.append(0.0, ndimage.maximum(depth, holes, np.arange(1, count + 1)))
     deepest = np.where(deepest < 2.0, 1e9, deepest)  # cells: a gap between rows of points
     share = np.append(1.0, np.bincount(holes.ravel(), minlength=count + 1)[1:] / hidden.sum())
-    least = np.where(share > FLAT_SHARE, 0.0, core * deepest)
+    least = np.where(share > _FLAT_SHARE, 0.0, core * deepest)
     return (depth > 0) & (depth >= least[holes])
 
 
@@ -272,7 +272,7 @@ def _hole_depth(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
     distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
     used, inverse = np.unique(nearest, return_inverse=True)
     spacing = tree.query(lit[used, :2], 7)[0][:, -1]
-    spacing = np.clip(spacing, grid.cell_m, WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
-    return np.minimum(np.maximum(distance - HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
+    spacing = np.clip(spacing, grid.cell_m, _WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
+    return np.minimum(np.maximum(distance - _HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
         grid.shape
     )

@@ -15,15 +15,15 @@ from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
 BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
-EVIDENCE_SHARE = 0.15
+_EVIDENCE_SHARE = 0.15
 """Power to which the rim's likelihood is taken: errors of neighbouring places are not independent."""
-EDGE_PER_WIDTH, EDGE_LENGTH_PER_WIDTH, EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
+_EDGE_PER_WIDTH, _EDGE_LENGTH_PER_WIDTH, _EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
 """Of a flat base's edge, over the root of its area: how high it is broken, over what length, and how rough it is."""
-BOWL_PER_WIDTH = 0.05
+_BOWL_PER_WIDTH = 0.05
 """Of a rounded base: standard deviation of what it rises to its outline, over the root of its area."""
-ROUNDED_PER_WIDTH = ((0.006, 0.7, 0.002), (0.012, 0.7, 0.002), (0.048, 2.0, 0.002))
+_ROUNDED_PER_WIDTH = ((0.006, 0.7, 0.002), (0.012, 0.7, 0.002), (0.048, 2.0, 0.002))
 """What a rounded base has beside its bowl: relief, its length, roughness, over the root of its area."""
-CLOSED_STDS = 2.0
+_CLOSED_STDS = 2.0
 """A rim that hangs by fewer standard deviations of its error may be closed."""
 
 
@@ -36,9 +36,9 @@ def bowls(width_m: float) -> list[Relief]:
             length * width_m,
             rough * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,
-            bowl_m=BOWL_PER_WIDTH * width_m,
+            bowl_m=_BOWL_PER_WIDTH * width_m,
         )
-        for shape, length, rough in ROUNDED_PER_WIDTH
+        for shape, length, rough in _ROUNDED_PER_WIDTH
     ]
 
 
@@ -54,14 +54,14 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
     """
     seen, width_m = part.observed, part.width_m
     gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
-    closed = seen.gap_m < CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
+    closed = seen.gap_m < _CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
     gap_m[seen.known[closed]] = 0.0
     gap_m[seen.touching] = 0.0
     edge = Relief(
         0.0,
-        EDGE_PER_WIDTH * width_m,
-        EDGE_LENGTH_PER_WIDTH * width_m,
-        EDGE_ROUGH_PER_WIDTH * width_m,
+        _EDGE_PER_WIDTH * width_m,
+        _EDGE_LENGTH_PER_WIDTH * width_m,
+        _EDGE_ROUGH_PER_WIDTH * width_m,
         ROUGH_LENGTH_PER_WIDTH * width_m,
     )
     likelihood = flat_log_likelihood(seen, edge)
@@ -83,7 +83,7 @@ def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     kind = np.array([gap.kind for gap in gaps])
     found = [each for each in KINDS if (kind == each).any()]
     evidence = [logsumexp(likelihood[kind == each]) - np.log((kind == each).sum()) for each in found]
-    logs = EVIDENCE_SHARE * np.array(evidence) + np.log([BEFORE[each] for each in found])
+    logs = _EVIDENCE_SHARE * np.array(evidence) + np.log([BEFORE[each] for each in found])
     return dict(zip(found, np.exp(logs - logsumexp(logs)).tolist(), strict=True))
 
 

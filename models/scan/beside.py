@@ -22,28 +22,28 @@ CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
 TILTS_DEG = np.arange(0.0, 54.0, 1.5)
 """Beyond, it has fallen, and what it then meets does not catch it."""
-WAYS = 36
-BASE_PER_HEIGHT = 0.06
+_WAYS = 36
+_BASE_PER_HEIGHT = 0.06
 """What of the rock is lower may be what it tips over."""
-ABOVE_PER_HEIGHT = 0.05
+_ABOVE_PER_HEIGHT = 0.05
 """What is lower is the ground's relief."""
-LEAST_PATCHES = 25
+_LEAST_PATCHES = 25
 """Fewer in reach are strays: an area of .05 by .05 of the height."""
-STEEP = 0.5
+_STEEP = 0.5
 """Cosine to the interface's normal below which a patch is no ground."""
-HIGHEST_GROUND_PER_HEIGHT = 0.25
-FROM_PER_HEIGHT = -0.02
+_HIGHEST_GROUND_PER_HEIGHT = 0.25
+_FROM_PER_HEIGHT = -0.02
 """The mesh begins so far from the interface."""
-ALIKE, OFF_VOXELS = 0.8, 0.5
+_ALIKE, _OFF_VOXELS = 0.8, 0.5
 """Neighbours of one sheet: cosine between their normals, and how far one lies off the plane of the other."""
-FACES = 0.2
+_FACES = 0.2
 """Cosine between a steep patch's normal and the way to the rock from which it faces the rock, or away from it."""
-STRAYS = 0.005
+_STRAYS = 0.005
 """Share of the rock's patches that may hang between it and what is beside, and tell no distance."""
-POISSON_DEPTH = 6
-NEAR_VOXELS = 2.5
+_POISSON_DEPTH = 6
+_NEAR_VOXELS = 2.5
 """Of the reconstructed surface so much about the patches was seen; holes in it are closed."""
-ERROR_PER_HEIGHT = 0.002
+_ERROR_PER_HEIGHT = 0.002
 """Triangles are joined while the surface moves by less: what is flat becomes a few."""
 
 
@@ -93,15 +93,15 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     own = interface.over(surfels.points_m[rock])
     own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
     other = interface.over(surfels.points_m)
-    high = pedestal & (other[:, 2] > ABOVE_PER_HEIGHT * height_m)
-    foot = own[own[:, 2] < BASE_PER_HEIGHT * height_m]
+    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m)
+    foot = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
     found = np.zeros(len(rock), bool)
     if not high.any() or len(foot) < 3:
         return found
     first = np.floor(other[high].min(axis=0) / cell).astype(int) - 2
     shape = np.floor(other[high].max(axis=0) / cell).astype(int) - first + 3
     swept = np.zeros(shape, bool)
-    for way in 2.0 * np.pi * np.arange(WAYS) / WAYS:
+    for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS:
         outward = np.array([np.cos(way), np.sin(way), 0.0])
         pivot = foot[np.argmax(foot @ outward)] * [1.0, 1.0, 0.0]
         for tilt in np.deg2rad(TILTS_DEG):
@@ -114,13 +114,13 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
         swept[tuple((near + np.array(step) - 1).T)] = True
     place = np.floor(other[high] / cell).astype(int) - first
     found[high] = swept[tuple(place.T)]
-    return found if found.sum() >= LEAST_PATCHES else np.zeros(len(rock), bool)
+    return found if found.sum() >= _LEAST_PATCHES else np.zeros(len(rock), bool)
 
 
 def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float) -> Flags:
     """Which patches (n,) of the pedestal, at u, v and a height over it, a map of heights shows."""
-    level = normals @ interface.normal > STEEP
-    return level & (np.abs(flat[:, 2]) < HIGHEST_GROUND_PER_HEIGHT * height_m)
+    level = normals @ interface.normal > _STEEP
+    return level & (np.abs(flat[:, 2]) < _HIGHEST_GROUND_PER_HEIGHT * height_m)
 
 
 def stands_beside(
@@ -140,7 +140,7 @@ def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface,
     shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
     shown &= ~is_ground(flat, surfels.normals, interface, height_m)
     shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
-    return shown if (shown & reached).sum() >= LEAST_PATCHES else np.zeros_like(shown)
+    return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)
 
 
 def beside(
@@ -174,7 +174,7 @@ def _nearest(vertices_m: Array, faces: Indices, points_m: Array) -> tuple[Array,
     found = scene.compute_closest_points(o3d.core.Tensor.from_numpy(points_m.astype(np.float32)), nthreads=1)
     places = found["points"].numpy().astype(float)
     distance = np.linalg.norm(places - points_m, axis=1)
-    order = np.argsort(distance)[int(STRAYS * len(distance))]
+    order = np.argsort(distance)[int(_STRAYS * len(distance))]
     return places[order], float(distance[order])
 
 
@@ -183,18 +183,18 @@ def _in_sheets(points_m: Array, normals: Array, voxel_m: float) -> Flags:
     pairs = cKDTree(points_m).query_pairs(2.0 * voxel_m, output_type="ndarray")
     along = points_m[pairs[:, 1]] - points_m[pairs[:, 0]]
     off = np.abs(np.einsum("ij,kij->ki", along, normals[pairs.T])).max(axis=0)
-    alike = np.abs(np.einsum("ij,ij->i", *normals[pairs.T])) > ALIKE
-    pairs = pairs[alike & (off < OFF_VOXELS * voxel_m)]
+    alike = np.abs(np.einsum("ij,ij->i", *normals[pairs.T])) > _ALIKE
+    pairs = pairs[alike & (off < _OFF_VOXELS * voxel_m)]
     part = joined_parts(pairs, len(points_m))
-    return np.asarray(np.bincount(part)[part] >= LEAST_PATCHES)
+    return np.asarray(np.bincount(part)[part] >= _LEAST_PATCHES)
 
 
 def _toward(axis_m: Array, points_m: Array, normals: Array, up: Array) -> Array:
     """Normals of steep patches turned toward the rock, from whose side it meets them: it hides their sky."""
     way = axis_m - points_m
     way -= (way @ up)[:, None] * up
-    away = np.einsum("ij,ij->i", normals, way) < -FACES * np.linalg.norm(way, axis=1)
-    turned = away & (np.abs(normals @ up) < STEEP)
+    away = np.einsum("ij,ij->i", normals, way) < -_FACES * np.linalg.norm(way, axis=1)
+    turned = away & (np.abs(normals @ up) < _STEEP)
     return np.where(turned[:, None], -normals, normals)
 
 
@@ -206,13 +206,13 @@ def _surface(
     cloud.normals = o3d.utility.Vector3dVector(normals)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-            cloud, depth=POISSON_DEPTH, n_threads=1
+            cloud, depth=_POISSON_DEPTH, n_threads=1
         )
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
     middle = vertices[faces].mean(axis=1)
-    over = interface.over(middle)[:, 2] > FROM_PER_HEIGHT * height_m
-    seen = cKDTree(points_m).query(middle)[0] < NEAR_VOXELS * voxel_m
-    margin = NEAR_VOXELS * voxel_m
+    over = interface.over(middle)[:, 2] > _FROM_PER_HEIGHT * height_m
+    seen = cKDTree(points_m).query(middle)[0] < _NEAR_VOXELS * voxel_m
+    margin = _NEAR_VOXELS * voxel_m
     low, high = points_m.min(axis=0) - margin, points_m.max(axis=0) + margin
     ends = ((vertices > high) | (vertices < np.append(low[:2], -np.inf))).any(axis=1)
     kept = over & (seen | _holes(faces, over & ~seen, ends))
@@ -226,7 +226,7 @@ def few_triangles(vertices_m: Array, faces: Indices, height_m: float) -> tuple[A
         o3d.utility.Vector3dVector(vertices_m[used]),
         o3d.utility.Vector3iVector(numbers.reshape(-1, 3).astype(np.int32)),
     )
-    mesh = mesh.simplify_quadric_decimation(1, (ERROR_PER_HEIGHT * height_m) ** 2, 1.0)
+    mesh = mesh.simplify_quadric_decimation(1, (_ERROR_PER_HEIGHT * height_m) ** 2, 1.0)
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
 
 

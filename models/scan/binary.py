@@ -18,21 +18,21 @@ from toppling.models.lengths import unit_of_remarks
 from toppling.models.scan import reference
 from toppling.models.scan.steps import coordinate_steps
 
-NOISE = (7, 18)
+_NOISE = (7, 18)
 """Classes of low and high noise in the LAS specification."""
-POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
+_POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
 """More than so many cannot be packed into a byte: a million points that are all equal take 7 kB of LAZ, 140 to one."""
-POINTS_AT_ONCE = 500_000
-PCD_HEADER_BYTES = 8192
+_POINTS_AT_ONCE = 500_000
+_PCD_HEADER_BYTES = 8192
 WKT = 2112
 """LAS's record of a coordinate system in words."""
-UNIT_QUATERNION = 1e-3
+_UNIT_QUATERNION = 1e-3
 """How far from one the length of a rotation's quaternion may be: writers round to four digits."""
-LZF_RATIO = 100
+_LZF_RATIO = 100
 """Largest size over that compressed of PCD's: three bytes stand for at most 264."""
-INVALID = "cartesianInvalidState", "sphericalInvalidState"
-CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
-SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_INVALID = "cartesianInvalidState", "sphericalInvalidState"
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 Points = tuple[dict[str, Any], list[NDArray]]
 
 
@@ -56,7 +56,7 @@ def las(path: Path) -> Points:
         points = np.empty((header.point_count, 3))
         station = np.empty(header.point_count, np.int32)
         filled = read = 0
-        for every in source.chunk_iterator(POINTS_AT_ONCE):
+        for every in source.chunk_iterator(_POINTS_AT_ONCE):
             read += len(every)
             deleted = _deleted(every)
             chunk = every[~deleted] if deleted.any() else every
@@ -73,7 +73,7 @@ def las(path: Path) -> Points:
 
 
 def _deleted(points: Any) -> NDArray[np.bool_]:
-    return np.asarray(points.withheld, bool) | np.isin(points.classification, NOISE)
+    return np.asarray(points.withheld, bool) | np.isin(points.classification, _NOISE)
 
 
 def classes(path: Path) -> Points:
@@ -83,7 +83,7 @@ def classes(path: Path) -> Points:
     with laspy.open(path) as source:
         parts = [
             np.asarray(every.classification, np.uint8)[~_deleted(every)]
-            for every in source.chunk_iterator(POINTS_AT_ONCE)
+            for every in source.chunk_iterator(_POINTS_AT_ONCE)
         ]
     return {}, [np.concatenate(parts)]
 
@@ -165,10 +165,10 @@ def e57(path: Path) -> Points:
 def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
     """Valid points (n, 3) of a scan in its own frame."""
     fields = set(header.point_fields)
-    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= fields), None)
+    axes = next((axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields), None)
     if axes is None:
         raise _damaged(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
-    names = [*axes, *(name for name in INVALID if name in fields and name[:4] == axes[0][:4])]
+    names = [*axes, *(name for name in _INVALID if name in fields and name[:4] == axes[0][:4])]
     data, buffers = source.make_buffers(names, header.point_count)
     reader = header.points.reader(buffers)
     read = reader.read()
@@ -178,7 +178,7 @@ def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
             f"{read} points of a scan can be read where its header counts {header.point_count}", path
         )
     points = np.column_stack([data[axis] for axis in axes]).astype(float)
-    if axes == SPHERICAL:
+    if axes == _SPHERICAL:
         far, around, up = points.T
         points = np.column_stack(
             [far * np.cos(up) * np.cos(around), far * np.cos(up) * np.sin(around), far * np.sin(up)]
@@ -192,7 +192,7 @@ def _posed(points: NDArray[np.float64], node: Any, path: Path) -> NDArray[np.flo
 
     turn, shift = _pose(node, "rotation", "xyzw", path), _pose(node, "translation", "xyz", path)
     if turn is not None:
-        if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < UNIT_QUATERNION):
+        if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
             raise _damaged(
                 f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path
             )
@@ -251,7 +251,7 @@ def pcd(path: Path) -> Points:
         np.zeros(len(points)),
     )
     with path.open("rb") as file:
-        head = file.read(PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
+        head = file.read(_PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
     header = _said(lambda: _of_remarks(remarks, path))
     return header | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
@@ -265,7 +265,7 @@ def _of_remarks(remarks: list[str], path: Path) -> tuple[str | None, reference.R
 def _pcd_points(path: Path) -> int:
     """Points that a PCD's header counts, if the file can hold them: Open3D leaves what is missing unset."""
     with path.open("rb") as file:
-        head = file.read(PCD_HEADER_BYTES)
+        head = file.read(_PCD_HEADER_BYTES)
     header: dict[str, list[str]] = {}
     at = 0
     for line in head.splitlines(keepends=True):
@@ -295,12 +295,12 @@ def _pcd_points(path: Path) -> int:
         if rows < count:
             raise _damaged(f"{rows} points follow where its header counts {count}: truncated", path)
     else:
-        _check_room(row * count, room * (1 if kind == "binary" else LZF_RATIO), count, path)
+        _check_room(row * count, room * (1 if kind == "binary" else _LZF_RATIO), count, path)
     return count
 
 
 def _check_count(count: int, path: Path) -> None:
-    _check_room(count, path.stat().st_size * POINTS_PER_BYTE[path.suffix.lower()], count, path)
+    _check_room(count, path.stat().st_size * _POINTS_PER_BYTE[path.suffix.lower()], count, path)
 
 
 def _check_room(needed: int, room: int, count: int, path: Path) -> None:

@@ -11,25 +11,25 @@ from scipy.spatial import cKDTree
 from toppling.models.joined import joined_parts
 from toppling.models.scan.surfels import Surfels, orient, thin
 
-COARSE_SURFELS = 25_000
+_COARSE_SURFELS = 25_000
 LEAST_PEAK_VOXELS = 6
 """A peak lower than this many coarse voxels is roughness."""
-SAMPLED_POINTS = 2_000_000
-ZOOMED = 3
-ZOOMED_SHARE = 0.4
+_SAMPLED_POINTS = 2_000_000
+_ZOOMED = 3
+_ZOOMED_SHARE = 0.4
 """So many of the highest candidates, and of such a share of the highest, are looked at from near by."""
-ZOOMS = 3
-BESIDE_HEIGHTS = 0.25
+_ZOOMS = 3
+_BESIDE_HEIGHTS = 0.25
 """How far around a candidate is looked at from near by, in its heights."""
-FINEST_VOXELS_PER_HEIGHT = 80
-TRIED_HEIGHTS = (1.0, 0.7, 0.45)
+_FINEST_VOXELS_PER_HEIGHT = 80
+_TRIED_HEIGHTS = (1.0, 0.7, 0.45)
 """Heights that a thing may have, over its drop to where it joins another."""
-NEARLY = 0.9
+_NEARLY = 0.9
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
-SURFACE_ROUGHNESS = 0.4
+_SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
 
@@ -46,18 +46,18 @@ class Candidate:
 
 
 def surfels_of(points_m: NDArray[np.float64], finest_m: float = 0.0) -> Surfels:
-    """Thin a cloud to about `COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
-    sample = points_m[:: max(1, len(points_m) // SAMPLED_POINTS)]
+    """Thin a cloud to about `_COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
+    sample = points_m[:: max(1, len(points_m) // _SAMPLED_POINTS)]
     voxel = max(float(np.ptp(sample, axis=0).max()) / 150, finest_m)
     thinned, _ = thin(sample, voxel)
     for _ in range(6):
-        enough = 0.7 * COARSE_SURFELS < len(thinned) < 1.4 * COARSE_SURFELS or len(thinned) > 0.5 * len(
+        enough = 0.7 * _COARSE_SURFELS < len(thinned) < 1.4 * _COARSE_SURFELS or len(thinned) > 0.5 * len(
             sample
         )
-        if enough or (voxel == finest_m and len(thinned) < COARSE_SURFELS):
+        if enough or (voxel == finest_m and len(thinned) < _COARSE_SURFELS):
             break
         # A surface's voxels go with the inverse square of their size.
-        voxel = max(voxel * np.sqrt(len(thinned) / COARSE_SURFELS), finest_m)
+        voxel = max(voxel * np.sqrt(len(thinned) / _COARSE_SURFELS), finest_m)
         thinned, _ = thin(sample, voxel)
     return orient(thinned, voxel)
 
@@ -74,7 +74,7 @@ def find_candidates(points_m: NDArray[np.float64], coarse: Surfels) -> list[Cand
         if candidate is not None and not any(_overlap(candidate, other) for other in found):
             found.append(candidate)
     found.sort(key=lambda each: -each.height_m)
-    large = [each for each in found[:ZOOMED] if each.height_m > ZOOMED_SHARE * found[0].height_m]
+    large = [each for each in found[:_ZOOMED] if each.height_m > _ZOOMED_SHARE * found[0].height_m]
     kept: list[Candidate] = []
     for candidate in [*(_seen_near_by(points_m, each) for each in large), *found[len(large) :]]:
         if not any(np.linalg.norm(candidate.top_m - each.top_m) < coarse.voxel_m for each in kept):
@@ -89,25 +89,25 @@ def _overlap(one: Candidate, other: Candidate) -> bool:
 
 def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate:
     """Cut a candidate again with as many patches around it alone as the whole cloud had; twice, if it shrank."""
-    for _ in range(ZOOMS):
+    for _ in range(_ZOOMS):
         rock = coarse.surfels.points_m[coarse.rock]
         axis, height = rock[:, :2].mean(axis=0), coarse.height_m
-        reach = np.hypot(*(rock[:, :2] - axis).T).max() + BESIDE_HEIGHTS * height
-        around = np.flatnonzero(points_m[:, 2] > rock[:, 2].min() - BESIDE_HEIGHTS * height)
+        reach = np.hypot(*(rock[:, :2] - axis).T).max() + _BESIDE_HEIGHTS * height
+        around = np.flatnonzero(points_m[:, 2] > rock[:, 2].min() - _BESIDE_HEIGHTS * height)
         around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
-        around = around[:: max(1, len(around) // SAMPLED_POINTS)]
-        surfels = surfels_of(points_m[around], height / FINEST_VOXELS_PER_HEIGHT)
+        around = around[:: max(1, len(around) // _SAMPLED_POINTS)]
+        surfels = surfels_of(points_m[around], height / _FINEST_VOXELS_PER_HEIGHT)
         if surfels.voxel_m > 0.9 * coarse.surfels.voxel_m:
             break  # nothing to be seen that was not seen before
         edges = neighbourhood(surfels.points_m, surfels.voxel_m)
         near = np.hypot(*(surfels.points_m[:, :2] - coarse.top_m[:2]).T) < 2.0 * coarse.surfels.voxel_m
         peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
-        rim |= surfels.points_m[:, 2] < rock[:, 2].min() - BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
+        rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
         finer = _cut_off(surfels, edges, peak, height, rim)
         if finer is None:
             break
-        if LEAST_CONCAVE_SHARE < finer.concave_share < NEARLY * coarse.concave_share:
+        if LEAST_CONCAVE_SHARE < finer.concave_share < _NEARLY * coarse.concave_share:
             break  # it stands there, but where points are sparse finer patches fall apart
         coarse = finer
     return coarse
@@ -174,12 +174,12 @@ def _cut_off(
     How high it is nobody knows yet (a shelf below it belongs to the drop, and some peaks join nothing): the largest
     thing is taken whose cut runs through creases nearly as much as the best one's. The border is no part of it.
     """
-    tried = [_cut_at(surfels, edges, peak, share * height_m, border) for share in TRIED_HEIGHTS]
+    tried = [_cut_at(surfels, edges, peak, share * height_m, border) for share in _TRIED_HEIGHTS]
     found = [each for each in tried if each is not None]
     if not found:
         return None
     best = max(each.concave_share for each in found)
-    return max((c for c in found if c.concave_share >= NEARLY * best), key=lambda each: int(each.rock.sum()))
+    return max((c for c in found if c.concave_share >= _NEARLY * best), key=lambda each: int(each.rock.sum()))
 
 
 def _cut_at(
@@ -216,7 +216,7 @@ def cut_between(
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
     rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
     rock = component_of(peak, rock, edges)
-    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > SURFACE_ROUGHNESS:
+    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
     loop = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]

@@ -20,22 +20,22 @@ from toppling.models.scan.candidates import (
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.surfels import Surfels
 
-LEVEL, LIKE = 0.8, 0.97
+_LEVEL, _LIKE = 0.8, 0.97
 """Cosines: of a patch's normal to the vertical where something can stand, and between neighbours in one plane."""
-LEAST_OF_A_PLANE = 80
+_LEAST_OF_A_PLANE = 80
 """Fewer patches are no plane that carries anything."""
-FLAT_VOXELS = 1.0
+_FLAT_VOXELS = 1.0
 """Root mean square distance of a plane's patches from it, in their width."""
-FOOT_VOXELS, BESIDE_VOXELS, ABOVE_VOXELS = 6.0, 6.0, 2.0
-SECTORS, SURROUNDED = 24, 0.6
+_FOOT_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS = 6.0, 6.0, 2.0
+_SECTORS, _SURROUNDED = 24, 0.6
 """Share of the directions around its foot in which the plane must be seen beside a thing that it carries."""
-CREASED = 0.2
+_CREASED = 0.2
 """Share of the cut's edges that must run through a crease, where a plane around it tells of the thing as well."""
-OF_THE_RELIEF = 0.3
+_OF_THE_RELIEF = 0.3
 """One thing alone that has this share of the cloud's relief is meant, whatever planes carry."""
-TALLER = 2.0
+_TALLER = 2.0
 """A thing that a plane carries is meant before others if it is so many times as high as they are."""
-OF_A_STACK = 0.5
+_OF_A_STACK = 0.5
 """Of two things one upon the other the upper is meant if it has this share of the height of both."""
 
 
@@ -57,7 +57,7 @@ def find_carried(surfels: Surfels) -> list[Candidate]:
         below = [k for k, other in enumerate(kept) if (each.rock & other.rock).sum() > 0.5 * each.rock.sum()]
         if not below:
             kept.append(each)
-        elif each.height_m > OF_A_STACK * kept[below[0]].height_m:
+        elif each.height_m > _OF_A_STACK * kept[below[0]].height_m:
             kept[below[0]] = each
     return kept
 
@@ -78,30 +78,30 @@ def carried_instead(
     """
     relief = float(np.ptp(surfels.points_m[:, 2]))
     highest = standing[0].height_m if standing else 0.0
-    if TALLER * highest > relief or (len(standing) == 1 and highest > OF_THE_RELIEF * relief):
+    if _TALLER * highest > relief or (len(standing) == 1 and highest > _OF_THE_RELIEF * relief):
         return None
     for each in find_carried(surfels):
         rock = surfels.points_m[each.rock, :2]
         covers = near_m is None or ((near_m > rock.min(axis=0)) & (near_m < rock.max(axis=0))).all()
-        if covers and each.height_m > TALLER * highest:
+        if covers and each.height_m > _TALLER * highest:
             return each
     return None
 
 
 def level_planes(surfels: Surfels, edges: NDArray[np.int64]) -> list[Interface]:
     """Planes of patches that something can stand on, the widest first."""
-    level = surfels.normals[:, 2] > LEVEL
-    alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > LIKE
+    level = surfels.normals[:, 2] > _LEVEL
+    alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _LIKE
     inside = edges[level[edges].all(axis=1) & alike]
     count = len(level)
     part = joined_parts(inside, count)
     sizes = np.bincount(part[level], minlength=part.max() + 1)
     planes = []
     for number in np.argsort(-sizes)[:12]:
-        if sizes[number] < LEAST_OF_A_PLANE:
+        if sizes[number] < _LEAST_OF_A_PLANE:
             break
         plane = fitted_plane(surfels.points_m[part == number])
-        if plane.roughness_m < FLAT_VOXELS * surfels.voxel_m:
+        if plane.roughness_m < _FLAT_VOXELS * surfels.voxel_m:
             planes.append(plane)
     return planes
 
@@ -111,8 +111,8 @@ def _on_plane(surfels: Surfels, edges: NDArray[np.int64], plane: Interface) -> l
     points, voxel = surfels.points_m, surfels.voxel_m
     flat = plane.flat(points)
     height = flat[:, 2]
-    top = (np.abs(height) < ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
-    above = height > ABOVE_VOXELS * voxel
+    top = (np.abs(height) < _ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > _LEVEL)
+    above = height > _ABOVE_VOXELS * voxel
     inside = edges[above[edges].all(axis=1)]
     part = joined_parts(inside, len(points))
     sizes = np.bincount(part[above], minlength=part.max() + 1)
@@ -121,18 +121,18 @@ def _on_plane(surfels: Surfels, edges: NDArray[np.int64], plane: Interface) -> l
         if sizes[number] < LEAST_SURFELS:
             break
         thing = above & (part == number)
-        foot = thing & (height < FOOT_VOXELS * voxel)
+        foot = thing & (height < _FOOT_VOXELS * voxel)
         if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not foot.any() or not top.any():
             continue
         away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
-        beside = flat[top][away < BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
-        turn = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
-        if len(np.unique(turn)) < SURROUNDED * SECTORS:
+        beside = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
+        turn = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS) % _SECTORS
+        if len(np.unique(turn)) < _SURROUNDED * _SECTORS:
             continue
         peak = int(np.argmax(np.where(thing, height, -np.inf)))
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
         candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
-        if candidate is not None and candidate.concave_share > CREASED:
+        if candidate is not None and candidate.concave_share > _CREASED:
             found.append(candidate)
     return found
 
@@ -161,5 +161,5 @@ def thing_and_rest(
     seeds = component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)
     axis = np.median(points[seeds, :2], axis=0)
     reach = 1.2 * height_m[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
-    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -ABOVE_VOXELS * surfels.voxel_m)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -_ABOVE_VOXELS * surfels.voxel_m)
     return seeds, far & ~seeds

@@ -17,33 +17,33 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Planes, Sheet
 from toppling.models.scan.surfels import Surfels
 
-RING_PER_HEIGHT = 0.12
+_RING_PER_HEIGHT = 0.12
 """Patches of the pedestal so near the rock tell how its surface goes on below."""
-NARROW_PER_HEIGHT = 0.05
+_NARROW_PER_HEIGHT = 0.05
 """The same where the surface bends: what lies farther off may bend otherwise."""
-UPWARD = 0.3
+_UPWARD = 0.3
 """Cosine to the vertical above which a patch can carry a rock."""
-LEAST_PATCHES = 60
-OFF_PER_HEIGHT = 0.01
+_LEAST_PATCHES = 60
+_OFF_PER_HEIGHT = 0.01
 """A surface that stays so near to one plane below the rock is that plane, as for contacts (`ground.kind`)."""
-LEAST_BEND_DEG = 3.0
+_LEAST_BEND_DEG = 3.0
 """Facets that differ by less, and curves whose rim slopes by less, are one plane."""
-FACET_PER_HEIGHT = 0.004
+_FACET_PER_HEIGHT = 0.004
 """Patches so near a facet's plane are its own."""
-FACET_DEG = 12.0
+_FACET_DEG = 12.0
 """The same for their normals."""
-LEAST_SHARE = 0.1
+_LEAST_SHARE = 0.1
 """Of the ring that a facet takes up."""
-EXPLAINED = 0.85
+_EXPLAINED = 0.85
 """Of the ring, facets that together take up less are none."""
-MOST_OF_MEDIAN = 12.0
+_MOST_OF_MEDIAN = 12.0
 """Area that a patch counts for, over the median's: where points are few, each patch stands for more."""
-MOST_FACETS = 3
-SEEDS, SEED_TOLERANCES = 60, 10.0
+_MOST_FACETS = 3
+_SEEDS, _SEED_TOLERANCES = 60, 10.0
 """Patches from which facets are grown, and how far around them a plane is first fitted."""
-CURVES_BETTER = 0.7
+_CURVES_BETTER = 0.7
 """A curve must leave less than this share of a plane's misfit ..."""
-CURVE_NOISE_PER_HEIGHT = 0.0012
+_CURVE_NOISE_PER_HEIGHT = 0.0012
 """... and not more than this: bumps beside a flat contact are no dome."""
 
 
@@ -63,7 +63,7 @@ def carried_surface(
         Plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
     beside, away, rim = _ring(surfels, rock, height_m)
-    if beside.sum() < LEAST_PATCHES or len(rim) < LEAST_PATCHES:
+    if beside.sum() < _LEAST_PATCHES or len(rim) < _LEAST_PATCHES:
         return None
     points, normals, away = surfels.points_m[beside], surfels.normals[beside], away[beside]
     frame = given or _plane_of(points, _areas(points))
@@ -73,9 +73,9 @@ def carried_surface(
     except QhullError:
         return None
     below = _inside(ring, surfels.voxel_m)
-    narrow = away < NARROW_PER_HEIGHT * height_m
+    narrow = away < _NARROW_PER_HEIGHT * height_m
     found = _faceted(flat, flat_normals, height_m)
-    if found is None and narrow.sum() > LEAST_PATCHES:
+    if found is None and narrow.sum() > _LEAST_PATCHES:
         found = _curved(flat[narrow], below, height_m)
     if found is None or not _leaves_the_plane(found, below, height_m):
         return None
@@ -107,7 +107,7 @@ def _ring(
 ) -> tuple[NDArray[np.bool_], Array, Array]:
     """Which patches carry a rock and lie beside it, the distance of each from it, and places (k, 3) of its rim."""
     away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
-    beside = ~rock & (surfels.normals[:, 2] > UPWARD) & (away < RING_PER_HEIGHT * height_m)
+    beside = ~rock & (surfels.normals[:, 2] > _UPWARD) & (away < _RING_PER_HEIGHT * height_m)
     if not beside.any():
         return beside, away, np.zeros((0, 3))
     near_ground = cKDTree(surfels.points_m[beside]).query(surfels.points_m[rock])[0]
@@ -141,7 +141,7 @@ def _lattice_m(below: Array, height_m: float) -> float:
 def _areas(points: Array) -> Array:
     """What each patch stands for, but for a factor: more where few were measured."""
     area = cKDTree(points).query(points, min(7, len(points)))[0][:, -1] ** 2
-    return np.minimum(area, MOST_OF_MEDIAN * np.median(area))
+    return np.minimum(area, _MOST_OF_MEDIAN * np.median(area))
 
 
 def _plane_of(points: Array, area: Array) -> Interface:
@@ -167,7 +167,7 @@ def _leaves_the_plane(sheet: Sheet, below: Array, height_m: float) -> bool:
     over = sheet.at(below)
     design = np.column_stack([np.ones(len(below)), below])
     off = over - design @ np.linalg.lstsq(design, over, rcond=None)[0]
-    return bool(np.abs(off).max() > OFF_PER_HEIGHT * height_m)
+    return bool(np.abs(off).max() > _OFF_PER_HEIGHT * height_m)
 
 
 def _roughness_m(sheet: Sheet, below: Array) -> float:
@@ -182,8 +182,8 @@ def _faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
         return None
     sheets = list(_meetings(np.array(planes), flat))
     off = [np.abs(sheet.at(flat) - flat[:, 2]) for sheet in sheets]
-    best = int(np.argmin([np.minimum(each, 4.0 * FACET_PER_HEIGHT * height_m) @ area for each in off]))
-    if (off[best] < 2.0 * FACET_PER_HEIGHT * height_m) @ area < EXPLAINED * area.sum():
+    best = int(np.argmin([np.minimum(each, 4.0 * _FACET_PER_HEIGHT * height_m) @ area for each in off]))
+    if (off[best] < 2.0 * _FACET_PER_HEIGHT * height_m) @ area < _EXPLAINED * area.sum():
         return None
     sheet = _refitted(sheets[best], flat)
     noise = 1.4826 * float(np.median(np.abs(sheet.at(flat) - flat[:, 2])))
@@ -206,17 +206,17 @@ def _refitted(sheet: Sheet, flat: Array) -> Sheet:
 
 def _facets(flat: Array, normals: Array, area: Array, height_m: float) -> list[Array]:
     """Planes (3,), the largest first, each seen in a share of the ring and unlike the others."""
-    tolerance, alike = FACET_PER_HEIGHT * height_m, np.cos(np.deg2rad(FACET_DEG))
+    tolerance, alike = _FACET_PER_HEIGHT * height_m, np.cos(np.deg2rad(_FACET_DEG))
     left = np.ones(len(flat), bool)
     found: list[Array] = []
-    for _ in range(MOST_FACETS):
+    for _ in range(_MOST_FACETS):
         plane, own = _largest_facet(flat, normals, np.where(left, area, 0.0), tolerance, alike)
-        if own @ area < LEAST_SHARE * area.sum():
+        if own @ area < _LEAST_SHARE * area.sum():
             break
         if all(_differ(plane, other, flat, height_m) for other in found):
             found.append(plane)
         left &= ~own
-        if left.sum() < LEAST_PATCHES:
+        if left.sum() < _LEAST_PATCHES:
             break
     return found
 
@@ -228,8 +228,8 @@ def _largest_facet(
     left = area > 0.0
     tree, candidates = cKDTree(flat), np.flatnonzero(left)
     best, own = np.zeros(3), np.zeros(len(flat), bool)
-    for seed in candidates[:: max(1, len(candidates) // SEEDS)]:
-        around = np.array(tree.query_ball_point(flat[seed], SEED_TOLERANCES * tolerance_m))
+    for seed in candidates[:: max(1, len(candidates) // _SEEDS)]:
+        around = np.array(tree.query_ball_point(flat[seed], _SEED_TOLERANCES * tolerance_m))
         mine = np.zeros(len(flat), bool)
         mine[around[normals[around] @ normals[seed] > alike]] = True
         for _ in range(4):
@@ -262,8 +262,8 @@ def _normal(plane: Array) -> Array:
 
 def _differ(one: Array, other: Array, flat: Array, height_m: float) -> bool:
     """Whether two facets are two: by their slopes, or by a step between them."""
-    bent = np.rad2deg(np.arccos(min(1.0, float(_normal(one) @ _normal(other))))) > LEAST_BEND_DEG
-    apart = np.abs(_heights(one, flat) - _heights(other, flat)).min() > 2.0 * OFF_PER_HEIGHT * height_m
+    bent = np.rad2deg(np.arccos(min(1.0, float(_normal(one) @ _normal(other))))) > _LEAST_BEND_DEG
+    apart = np.abs(_heights(one, flat) - _heights(other, flat)).min() > 2.0 * _OFF_PER_HEIGHT * height_m
     return bool(bent or apart)
 
 
@@ -298,11 +298,11 @@ def _curved(flat: Array, below: Array, height_m: float) -> Sheet | None:
     for _ in range(10):
         bend = np.linalg.lstsq(design * weight[:, None], flat[:, 2] * weight, rcond=None)[0]
         off = np.abs(design @ bend - flat[:, 2])
-        weight = np.sqrt(1.0 / np.maximum(off, FACET_PER_HEIGHT * height_m))
+        weight = np.sqrt(1.0 / np.maximum(off, _FACET_PER_HEIGHT * height_m))
     plane = _fitted(flat)
     straight = np.abs(_heights(plane, flat) - flat[:, 2]).mean()
     noise = 1.4826 * float(np.median(off))
-    if off.mean() > CURVES_BETTER * straight or noise > CURVE_NOISE_PER_HEIGHT * height_m:
+    if off.mean() > _CURVES_BETTER * straight or noise > _CURVE_NOISE_PER_HEIGHT * height_m:
         return None
     a, b, c, uu, uv, vv = bend
     at_zero = np.array([a - b * middle[0] - c * middle[1], b, c])

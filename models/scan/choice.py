@@ -15,12 +15,12 @@ from toppling.models.scan.candidates import (
 from toppling.models.scan.interface import fitted_plane
 from toppling.models.scan.surfels import Surfels
 
-RIVAL_SHARE = 0.6
+_RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
-NEAR_HEIGHTS = 1.5
+_NEAR_HEIGHTS = 1.5
 """A top farther from where the user points than this many of its heights is not meant."""
-CIRCLES = 4
-FEWEST_AROUND = 5000
+_CIRCLES = 4
+_FEWEST_AROUND = 5000
 """Fewer points around a place show no rock."""
 
 
@@ -36,7 +36,7 @@ def choose(
         raise _nothing_stands(candidates, coarse, near_m, origin_m)
     if near_m is not None:
         return _nearest(standing, near_m, origin_m)
-    rivals = [c for c in standing[1:] if c.height_m > RIVAL_SHARE * standing[0].height_m]
+    rivals = [c for c in standing[1:] if c.height_m > _RIVAL_SHARE * standing[0].height_m]
     if rivals:
         raise InputError(
             f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
@@ -93,7 +93,7 @@ def is_near(candidates: list[Candidate], near_m: NDArray[np.float64]) -> bool:
     """Whether something that stands there has its top near to where the user points."""
     return any(
         c.concave_share > LEAST_CONCAVE_SHARE
-        and np.hypot(*(c.top_m[:2] - near_m)) <= NEAR_HEIGHTS * c.height_m
+        and np.hypot(*(c.top_m[:2] - near_m)) <= _NEAR_HEIGHTS * c.height_m
         for c in candidates
     )
 
@@ -107,10 +107,10 @@ def look_around(
     """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
     away = np.hypot(*(points_m[:, :2] - near_m).T)
     reach = 0.5 * float(np.ptp(coarse.points_m[:, :2], axis=0).max())
-    for _ in range(CIRCLES):
+    for _ in range(_CIRCLES):
         reach *= 0.4
         around = np.flatnonzero(away < reach)
-        if len(around) < FEWEST_AROUND:
+        if len(around) < _FEWEST_AROUND:
             break
         closer = surfels_of(points_m[around])
         found = find_candidates(points_m[around], closer)
@@ -125,12 +125,12 @@ def _nearest(
     """Pick what stands nearest to where the user points, if that is near."""
     away = [float(np.hypot(*(c.top_m[:2] - near_m))) for c in standing]
     first = int(np.argmin(away))
-    if away[first] > NEAR_HEIGHTS * standing[first].height_m:
+    if away[first] > _NEAR_HEIGHTS * standing[first].height_m:
         raise InputError(
             f"the nearest thing that stands there has its top {away[first]:.3g} m away and is "
             f"{standing[first].height_m:.2g} m high",
             where="--near",
-            expected=f"a place within {NEAR_HEIGHTS} heights of a top; those found, at x, y: "
+            expected=f"a place within {_NEAR_HEIGHTS} heights of a top; those found, at x, y: "
             + _tops(standing, origin_m),
             remedy="name one of them by --near X Y in survey coordinates; if yours is not among them, crop the cloud "
             "to it and its pedestal",

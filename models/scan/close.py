@@ -24,14 +24,14 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 
-POISSON_DEPTH = 7
-POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
+_POISSON_DEPTH = 7
+_POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
-SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
+_SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
-BASE_SHARE_OF_HEIGHT = 0.0003
+_BASE_SHARE_OF_HEIGHT = 0.0003
 """The same for the base, whose shape decides how the rock rolls."""
-APART_SHARE_OF_HEIGHT = 1e-6
+_APART_SHARE_OF_HEIGHT = 1e-6
 """How far sheets that touch each other are drawn apart."""
 
 
@@ -68,9 +68,9 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
-    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height)
+    body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     if interface.sheet is None:
-        parts = (body ^ _above(base, flat, height)).simplify(BASE_SHARE_OF_HEIGHT * height).decompose()
+        parts = (body ^ _above(base, flat, height)).simplify(_BASE_SHARE_OF_HEIGHT * height).decompose()
     else:  # the base keeps the lattice's nodes: draws move them
         parts = (body ^ _above_surface(base, flat, height, interface.sheet)).decompose()
     if not parts:
@@ -80,7 +80,7 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     faces = np.array(mesh.tri_verts, np.int64)
     if interface.sheet is None:
         vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
-    vertices = _apart(vertices, faces, APART_SHARE_OF_HEIGHT * height)
+    vertices = _apart(vertices, faces, _APART_SHARE_OF_HEIGHT * height)
     rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
     over = vertices[:, 2] - interface.rise(vertices)[:, 2]
     return ClosedRock(
@@ -171,10 +171,10 @@ def _body_over(
 def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64]) -> manifold3d.Manifold:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
-    for scale in POISSON_SCALES:
+    for scale in _POISSON_SCALES:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-                cloud, depth=POISSON_DEPTH, scale=scale, n_threads=1
+                cloud, depth=_POISSON_DEPTH, scale=scale, n_threads=1
             )
         vertices, faces = _capped(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
         body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))

@@ -13,13 +13,13 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.scan.header import TEXT
 
-ONE_LINE = 0.02
+_ONE_LINE = 0.02
 """Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""
-LARGEST_SHARE = 0.02
+_LARGEST_SHARE = 0.02
 """Of the points' extent: residuals above it are mistakes and no scatter."""
-SIGNIFICANT = 1e-4
+_SIGNIFICANT = 1e-4
 """Chance that scatter alone makes one of the points stand out as a mistake."""
-LARGEST_BYTES = 1 << 20
+_LARGEST_BYTES = 1 << 20
 
 _unusable = refusals(
     expected="three or more lines of six numbers: x,y,z in the model, then x,y,z as surveyed; a name may stand before",
@@ -95,7 +95,7 @@ def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: objec
     model, surveyed = rows[:, :3], rows[:, 3:] * (across, across, up)
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] <= ONE_LINE * spread[0]:
+        if spread[1] <= _ONE_LINE * spread[0]:
             raise _unusable(
                 f"the points lie on one line in the {side}, about which the model could turn", path
             )
@@ -115,7 +115,7 @@ def _squares(model: Array, surveyed: Array, mirrored: bool = False) -> float:
 def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...], path: str) -> None:
     """Refuse points that no similarity carries into each other, naming the one without which the others fit."""
     count, size = len(model), float(np.ptp(surveyed, axis=0).max())
-    large = off.max() > LARGEST_SHARE * size
+    large = off.max() > _LARGEST_SHARE * size
     expected = "control points that one scale, one rotation and one shift carry onto the survey"
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
         raise InputError(
@@ -131,8 +131,8 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         free = 3 * (count - 1) - 7
         tiny = (1e-9 * size) ** 2
         by_chance = count * f_distribution.sf(((off**2).sum() - rest) / 3.0 * free / max(rest, tiny), 3, free)
-        alone = rest / (count - 1) < (0.5 * LARGEST_SHARE * size) ** 2
-        if (off**2).sum() > count * tiny and alone and (by_chance < SIGNIFICANT or large):
+        alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
+        if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
             raise InputError(
                 f"point {names[worst]} does not fit: with it the points are off by up to {off.max():.3g} m, without it "
                 f"by {np.sqrt(rest / (count - 1)):.2g} m",
@@ -164,7 +164,7 @@ def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
         return list(given)
     path = Path(given)
     try:
-        if path.stat().st_size > LARGEST_BYTES:
+        if path.stat().st_size > _LARGEST_BYTES:
             raise _unusable("is larger than 1 MB", path)
         return path.read_text(encoding=TEXT).splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -21,14 +21,14 @@ from toppling.models.frames import plane_axes
 from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.segment import PEDESTAL, ROCK
 
-CELLS_PER_HEIGHT = 120
+_CELLS_PER_HEIGHT = 120
 BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
-NEAR_PER_HEIGHT = 0.012
+_NEAR_PER_HEIGHT = 0.012
 """Distance from the rock over which a pedestal point's say in the interface plane fades."""
-FOOT_PER_HEIGHT = 0.006
+_FOOT_PER_HEIGHT = 0.006
 """What hangs over the sheet, no farther outside the rock's outline on the ground than this, is its foot."""
-LEVEL_PER_HEIGHT = 0.02
+_LEVEL_PER_HEIGHT = 0.02
 """Near to the interface plane the sheet's cells tell how rough the pedestal is; on steep sides they do not."""
 LEAST_SEEN = 30
 """Fewer points of rock or pedestal near the interface show no crevice."""
@@ -183,7 +183,7 @@ def _relabelled(
     check_seen(len(low), "rock", given=given)
     margin = 0.12 * height_m
     grid = Grid.over(
-        low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / CELLS_PER_HEIGHT
+        low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / _CELLS_PER_HEIGHT
     )
     inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
     inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
@@ -199,7 +199,7 @@ def _relabelled(
     rim = rim_polygon(near[near_label == ROCK], height_m, given=given)
     # What lies below the interface's plane is a cliff's face, over which the sheet falls short.
     hanging = np.flatnonzero((near_label == PEDESTAL) & (np.minimum(gap, near[:, 2]) > tolerance))
-    near_label[hanging[_outside(rim, near[hanging, :2]) < FOOT_PER_HEIGHT * height_m]] = ROCK
+    near_label[hanging[_outside(rim, near[hanging, :2]) < _FOOT_PER_HEIGHT * height_m]] = ROCK
     changed = label.copy()
     changed[inside] = near_label
     return changed
@@ -226,7 +226,7 @@ def pedestal_sheet(
         tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)
         taken = np.abs(gap) < tolerance
     # A sheet too stiff for a shoulder lies off its points there: how far points of one cell lie apart does not tell.
-    taken &= np.abs(flat[:, 2]) < LEVEL_PER_HEIGHT * height_m
+    taken &= np.abs(flat[:, 2]) < _LEVEL_PER_HEIGHT * height_m
     return sheet, min(tolerance, max(5.0 * _scatter_m(gap[taken], index[taken]), 0.0015 * height_m))
 
 
@@ -253,7 +253,7 @@ def refitted(
     """
     flat = interface.flat(points_m)
     rim = rim_polygon(flat[label == ROCK], height_m, given=False)
-    reach = 4 * NEAR_PER_HEIGHT * height_m
+    reach = 4 * _NEAR_PER_HEIGHT * height_m
     pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
     pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(
         axis=1
@@ -262,7 +262,7 @@ def refitted(
     close = away < reach
     points = points_m[pedestal][close]
     check_seen(len(points), "pedestal", given=False)
-    fade = np.exp(-((away[close] / (NEAR_PER_HEIGHT * height_m)) ** 2))
+    fade = np.exp(-((away[close] / (_NEAR_PER_HEIGHT * height_m)) ** 2))
     # Equal say to equal areas: near stations see the same crevice more densely.
     cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[
         1

@@ -25,11 +25,11 @@ from toppling.models.unseen import least_feet
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""
 BAND_PER_HEIGHT = 0.06
-FEET_PER_HEIGHT, COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
+FEET_PER_HEIGHT, _COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
 """Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""
-ABOVE_THE_RIM_PER_HEIGHT = 0.002
+_ABOVE_THE_RIM_PER_HEIGHT = 0.002
 """The rock's side starts so far above its rim."""
-HIGH_FEET_PER_HEIGHT = 0.3
+_HIGH_FEET_PER_HEIGHT = 0.3
 """Higher ones come down only when the rock has toppled."""
 
 
@@ -49,9 +49,9 @@ class DrawStatics:
         """The rock with what stays of it on every draw."""
         side, high = outside_feet(rock, interface, part, height_m)
         com = interface.flat(rock.com_m[None])[0]
-        high = high[high[:, 2] < HIGH_FEET_PER_HEIGHT * height_m]
+        high = high[high[:, 2] < _HIGH_FEET_PER_HEIGHT * height_m]
         above = np.array([[*com[:2], 2.0 * com[2]]])
-        few = least_feet(high, above, com, 2.0 * COARSE_FEET_PER_HEIGHT * height_m)
+        few = least_feet(high, above, com, 2.0 * _COARSE_FEET_PER_HEIGHT * height_m)
         return cls(rock, interface, part, side, few, height_m)
 
     def path_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> tuple[Array, Array]:
@@ -59,7 +59,7 @@ class DrawStatics:
         low = low_feet(self.part, gap, self.side, self.height_m)
         com = self.interface.flat(com_m[None])[0]
         feet = np.vstack([
-            least_feet(low, self.high, com, COARSE_FEET_PER_HEIGHT * self.height_m), self.high
+            least_feet(low, self.high, com, _COARSE_FEET_PER_HEIGHT * self.height_m), self.high
         ])  # fmt: skip
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
@@ -88,7 +88,7 @@ def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Ar
     rim = places[part.inner :]
     if not len(rim) or not len(side):
         return places
-    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + ABOVE_THE_RIM_PER_HEIGHT * height_m
+    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + _ABOVE_THE_RIM_PER_HEIGHT * height_m
     return np.vstack([places, side[side[:, 2] > starts]])
 
 
@@ -103,7 +103,7 @@ def _hull_over(rock: Rock, interface: Interface) -> Array:
 def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     """Quasi-static toppling accelerations (n,) of a rock on its own mesh, m/s2."""
     feet = _hull_over(rock, interface)
-    feet = feet[feet[:, 2] < HIGH_FEET_PER_HEIGHT * rock.height_m]
+    feet = feet[feet[:, 2] < _HIGH_FEET_PER_HEIGHT * rock.height_m]
     on_feet = dataclasses.replace(rock, feet_m=interface.scene(feet))
     return held_on_surface(on_feet, feet, interface, tuple(float(each) for each in azimuths_deg))
 

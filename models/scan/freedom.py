@@ -14,42 +14,42 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 
-MOST_INVENTED = 0.6
+_MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
-ONE_SIDE_DEG = 120.0
+_ONE_SIDE_DEG = 120.0
 """A rock of whose sides none shows in so wide a range of directions was seen from one side."""
-SECTORS = 36
-SPARSE = 1.5
-UPRIGHT = 0.7
+_SECTORS = 36
+_SPARSE = 1.5
+_UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
-SEEN_SHARE = 0.1
+_SEEN_SHARE = 0.1
 """A direction is seen if it has this share of the patches of an average one."""
-NEAR_VOXELS = 4.0
+_NEAR_VOXELS = 4.0
 """Patches of rock and pedestal so near to each other meet."""
-CREASE_DEG = 20.0
+_CREASE_DEG = 20.0
 """Where rock and pedestal meet at less than this, the surface goes on from one to the other."""
-ATTACHED_SHARE, TOLD_SHARE = 0.2, 0.5
+_ATTACHED_SHARE, _TOLD_SHARE = 0.2, 0.5
 """Share of the rim that was seen along which a crease must show: less is no block, or is told."""
-LEANS_ABOVE = 0.2
+_LEANS_ABOVE = 0.2
 """Of the rock's height: a neighbour that is touched above it holds the rock."""
-LEAST_TOUCHES = 8
-JOINT_BAND, JOINT_SHARE, JOINT_DEG = 0.06, 0.7, 35.0
+_LEAST_TOUCHES = 8
+_JOINT_BAND, _JOINT_SHARE, _JOINT_DEG = 0.06, 0.7, 35.0
 """A joint of a stack: within so much of the height, creases of so many degrees in this share of the directions."""
-JOINT_FROM, JOINT_TO = 0.15, 0.85
-FLARE, WAIST = (0.1, 0.3), (0.45, 0.65)
+_JOINT_FROM, _JOINT_TO = 0.15, 0.85
+_FLARE, _WAIST = (0.1, 0.3), (0.45, 0.65)
 """Of the rock's height: sides are judged above the ground's last roughness, and where a boulder's upper half bends."""
-FLARE_DEG, FLARE_SHARE = 8.0, 0.8
+_FLARE_DEG, _FLARE_SHARE = 8.0, 0.8
 """A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
 Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
-UPRIGHT_DEG, BENT_DEG, UNDERCUT_SHARE, BULGING_SHARE = -3.0, 12.0, 0.35, 0.12
+_UPRIGHT_DEG, _BENT_DEG, _UNDERCUT_SHARE, _BULGING_SHARE = -3.0, 12.0, 0.35, 0.12
 """Sides are those of a boulder's upper half if they point no farther down at the foot, in the mean over the directions,
 bend by more to the waist, overhang in a smaller share of the directions, and at the waist in hardly any. Of four
 boulders sunk by 0.25 to 0.5 of their height feet point -1 to 24 degrees up and bend by 16 to 44; of 25 free rocks those
 with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the directions."""
-TWO_TOLD, TWO_REFUSED, TWO_PART = 0.72, 0.82, 0.2
+_TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
 """Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
 rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
-IN_REACH_ABOVE = 0.3
+_IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
 
 
@@ -69,18 +69,18 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     InputError
         That one side is not enough, that points are too few, or that the rock is hidden or embedded.
     """
-    if closed.invented_share <= MOST_INVENTED:
+    if closed.invented_share <= _MOST_INVENTED:
         return
     blind_deg, toward_deg = unseen_range(observed, interface)
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
-    if blind_deg >= ONE_SIDE_DEG:
+    if blind_deg >= _ONE_SIDE_DEG:
         what = (
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about azimuth "
             f"{toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
         )
     elif (sunk := embedded(observed, interface)) is not None:
         what = f"{share}; {sunk.sentence}"
-    elif (apart := patches_apart(observed)) > SPARSE:
+    elif (apart := patches_apart(observed)) > _SPARSE:
         raise InputError(
             f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
             "times as far apart as they are wide",
@@ -93,7 +93,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     raise InputError(
         what,
         where="the rock",
-        expected=f"a free-standing rock, at most {MOST_INVENTED:.0%} of it unseen",
+        expected=f"a free-standing rock, at most {_MOST_INVENTED:.0%} of it unseen",
         remedy="scan it from the other sides; a rock that is embedded or buried is held by what surrounds it, and no "
         "toppling of a free block is its own",
     )
@@ -108,14 +108,14 @@ def patches_apart(observed: ObservedRock) -> float:
 def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
     normals = observed.surfels.normals[observed.patches]
-    side = np.hypot(*(normals @ interface.axes)[:, :2].T) > UPRIGHT
-    count = np.bincount(_sectors(normals[side, :2]), minlength=SECTORS)
-    shown = np.flatnonzero(count >= max(3.0, SEEN_SHARE * count.mean()))
+    side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
+    count = np.bincount(_sectors(normals[side, :2]), minlength=_SECTORS)
+    shown = np.flatnonzero(count >= max(3.0, _SEEN_SHARE * count.mean()))
     if not len(shown):
         return 360.0, 0.0
-    blind = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
+    blind = np.diff(np.append(shown, shown[0] + _SECTORS)) - 1
     widest = int(blind.argmax())
-    width = 360.0 / SECTORS
+    width = 360.0 / _SECTORS
     middle = (shown[widest] + 0.5 * (blind[widest] + 2)) * width - 180.0
     return float(blind[widest] * width), float(middle % 360.0)
 
@@ -159,11 +159,11 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
     A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
     """
-    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
-    if len(foot) < 0.5 * SECTORS:
+    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
+    if len(foot) < 0.5 * _SECTORS:
         return None
-    share = float((foot > FLARE_DEG).mean())
-    if share >= FLARE_SHARE:
+    share = float((foot > _FLARE_DEG).mean())
+    if share >= _FLARE_SHARE:
         median = np.median(foot)
         what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {median:.0f} degrees"
     elif _domed(foot, waist):
@@ -189,9 +189,9 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     InputError
         If its sides flare down to the ground and bend inward from there on: its widest part lies below.
     """
-    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
+    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
     sunk = embedded(observed, interface)
-    if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > FLARE_DEG:
+    if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > _FLARE_DEG:
         raise InputError(
             sunk.sentence,
             where="the rock",
@@ -203,10 +203,10 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
 
 def _domed(foot_deg: Array, waist_deg: Array) -> bool:
     """Whether sides with such dips are those of a boulder's upper half."""
-    if len(waist_deg) < 0.5 * SECTORS:
+    if len(waist_deg) < 0.5 * _SECTORS:
         return False
-    bulging = (foot_deg < -FLARE_DEG).mean() < UNDERCUT_SHARE and (waist_deg < 0.0).mean() < BULGING_SHARE
-    return bool(foot_deg.mean() > UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > BENT_DEG and bulging)
+    bulging = (foot_deg < -_FLARE_DEG).mean() < _UNDERCUT_SHARE and (waist_deg < 0.0).mean() < _BULGING_SHARE
+    return bool(foot_deg.mean() > _UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > _BENT_DEG and bulging)
 
 
 def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
@@ -231,7 +231,7 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     if low.sum() < 3 or ground.sum() < 3:
         return None
     away, nearest = cKDTree(surfels.points_m[ground]).query(surfels.points_m[low])
-    meet = away < NEAR_VOXELS * surfels.voxel_m
+    meet = away < _NEAR_VOXELS * surfels.voxel_m
     if not meet.any():
         return None
     normals = np.einsum("ij,ij->i", surfels.normals[low][meet], surfels.normals[ground][nearest[meet]])
@@ -239,19 +239,19 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     centre = 0.5 * (flat[low, :2].min(axis=0) + flat[low, :2].max(axis=0))
     sector = _sectors(flat[low][meet, :2] - centre)
     steepest = np.array([np.quantile(angle[sector == k], 0.75) for k in np.unique(sector)])
-    return float((steepest > CREASE_DEG).mean())
+    return float((steepest > _CREASE_DEG).mean())
 
 
 def _attached(observed: ObservedRock, interface: Interface) -> Doubt | None:
     share = creased_share(observed, interface)
-    if share is None or share >= TOLD_SHARE:
+    if share is None or share >= _TOLD_SHARE:
         return None
     what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
-    if share < ATTACHED_SHARE:
+    if share < _ATTACHED_SHARE:
         raise InputError(
             f"{what}: the rock goes on into its pedestal",
             where="the interface",
-            expected=f"a crease along at least {ATTACHED_SHARE:.0%} of the rim",
+            expected=f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim",
             remedy="a rock that is attached does not topple as a free block; if it is not, the interface lies "
             "elsewhere: give it by --plane, --point or --outline",
         )
@@ -263,13 +263,13 @@ def _attached(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
 def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
     surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
-    other = ~observed.patches & (flat[:, 2] > LEANS_ABOVE * observed.height_m)
-    high = observed.patches & (flat[:, 2] > LEANS_ABOVE * observed.height_m)
+    other = ~observed.patches & (flat[:, 2] > _LEANS_ABOVE * observed.height_m)
+    high = observed.patches & (flat[:, 2] > _LEANS_ABOVE * observed.height_m)
     if not other.any() or not high.any():
         return None
     away, _ = cKDTree(surfels.points_m[high]).query(surfels.points_m[other])
     touch = away < 2.0 * surfels.voxel_m
-    if touch.sum() < LEAST_TOUCHES:
+    if touch.sum() < _LEAST_TOUCHES:
         return None
     places = flat[other][touch]
     toward = _azimuth(places[:, :2].mean(axis=0) - flat[observed.patches, :2].mean(axis=0), interface)
@@ -282,14 +282,14 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
 def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt | None:
     joint = weakest_joint(observed, interface)
-    if joint is None or joint.creased_share < TWO_TOLD:
+    if joint is None or joint.creased_share < _TWO_TOLD:
         return None
     what = (
         f"a crease parts {joint.part:.0%} of the rock's surface, toward {_azimuth(joint.way, interface)}, from the "
         f"rest, along {joint.creased_share:.0%} of the way around: it may be two blocks that touch, one leaning on the "
         "other; volume and weight are then those of both"
     )
-    if joint.creased_share >= TWO_REFUSED and joint.part >= TWO_PART and not separated:
+    if joint.creased_share >= _TWO_REFUSED and joint.part >= _TWO_PART and not separated:
         raise InputError(
             what,
             where="the rock",
@@ -312,15 +312,15 @@ def _stacked(observed: ObservedRock, interface: Interface) -> Doubt | None:
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     bend = np.einsum("ij,ij->i", normals[pairs[:, 1]] - normals[pairs[:, 0]], along)
     steep = np.abs(along @ interface.normal) > 0.5
-    crease = flat[pairs[(bend < -np.deg2rad(JOINT_DEG)) & steep]].mean(axis=1)
+    crease = flat[pairs[(bend < -np.deg2rad(_JOINT_DEG)) & steep]].mean(axis=1)
     sector = _sectors(crease[:, :2] - flat[:, :2].mean(axis=0))
     best, at = 0.0, 0.0
-    for level in np.arange(JOINT_FROM, JOINT_TO, 0.5 * JOINT_BAND) * observed.height_m:
-        near = np.abs(crease[:, 2] - level) < 0.5 * JOINT_BAND * observed.height_m
-        share = len(np.unique(sector[near])) / SECTORS
+    for level in np.arange(_JOINT_FROM, _JOINT_TO, 0.5 * _JOINT_BAND) * observed.height_m:
+        near = np.abs(crease[:, 2] - level) < 0.5 * _JOINT_BAND * observed.height_m
+        share = len(np.unique(sector[near])) / _SECTORS
         if share > best:
             best, at = share, float(level)
-    if best < JOINT_SHARE:
+    if best < _JOINT_SHARE:
         return None
     return Doubt(
         "stack",
@@ -333,29 +333,29 @@ def _hemmed_in(observed: ObservedRock, points_m: Array, rock: NDArray[np.bool_])
     step = max(1, len(points_m) // 400_000)
     others = points_m[::step][~rock[::step]]
     own = observed.surfels.points_m[observed.patches]
-    others = others[others[:, 2] > own[:, 2].min() + IN_REACH_ABOVE * observed.height_m]
+    others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * observed.height_m]
     if not len(others):
         return None
     away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=observed.height_m)
-    near = np.isfinite(away) & (away > NEAR_VOXELS * observed.surfels.voxel_m)
+    near = np.isfinite(away) & (away > _NEAR_VOXELS * observed.surfels.voxel_m)
     rise = others[:, 2] - own[:, 2].min()
     near &= rise > away  # a slope of less than 45 degrees is fallen over
     offset = others[near, :2] - own[:, :2].mean(axis=0)
-    count = np.bincount(_sectors(offset), minlength=SECTORS)
+    count = np.bincount(_sectors(offset), minlength=_SECTORS)
     shown = np.flatnonzero(count > 20)
     if not len(shown):
         return None
     middle = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
     return Doubt(
         "in reach",
-        f"something rises beside the rock within its height, over {len(shown) * 360 // SECTORS} degrees about azimuth "
+        f"something rises beside the rock within its height, over {len(shown) * 360 // _SECTORS} degrees about azimuth "
         f"{middle:.0f} (compass {float(compass_deg(middle)):.0f}): a rock that falls that way may come to lean there",
     )
 
 
 def _sectors(ways: Array) -> NDArray[np.int64]:
     turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
-    return np.floor(turn * SECTORS).astype(np.int64) % SECTORS
+    return np.floor(turn * _SECTORS).astype(np.int64) % _SECTORS
 
 
 def _azimuth(way: Array, interface: Interface) -> str:

@@ -19,46 +19,46 @@ from toppling.models.scan.interface import Interface
 
 PLACES_ACROSS = 21
 """Places of the hidden base over the root of its area."""
-MOST_RIM = 160
+_MOST_RIM = 160
 """Places of the rim that carry its seen gap."""
-RIM_CELLS = 8.0
+_RIM_CELLS = 8.0
 """Cells from the hidden part within which what was seen is its rim."""
-RIM_WINDOW, RIM_RISES_PER_CELL = 13, 0.8
+_RIM_WINDOW, _RIM_RISES_PER_CELL = 13, 0.8
 """The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
-STD_PER_SPACING, STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
+_STD_PER_SPACING, _STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
 """Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour: of five known
 rocks .16 to .22; where the side may go down to the pedestal, it ends anywhere within a spacing."""
-LEAST_STD_PER_SPACING = 0.05
+_LEAST_STD_PER_SPACING = 0.05
 """Of the gap below a level underside, which does not go on downward."""
-SPACING_OVER = 15
+_SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
-BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.01, 0.3
+_BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 UNSEEN_STD_SHARE = 0.3
 """Of the height of a rim that was not seen to its end: spread of the gap below it about a half."""
-FLATTEST_RAY = 0.07
+_FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
-NEIGHBOURS, OF_SIDE = 5, 6
+_NEIGHBOURS, _OF_SIDE = 5, 6
 """Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
-RIM_BORDER = 3.0
+_RIM_BORDER = 3.0
 """Cells from the hidden part's border: points there may be the pedestal beside the rock."""
-LIT_CELLS = 2.0
+_LIT_CELLS = 2.0
 """Depth of a hole in the pedestal's seen points, cells, below which it counts as seen."""
-SHAPES_PER_WIDTH = (0.003, 0.012, 0.04)
+_SHAPES_PER_WIDTH = (0.003, 0.012, 0.04)
 """Priors tried: standard deviation of what a base bulges, over the root of its area ..."""
-LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
+_LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 """... and over what length."""
-LONG_PER_WIDTH = 0.5
+_LONG_PER_WIDTH = 0.5
 """Of a longer correlation the base sees a part, so its deviation is raised in proportion."""
-ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003), 0.07
-CURVATURE_PER_SHAPE = 8.0
+_ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003), 0.07
+_CURVATURE_PER_SHAPE = 8.0
 """Curvature of the whole base, times its width, over the shape's deviation."""
 LEVEL_PER_WIDTH = 0.1
-OUTLINE_STD_PER_HEIGHT = 0.0015
+_OUTLINE_STD_PER_HEIGHT = 0.0015
 """Of the gap along an outline of the contact."""
-CLOSED_PER_HEIGHT = 1e-4
+_CLOSED_PER_HEIGHT = 1e-4
 """Least gap of what is known not to touch, however near it is."""
-NOT_UNDER_THE_ROCK = 0.05
+_NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
 
@@ -141,7 +141,7 @@ def hidden_part(
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     if inspection.touch_only:
-        floor[: first[1]] = np.maximum(floor[: first[1]], CLOSED_PER_HEIGHT * height_m)
+        floor[: first[1]] = np.maximum(floor[: first[1]], _CLOSED_PER_HEIGHT * height_m)
     floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
     observed = BaseObservation(
         places,
@@ -159,16 +159,16 @@ def hidden_part(
 def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     """The rim as far as it was seen."""
     rim = _lowest_points(under, low)
-    rim = rim[_spread(rim[:, :2], MOST_RIM)]
+    rim = rim[_spread(rim[:, :2], _MOST_RIM)]
     gap, beside = rim[:, 2], np.full(len(rim), np.inf)
-    if len(lit) >= NEIGHBOURS:
-        away, nearest = cKDTree(lit[:, :2]).query(rim[:, :2], NEIGHBOURS)
+    if len(lit) >= _NEIGHBOURS:
+        away, nearest = cKDTree(lit[:, :2]).query(rim[:, :2], _NEIGHBOURS)
         beside = away[:, 0]
-        gap = gap - np.where(beside[:, None] < BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
+        gap = gap - np.where(beside[:, None] < _BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
             axis=1
         )
     hangs = np.maximum(gap, 0.0)
-    to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
+    to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
     end_std, off_m = _errors(rim, hangs, low)
     std = np.hypot(end_std, off_m)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
@@ -188,17 +188,17 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array]:
 
     Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray.
     """
-    away, nearest = cKDTree(low).query(rim, OF_SIDE)
+    away, nearest = cKDTree(low).query(rim, _OF_SIDE)
     apart_m = rim[:, None, :2] - rim[None, :, :2]
-    around = np.argsort((apart_m**2).sum(axis=2), axis=1)[:, :SPACING_OVER]
-    spacing = np.median(away[around, NEIGHBOURS - 1], axis=1)
+    around = np.argsort((apart_m**2).sum(axis=2), axis=1)[:, :_SPACING_OVER]
+    spacing = np.median(away[around, _NEIGHBOURS - 1], axis=1)
     others = low[nearest[:, 1:]]
     middle = others.mean(axis=1)
     normal = np.linalg.svd(others - middle[:, None], full_matrices=False)[2][:, 2]
     steepness = np.hypot(normal[:, 0], normal[:, 1])
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
-    of_side = STD_PER_SPACING + (STD_PER_SPACING_AT_CONTACT - STD_PER_SPACING) * at_contact
-    end_std = np.hypot(of_side * steepness, LEAST_STD_PER_SPACING) * spacing
+    of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
+    end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
     return end_std, np.abs(((rim - middle) * normal).sum(axis=1))
 
 
@@ -207,8 +207,8 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     assert under.outline is not None
     border = under.outline & ~ndimage.binary_erosion(under.outline)
     at = under.grid.nodes_m[border]
-    at = at[_spread(at, MOST_RIM)]
-    std = np.full(len(at), OUTLINE_STD_PER_HEIGHT * height_m)
+    at = at[_spread(at, _MOST_RIM)]
+    std = np.full(len(at), _OUTLINE_STD_PER_HEIGHT * height_m)
     return Rim(at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp))
 
 
@@ -229,7 +229,7 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
         If one lies farther off than a share of the rock's height.
     """
     over = interface.over(inspection.places_m)[:, 2]
-    off = np.abs(over) > NOT_UNDER_THE_ROCK * height_m
+    off = np.abs(over) > _NOT_UNDER_THE_ROCK * height_m
     if off.any():
         number = int(off.argmax())
         also = f", and so do {off.sum() - 1} more of {len(off)} places" if off.sum() > 1 else ""
@@ -237,14 +237,17 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
             number,
             f"the place lies {abs(over[number]):.3g} m {'above' if over[number] > 0 else 'below'} the interface, "
             f"{100 * abs(over[number]) / height_m:.0f} % of the rock's height{also}",
-            f"places at the base, within {NOT_UNDER_THE_ROCK * height_m:.2g} m of the interface",
+            f"places at the base, within {_NOT_UNDER_THE_ROCK * height_m:.2g} m of the interface",
             "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline",
         )
 
 
 def _check_under_the_rock(inspection: Inspection, inspected: Array, places: Array, height_m: float) -> None:
     """Refuse a place of an inspection that is none of the base."""
-    if len(inspected) and (away := cKDTree(places).query(inspected)[0]).max() > NOT_UNDER_THE_ROCK * height_m:
+    if (
+        len(inspected)
+        and (away := cKDTree(places).query(inspected)[0]).max() > _NOT_UNDER_THE_ROCK * height_m
+    ):
         raise inspection.misplaced(
             int(away.argmax()),
             f"the place lies {away.max():.3g} m from the hidden base and its rim",
@@ -259,8 +262,8 @@ def _lowest_points(under: Underside, low: Array) -> Array:
     order = np.lexsort((low[:, 2], index))
     cells, first = np.unique(index[order], return_index=True)
     known = np.where(under.seen, under.seen_m, np.inf)
-    lowest = known <= ndimage.minimum_filter(known, RIM_WINDOW) + RIM_RISES_PER_CELL * under.grid.cell_m
-    of_rim = (lowest & under.seen & (under.into_seen <= RIM_CELLS)).ravel()[cells]
+    lowest = known <= ndimage.minimum_filter(known, _RIM_WINDOW) + _RIM_RISES_PER_CELL * under.grid.cell_m
+    of_rim = (lowest & under.seen & (under.into_seen <= _RIM_CELLS)).ravel()[cells]
     return low[order][first[of_rim]]
 
 
@@ -268,12 +271,12 @@ def _least_gap(under: Underside) -> Array:
     """What a ray that lit the pedestal below the rock left free: more, the farther it went on inward."""
     lit = (
         under.hidden
-        & (under.hole_depth < LIT_CELLS)
-        & (ndimage.distance_transform_edt(under.hidden) > RIM_BORDER)
+        & (under.hole_depth < _LIT_CELLS)
+        & (ndimage.distance_transform_edt(under.hidden) > _RIM_BORDER)
     )
     if under.outline is not None:
         lit &= ~under.outline
-    return np.asarray(FLATTEST_RAY * under.grid.cell_m * ndimage.distance_transform_edt(lit) * lit)
+    return np.asarray(_FLATTEST_RAY * under.grid.cell_m * ndimage.distance_transform_edt(lit) * lit)
 
 
 def _spread(places: Array, most: int) -> NDArray[np.intp]:
@@ -294,11 +297,11 @@ def reliefs(width_m: float) -> list[Relief]:
     return [
         Relief(
             LEVEL_PER_WIDTH * width_m,
-            shape * width_m * max(1.0, length / LONG_PER_WIDTH),
+            shape * width_m * max(1.0, length / _LONG_PER_WIDTH),
             length * width_m,
             rough * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,
-            CURVATURE_PER_SHAPE * shape / width_m,
+            _CURVATURE_PER_SHAPE * shape / width_m,
         )
-        for shape, length, rough in product(SHAPES_PER_WIDTH, LENGTHS_PER_WIDTH, ROUGH_PER_WIDTH)
+        for shape, length, rough in product(_SHAPES_PER_WIDTH, _LENGTHS_PER_WIDTH, _ROUGH_PER_WIDTH)
     ]

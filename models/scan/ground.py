@@ -21,11 +21,11 @@ from toppling.models.scan.sheet import lattice
 from toppling.models.scan.surfels import Surfels
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
-REACH_HEIGHTS = 0.6
+_REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
 has left its support by half its height is falling, whatever it meets."""
-CELLS_PER_HEIGHT = 60
-LEVEL_PER_HEIGHT = 0.003
+_CELLS_PER_HEIGHT = 60
+_LEVEL_PER_HEIGHT = 0.003
 """What is no farther from the interface is level, where the ground is met as a surface."""
 
 
@@ -56,7 +56,7 @@ class Ground:
         assert own.faces is not None
         over = interface.over(own.vertices_m)
         rise = interface.rise(over)
-        over[:, 2] = np.sign(over[:, 2]) * np.maximum(np.abs(over[:, 2]) - LEVEL_PER_HEIGHT * height_m, 0.0)
+        over[:, 2] = np.sign(over[:, 2]) * np.maximum(np.abs(over[:, 2]) - _LEVEL_PER_HEIGHT * height_m, 0.0)
         level = (over[:, 2] == 0.0)[own.faces].all(axis=1)
         relief = few_triangles(over + rise, own.faces[~level], height_m)
         seat = over + rise, own.faces[level]
@@ -79,10 +79,10 @@ def pedestal_ground(
     height = float(np.ptp(interface.flat(rock.vertices_m)[:, 2]))
     outline_m = _outline_m(rock, interface, height)
     outline = interface.flat(outline_m)[:, :2]
-    margin = REACH_HEIGHTS * height
+    margin = _REACH_HEIGHTS * height
     low, high = flat_rock[:, :2].min(axis=0) - margin, flat_rock[:, :2].max(axis=0) + margin
     if interface.sheet is None:
-        cell = height / CELLS_PER_HEIGHT
+        cell = height / _CELLS_PER_HEIGHT
         shape = tuple(np.ceil((high - low) / cell).astype(int) + 1)
         nodes = np.stack(np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij"), axis=-1) + low
     else:
@@ -130,7 +130,7 @@ def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -
         "triangles": len(ground.pedestal.faces),
         "resolution_m": cell,
         "kept_share_of_points": float(inside.mean()),
-        "left_away": f"what lies farther from the rock's outline than {REACH_HEIGHTS} of its height, and below cliff "
+        "left_away": f"what lies farther from the rock's outline than {_REACH_HEIGHTS} of its height, and below cliff "
         "edges: a rock that gets there has toppled",
     }
 

@@ -8,21 +8,21 @@ from toppling.models.errors import InputError
 
 TEXT = "utf-8-sig"
 """Encoding of text files: spreadsheets begin UTF-8 with a mark, which is no part of the first number or name."""
-AXES = {
+_AXES = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
     "z": ("z", "elevation", "elev", "height", "up"),
 }
 """What headers call east, north and up, in lower case."""
-AXIS_OF = {word: axis for axis, words in AXES.items() for word in words}
-KINDS = frozenset({"point", "coord", "coordinate", "local", "utm"})
+_AXIS_OF = {word: axis for axis, words in _AXES.items() for word in words}
+_KINDS = frozenset({"point", "coord", "coordinate", "local", "utm"})
 """Words beside an axis that tell one set of coordinates from another: POINT_X, X_local."""
-METRES = frozenset({"m", "metre", "metres", "meter", "meters"})
-OTHER_LENGTH = re.compile(
+_METRES = frozenset({"m", "metre", "metres", "meter", "meters"})
+_OTHER_LENGTH = re.compile(
     r"(us|i)?s?(ft|foot|feet)(us)?|in|inch(es)?|yd|yards?|[mcdk]m|(milli|centi|deci|kilo)met(er|re)s?"
 )
 """Words for units of length that are not metres."""
-OTHER_COLUMNS = frozenset(
+_OTHER_COLUMNS = frozenset(
     {"id", "point", "station", "time", "intensity", "reflectance", "red", "green", "blue", "r", "g", "b"}
     | {"nx", "ny", "nz", "latitude", "longitude", "lat", "lon", "range", "azimuth", "zenith", "theta", "phi"}
 )
@@ -77,14 +77,14 @@ class _Coordinate:
         """Read a name such as x, POINT_X, x_ft or X [m]; None if it is no coordinate's."""
         bare, _, bracket = name.partition("(")
         words, beside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
-        axes = words & AXIS_OF.keys()
-        if not axes or len({AXIS_OF[word] for word in axes | (beside & AXIS_OF.keys())}) > 1:
+        axes = words & _AXIS_OF.keys()
+        if not axes or len({_AXIS_OF[word] for word in axes | (beside & _AXIS_OF.keys())}) > 1:
             return None  # X (northing) contradicts itself
-        units = words - axes - KINDS - METRES - ({"in"} if words & METRES else set())  # x in m
-        if not all(map(OTHER_LENGTH.fullmatch, units)):
+        units = words - axes - _KINDS - _METRES - ({"in"} if words & _METRES else set())  # x in m
+        if not all(map(_OTHER_LENGTH.fullmatch, units)):
             return None
-        other = bool(units) or (not beside & METRES and any(map(OTHER_LENGTH.fullmatch, beside)))
-        return cls(min(axes), frozenset(words & KINDS), not other)
+        other = bool(units) or (not beside & _METRES and any(map(_OTHER_LENGTH.fullmatch, beside)))
+        return cls(min(axes), frozenset(words & _KINDS), not other)
 
 
 def _axes(names: Sequence[str]) -> Columns | None:
@@ -105,7 +105,7 @@ def _axes(names: Sequence[str]) -> Columns | None:
 
 def _axes_of(kind: frozenset[str], read: Sequence[_Coordinate | None]) -> Columns | None:
     words = [each.word if each is not None and each.kind == kind else None for each in read]
-    x, y, z = (next((words.index(word) for word in AXES[axis] if word in words), None) for axis in AXES)
+    x, y, z = (next((words.index(word) for word in _AXES[axis] if word in words), None) for axis in _AXES)
     return None if x is None or y is None or z is None else (x, y, z)
 
 
@@ -133,7 +133,7 @@ def _is_comment(line: str) -> bool:
 def _names_columns(names: Sequence[str], columns: int) -> bool:
     """Whether a line is a header, though one that names no place, and no remark."""
     known = {
-        name for name in names if name.partition("(")[0] in OTHER_COLUMNS or _Coordinate.of(name) is not None
+        name for name in names if name.partition("(")[0] in _OTHER_COLUMNS or _Coordinate.of(name) is not None
     }
     return len(names) == columns or len(known) >= 2
 
@@ -154,7 +154,7 @@ def _not_understood(names: Sequence[str], columns: int, where: str) -> InputErro
     return InputError(
         f"the header names its columns {', '.join(names)}",
         where=where,
-        expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in AXES.items())
+        expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in _AXES.items())
         + f"; and as many names as columns ({columns})",
         remedy="name the columns of easting, northing and height x, y and z, in metres; if the line is a remark, "
         "delete it",

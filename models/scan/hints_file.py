@@ -11,7 +11,7 @@ from toppling.models.folder import new_file
 from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
-MOST_BYTES = 1 << 20
+_MOST_BYTES = 1 << 20
 FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")
 """Of bases: dressed or split, rough, and rounded toward their outline."""
 Place = Sequence[float]
@@ -51,7 +51,7 @@ class Hints(CloudHints, total=False):
 OF_READING = tuple(ReadingHints.__annotations__)
 OF_CLOUDS = tuple(CloudHints.__annotations__)
 KEYS = tuple(Hints.__annotations__)
-PLACES = ("point", "outline", "touch", "daylight")
+_PLACES = ("point", "outline", "touch", "daylight")
 RIVALS = (
     ("rock", "near"),
     ("pedestal", "near"),
@@ -76,7 +76,7 @@ def read_hints(path: Path) -> dict[str, Any]:
         If the file is absent, large, no TOML, or has another key.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
+        if path.stat().st_size > _MOST_BYTES:
             raise _unusable("is larger than 1 MB", path)
         said = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -112,7 +112,7 @@ def plain(key: str, value: Any) -> Any:
     """A hint's value in the words of the command line, which JSON and TOML can hold."""
     if value is None or isinstance(value, str):
         return value
-    if key in PLACES:
+    if key in _PLACES:
         return [_as_text(place) for place in value]
     if key == "length":
         return [_as_text(value[0]), _as_text(value[1]), float(value[2])]

@@ -12,9 +12,9 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.scan.hints_file import FLAT, KINDS
 
-LEAST_TOUCHES = 3
+_LEAST_TOUCHES = 3
 """On fewer no rock stands."""
-TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
+_TOUCHES, _OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
 
 
 _unusable = refusals(
@@ -79,11 +79,11 @@ class Inspection:
         InputError
             If a place lies outside, or the rock is said to touch nowhere, or everywhere and at single places only.
         """
-        if self.touch_only and len(self.touching_m) < LEAST_TOUCHES:
+        if self.touch_only and len(self.touching_m) < _LEAST_TOUCHES:
             raise InputError(
                 f"{len(self.touching_m)} places are said to touch, and nothing else",
                 where="--touch-only",
-                expected=f"at least {LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
+                expected=f"at least {_LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
                 remedy="give the others by --touch or --contact, or leave --touch-only out",
             )
         if self.touch_only and self.base == FLAT:
@@ -188,10 +188,10 @@ def _places(path: Path) -> Inspection:
                 continue
             raise _unusable(f"line {number} is '{line}'", path) from None
         kind = words[3].lower() if len(words) == 4 else ""
-        if len(place) != 3 or not np.isfinite(place).all() or kind not in TOUCHES + OPEN:
+        if len(place) != 3 or not np.isfinite(place).all() or kind not in _TOUCHES + _OPEN:
             raise _unusable(f"line {number} is '{line}'", path)
-        found[kind in TOUCHES].append(place)
-        at[kind in TOUCHES].append(number)
+        found[kind in _TOUCHES].append(place)
+        at[kind in _TOUCHES].append(number)
     if not found[True] and not found[False]:
         raise _unusable("holds no places", path)
     touching, free = (np.array(found[kind]).reshape(-1, 3) for kind in (True, False))

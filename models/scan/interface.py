@@ -15,10 +15,10 @@ from toppling.models.frames import plane_axes, shifted_and_turned
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 
-CREVICE_VOXELS = 4.0
+_CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""
-LEAST_CREVICE_SURFELS = 30
-TRIPLES, DRAWN_AWAY, STRAY = 500, 3.0, 7.0
+_LEAST_CREVICE_SURFELS = 30
+_TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
 """Planes tried; how much nearer one must be to be believed; of its strays, how far off in the median distance."""
 
 
@@ -110,24 +110,24 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
         If too little of the crevice was seen.
     """
     distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
-    lining = ~rock & (distance < CREVICE_VOXELS * surfels.voxel_m) & (surfels.normals[:, 2] > 0.3)
-    if lining.sum() < LEAST_CREVICE_SURFELS:
+    lining = ~rock & (distance < _CREVICE_VOXELS * surfels.voxel_m) & (surfels.normals[:, 2] > 0.3)
+    if lining.sum() < _LEAST_CREVICE_SURFELS:
         raise InputError(
             f"only {int(lining.sum())} patches of the pedestal were seen beside the rock",
             where="interface",
-            expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
+            expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
             remedy="scan the crevice from nearer and from more sides",
         )
     points = surfels.points_m[lining]
     plane, off = fitted_plane(points), _least_median_m(points)
-    if DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):
-        return fitted_plane(points[off < STRAY * np.median(off)])
+    if _DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):
+        return fitted_plane(points[off < _STRAY * np.median(off)])
     return plane
 
 
 def _least_median_m(points: Array) -> Array:
     """Distances (n,) from the plane through three of the points to which half of them lie nearest."""
-    corners = points[np.random.default_rng(7).integers(0, len(points), (TRIPLES, 3))]
+    corners = points[np.random.default_rng(7).integers(0, len(points), (_TRIPLES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
     real = length > 1e-9 * length.max()

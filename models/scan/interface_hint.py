@@ -13,9 +13,9 @@ from toppling.models.frames import plane_axes, plane_normal
 from toppling.models.scan.header import TEXT, named_columns
 from toppling.models.scan.interface import Interface
 
-STEEPEST_DEG = 60.0
+_STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""
-THINNEST = 0.02
+_THINNEST = 0.02
 """Picked points whose spread across is less than this share of their spread along lie on one line."""
 
 
@@ -55,11 +55,11 @@ class InterfaceHint:
         InputError
             If the slope is none that a rock can stand on.
         """
-        if not 0.0 <= slope_deg <= STEEPEST_DEG:
+        if not 0.0 <= slope_deg <= _STEEPEST_DEG:
             raise InputError(
                 f"the slope is {slope_deg} degrees",
                 where="--plane",
-                expected=f"0 to {STEEPEST_DEG:.0f} degrees",
+                expected=f"0 to {_STEEPEST_DEG:.0f} degrees",
                 remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)",
             )
         point = np.asarray(point_m, float)
@@ -82,11 +82,11 @@ class InterfaceHint:
             raise _unusable(f"{len(points)} points are given", where)
         centre = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
-        if spread[1] <= THINNEST * spread[0]:
+        if spread[1] <= _THINNEST * spread[0]:
             raise _unusable("the points lie on one line", where)
         normal = axes[2] * (np.sign(axes[2, 2]) or 1.0)
         steep = float(np.rad2deg(np.arccos(min(normal[2], 1.0))))
-        if steep > STEEPEST_DEG:
+        if steep > _STEEPEST_DEG:
             raise _unusable(f"the plane through the points slopes by {steep:.0f} degrees", where)
         misfit = float(np.sqrt((((points - centre) @ normal) ** 2).mean()))
         return cls(_interface(centre, normal, misfit), points, kind == "outline", kind)

@@ -11,14 +11,14 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels, thin
 
-PATCHES = 5000
+_PATCHES = 5000
 """So many tell a joint, and are cut in a tenth of a second."""
-WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
-SEEDS = ((0.2, 0.8), (0.35, 0.9))
+_WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
+_SEEDS = ((0.2, 0.8), (0.35, 0.9))
 """Shares of the extent below which and above which patches are of one side and of the other."""
-LEAST_PART = 0.1
+_LEAST_PART = 0.1
 """Less of the patches is a knob."""
-LEAST_CUT = 30
+_LEAST_CUT = 30
 """Fewer edges across are a thread of strays."""
 
 
@@ -47,14 +47,14 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
     edges = neighbourhood(patches.points_m, patches.voxel_m)
     flat = interface.flat(patches.points_m)[:, :2]
     found = None
-    for way in horizontal_unit_vector(np.array(WAYS_DEG))[:, :2]:
+    for way in horizontal_unit_vector(np.array(_WAYS_DEG))[:, :2]:
         along = flat @ way
         along = (along - along.min()) / np.ptp(along)
-        for low, high in SEEDS:
+        for low, high in _SEEDS:
             part, share = minimum_cut(patches, edges, along > high, along < low)
             size = float(part.mean())
             across = (part[edges[:, 0]] != part[edges[:, 1]]).sum()
-            if min(size, 1.0 - size) < LEAST_PART or across < LEAST_CUT:
+            if min(size, 1.0 - size) < _LEAST_PART or across < _LEAST_CUT:
                 continue
             if found is None or share > found.creased_share:
                 smaller = part if size < 0.5 else ~part
@@ -65,7 +65,7 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
 
 def _coarser(observed: ObservedRock) -> Surfels:
     surfels, own = observed.surfels, observed.patches
-    voxel = surfels.voxel_m * max(1.5, float(np.sqrt(own.sum() / PATCHES)))
+    voxel = surfels.voxel_m * max(1.5, float(np.sqrt(own.sum() / _PATCHES)))
     points, index = thin(surfels.points_m[own], voxel)
     kept = index >= 0
     normals = np.zeros_like(points)

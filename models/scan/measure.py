@@ -23,29 +23,29 @@ from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, quasi_static_toppling_m_s2
 
-AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
-SECTORS = 36
-BESIDE_PER_HEIGHT = 0.02
+_AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
+_SECTORS = 36
+_BESIDE_PER_HEIGHT = 0.02
 """Pedestal seen this near to the rock shows the crevice."""
-SUPPORT_PER_HEIGHT = 0.02
+_SUPPORT_PER_HEIGHT = 0.02
 """What lies so near to the interface could touch it."""
-BESIDE_BAND_PER_HEIGHT = 0.1
+_BESIDE_BAND_PER_HEIGHT = 0.1
 """Points this far above or below the interface are enough to fit it anew."""
 
 # What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
 # base. Errors against known rocks bound it (benchmarks/reports/scan.md): seven virtual shapes and two scans of others.
-COM_BIAS_PER_HEIGHT = 0.001
-VOLUME_BIAS_SHARE = 0.003
-INERTIA_BIAS_SHARE = 0.003
-TOPPLING_BIAS_SHARE = 0.02
+_COM_BIAS_PER_HEIGHT = 0.001
+_VOLUME_BIAS_SHARE = 0.003
+_INERTIA_BIAS_SHARE = 0.003
+_TOPPLING_BIAS_SHARE = 0.02
 
 # What no station saw, no half sample knows either. A smooth closing can miss, or add, as much as a cap with the
 # invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume. Nineteen scans of four shapes by two to four
 # stations on one side, 25 to 72 % invented, were off by 0.03 to 1.2 of it in volume (0.63 rms), and by 0.2 to 1.6 in
 # inertia (0.84 rms).
-INVENTED_COM_PER_HEIGHT = 0.2
+_INVENTED_COM_PER_HEIGHT = 0.2
 """Shift of the centre of mass in each coordinate over height and such a cap's share; those scans: up to 0.24."""
-MUCH_INVENTED = 0.15
+_MUCH_INVENTED = 0.15
 """From this share of the surface on, volume and centre of mass are guesses."""
 
 
@@ -89,7 +89,7 @@ def close_standing(observed: ObservedRock, interface: Interface) -> tuple[Closed
     return closed, core
 
 
-def outside_support_m(rock: Rock, interface: Interface, share: float = SUPPORT_PER_HEIGHT) -> float:
+def outside_support_m(rock: Rock, interface: Interface, share: float = _SUPPORT_PER_HEIGHT) -> float:
     """How far the vertical through the centre of mass passes outside all that is within a share of the height."""
     low = interface.over(rock.vertices_m)[:, 2] < share * rock.height_m
     if low.sum() < 3:
@@ -106,7 +106,7 @@ def stands(rock: Rock, interface: Interface) -> bool:
     """Whether the rock stays up by itself."""
     if not interface.is_plane:
         return outside_support_m(rock, interface, CONTACT_SHARE_OF_HEIGHT) < 0.0
-    return bool((toppling(rock, interface, AZIMUTHS_DEG[::3]) > 0.0).all())
+    return bool((toppling(rock, interface, _AZIMUTHS_DEG[::3]) > 0.0).all())
 
 
 def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -126,7 +126,7 @@ def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[d
     the other way: for a flat sharp base the angle between the vertical and the line from the centre of mass to the
     edge about which it tips.
     """
-    ground = (AZIMUTHS_DEG + 180.0) % 360.0
+    ground = (_AZIMUTHS_DEG + 180.0) % 360.0
     if nominal_m_s2 is None:
         table = scene.quasi_static_toppling_m_s2(ground)
     else:
@@ -134,7 +134,7 @@ def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[d
         table = [(each, float(np.interp(each, at, nominal_m_s2, period=360.0))) for each in ground]
     return [
         {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
-        for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)
+        for azimuth, (_, value) in zip(_AZIMUTHS_DEG, table, strict=True)
     ]
 
 
@@ -163,12 +163,12 @@ def confidence(
     rock, pedestal = flat[sides == ROCK], flat[sides == PEDESTAL]
     neighbours = cKDTree(flat).query(flat, 7)[1][:, 1:]
     alone = (sides[neighbours] != sides[:, None]).any(axis=1)
-    beside = pedestal[cKDTree(rock).query(pedestal)[0] < BESIDE_PER_HEIGHT * height_m]
+    beside = pedestal[cKDTree(rock).query(pedestal)[0] < _BESIDE_PER_HEIGHT * height_m]
     centre = 0.5 * (rock[:, :2].min(axis=0) + rock[:, :2].max(axis=0))
-    sector = np.floor(np.arctan2(*(beside[:, :2] - centre).T[::-1]) / (2 * np.pi / SECTORS)).astype(int)
+    sector = np.floor(np.arctan2(*(beside[:, :2] - centre).T[::-1]) / (2 * np.pi / _SECTORS)).astype(int)
     return {
         "concave_share_of_cut": parts.concave_share,
-        "crevice_seen_share": len(np.unique(sector)) / SECTORS,
+        "crevice_seen_share": len(np.unique(sector)) / _SECTORS,
         "undisputed_share": 1.0 - float(alone.mean()),
         "runner_up": max((other[3] for other in parts.others), default=0.0) / height_m,
     }
@@ -183,10 +183,10 @@ def bias_floors(invented_share: float) -> dict[str, float]:
     """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
     cap = cap_share(invented_share)
     return {
-        "com_per_height": float(np.hypot(COM_BIAS_PER_HEIGHT, INVENTED_COM_PER_HEIGHT * cap)),
-        "volume_share": float(np.hypot(VOLUME_BIAS_SHARE, cap)),
-        "inertia_share": float(np.hypot(INERTIA_BIAS_SHARE, cap)),
-        "toppling_share": TOPPLING_BIAS_SHARE,
+        "com_per_height": float(np.hypot(_COM_BIAS_PER_HEIGHT, _INVENTED_COM_PER_HEIGHT * cap)),
+        "volume_share": float(np.hypot(_VOLUME_BIAS_SHARE, cap)),
+        "inertia_share": float(np.hypot(_INERTIA_BIAS_SHARE, cap)),
+        "toppling_share": _TOPPLING_BIAS_SHARE,
     }
 
 
@@ -275,7 +275,7 @@ def _spread(
     height = float(np.mean([rock.height_m for rock in rocks]))
     # a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
     raised = [plane.flat(rock.com_m[None])[0, 2] for rock, plane in closed]
-    tipped = INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
+    tipped = _INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
     volume = np.array([rock.volume_m3 for rock in rocks])
     inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
     radius = np.sqrt(np.diag(inertia.mean(axis=0)))
@@ -302,23 +302,23 @@ def _toppling_spread(closed: list[tuple[Rock, Interface]], tipped: float) -> dic
 
     `tipped` is the part of the error of a / g that comes from what is invented.
     """
-    limits = np.array([toppling(rock, plane, AZIMUTHS_DEG) for rock, plane in closed])
+    limits = np.array([toppling(rock, plane, _AZIMUTHS_DEG) for rock, plane in closed])
     finite = np.where(np.isfinite(limits), limits, np.nan)
     alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
-    limit_bias = np.hypot(TOPPLING_BIAS_SHARE * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped)
+    limit_bias = np.hypot(_TOPPLING_BIAS_SHARE * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped)
     # tan(alpha) = a / g: d alpha = sin(alpha) cos(alpha) da / a = cos(alpha)^2 da / g
     angle = np.deg2rad(alpha.mean(axis=0))
     alpha_bias = np.rad2deg(
-        np.hypot(0.5 * TOPPLING_BIAS_SHARE * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
+        np.hypot(0.5 * _TOPPLING_BIAS_SHARE * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
     )
     limit_std = _joined(np.nanstd(finite, axis=0, ddof=1), limit_bias)
     return {
         "quasi_static_toppling_m_s2": [
-            {"azimuth_deg": float(a), "std": std} for a, std in zip(AZIMUTHS_DEG, limit_std, strict=True)
+            {"azimuth_deg": float(a), "std": std} for a, std in zip(_AZIMUTHS_DEG, limit_std, strict=True)
         ],
         "slenderness": [
             {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": std}
-            for a, std in zip(AZIMUTHS_DEG, _joined(_std(alpha), alpha_bias), strict=True)
+            for a, std in zip(_AZIMUTHS_DEG, _joined(_std(alpha), alpha_bias), strict=True)
         ],
     }
 
@@ -326,7 +326,7 @@ def _toppling_spread(closed: list[tuple[Rock, Interface]], tipped: float) -> dic
 def invention_warning(scene: Scene) -> str | None:
     """Say that much of the rock was not seen, if so, and what follows; nothing for a rock that was seen."""
     share = scene.report.get("surface", {}).get("invented_share", 0.0)
-    if share <= MUCH_INVENTED:
+    if share <= _MUCH_INVENTED:
         return None
     return (
         f"warning: {share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and "
@@ -349,7 +349,7 @@ class _Beside:
 
     @classmethod
     def of(cls, observed: ObservedRock, interface: Interface) -> "_Beside":
-        band = BESIDE_BAND_PER_HEIGHT * observed.height_m
+        band = _BESIDE_BAND_PER_HEIGHT * observed.height_m
         flat_rock, flat_pedestal = interface.flat(observed.rock_m), interface.flat(observed.pedestal_m)
         rock, pedestal = np.abs(flat_rock[:, 2]) < band, np.abs(flat_pedestal[:, 2]) < band
         low = flat_rock[rock, :2]
@@ -359,14 +359,14 @@ class _Beside:
         return cls(
             np.concatenate([observed.rock_m[rock], observed.pedestal_m[pedestal]]),
             np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
-            np.floor(turn * SECTORS).astype(int) % SECTORS,
+            np.floor(turn * _SECTORS).astype(int) % _SECTORS,
             observed.height_m,
         )
 
 
 def _half_fitted(beside: _Beside, interface: Interface, rng: np.random.Generator) -> Interface:
     """Interface through the pedestal in half of the directions around the contact."""
-    kept = np.isin(beside.sector, rng.choice(SECTORS, SECTORS // 2, replace=False)) | (beside.label == ROCK)
+    kept = np.isin(beside.sector, rng.choice(_SECTORS, _SECTORS // 2, replace=False)) | (beside.label == ROCK)
     return refitted(beside.points_m[kept], beside.label[kept], interface, beside.height_m)
 
 

@@ -16,17 +16,17 @@ from toppling.models.scan.placement import AXES, Placement
 
 UPWARD_Y = (".glb", ".gltf")
 """Formats in which y is up by their rule."""
-POINTS_PER_TRIANGLE, FEWEST, MOST = 4, 1_000_000, 4_000_000
+_POINTS_PER_TRIANGLE, FEWEST, _MOST = 4, 1_000_000, 4_000_000
 """Points on a mesh: half of them spread evenly over its area, half over its triangles, so where it has its detail."""
-WIDEST, NARROWEST = 200.0, 0.3
+_WIDEST, _NARROWEST = 200.0, 0.3
 """Extents of a mesh whose file states no unit, beyond which it is hardly a rock and its ground in metres."""
-SITE_M = (0.5, 100.0)
+_SITE_M = (0.5, 100.0)
 """Extents of a rock with its ground, by which units are guessed."""
-OPEN_SHARE = 0.05
+_OPEN_SHARE = 0.05
 """Of its area: with less left over, a mesh is closed and does not show by its opening where up is."""
-TILTED_DEG, NEAR_AXIS_DEG = 45.0, 25.0
+_TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
-COMMENT_BYTES = 65_536
+_COMMENT_BYTES = 65_536
 
 
 def is_mesh(path: Path) -> bool:
@@ -59,7 +59,7 @@ def remarks_of(path: Path) -> tuple[str, ...]:
     if suffix != ".obj":
         return ()
     with path.open("rb") as file:
-        head = file.read(COMMENT_BYTES).decode("latin-1")
+        head = file.read(_COMMENT_BYTES).decode("latin-1")
     return tuple(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
 
 
@@ -101,7 +101,7 @@ def _facing(vertices: Array, faces: NDArray[np.int64]) -> Array | None:
     area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total, whole = area.sum(axis=0), float(np.linalg.norm(area, axis=1).sum())
     size = float(np.linalg.norm(total))
-    return total / size if size > OPEN_SHARE * whole else None
+    return total / size if size > _OPEN_SHARE * whole else None
 
 
 def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[str, str] | None:
@@ -110,10 +110,10 @@ def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[st
         return None
     usual = "y" if path.suffix.lower() in UPWARD_Y else "z"
     off = _angle_deg(facing, AXES[usual])
-    if off < TILTED_DEG:
+    if off < _TILTED_DEG:
         return None
     axis = min(AXES, key=lambda name: _angle_deg(facing, AXES[name]))
-    if _angle_deg(facing, AXES[axis]) < NEAR_AXIS_DEG:
+    if _angle_deg(facing, AXES[axis]) < _NEAR_AXIS_DEG:
         return f"it looks {axis} up: its surface faces {axis} in the mean, not {usual}", f"--up {axis}"
     way = ",".join(f"{each:.2f}" for each in facing)
     return f"its surface faces {way} in the mean, {off:.0f} degrees from {usual}", f"--up {way}"
@@ -121,15 +121,15 @@ def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[st
 
 def _sized(vertices: Array) -> tuple[str, str] | None:
     size = float(np.ptp(vertices, axis=0).max())
-    if NARROWEST <= size <= WIDEST:
+    if _NARROWEST <= size <= _WIDEST:
         return None
-    if size < NARROWEST:
+    if size < _NARROWEST:
         return (
             f"it is {size:.3g} wide, and no rock with its ground is so small in metres",
             "--length P Q METRES",
         )
     sizes = {unit: size * METRES[unit] for unit in ("mm", "cm", "in", "ft")}
-    likely = {unit: wide for unit, wide in sizes.items() if SITE_M[0] <= wide <= SITE_M[1]}
+    likely = {unit: wide for unit, wide in sizes.items() if _SITE_M[0] <= wide <= _SITE_M[1]}
     looks = " or ".join(f"{NAMES[unit]} ({wide:.3g} m)" for unit, wide in likely.items())
     what = f"it looks like {looks or 'another unit than metres'}: it is {size:.5g} wide"
     return what, f"--units {'|'.join(likely) or 'UNIT'}"
@@ -150,7 +150,7 @@ def points_on(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray
     """
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    count = int(np.clip(POINTS_PER_TRIANGLE * len(faces), FEWEST, MOST))
+    count = int(np.clip(_POINTS_PER_TRIANGLE * len(faces), FEWEST, _MOST))
     number = np.arange(count)
     share = np.cumsum(0.5 * area / area.sum() + 0.5 / len(faces))
     triangle = np.minimum(np.searchsorted(share, (number + 0.5) / count), len(faces) - 1)

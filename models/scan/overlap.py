@@ -9,12 +9,12 @@ from scipy.spatial import cKDTree
 from toppling.models.errors import refusals
 from toppling.models.scan.read import Cloud
 
-OVERLAP_SHARE = 0.02
+_OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
-LEAST_OVERLAP = 0.05
+_LEAST_OVERLAP = 0.05
 """Share of a station's points that must show a place that another one shows too."""
-LENGTHS_M = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001}
-FITS_BETTER = 0.2
+_LENGTHS_M = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001}
+_FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 
 
@@ -40,7 +40,7 @@ def check_overlap(cloud: Cloud) -> None:
     against = [_Against.of(samples, number) for number in range(len(samples))]
     _refuse_other_units(against, cloud)
     shown = [each.shared() for each in against]
-    alone = [number for number, share in enumerate(shown) if share < LEAST_OVERLAP]
+    alone = [number for number, share in enumerate(shown) if share < _LEAST_OVERLAP]
     if not alone:
         return
     alone.sort(key=lambda number: (shown[number], -against[number].ratio))
@@ -73,7 +73,7 @@ class _Against:
 
     def shared(self) -> float:
         """Share of the file's points that show a place of the others, or of theirs that show one of its own."""
-        reach = OVERLAP_SHARE * self.others_size_m
+        reach = _OVERLAP_SHARE * self.others_size_m
         return max(_near(self.points_m, self.others_m, reach), _near(self.others_m, self.points_m, reach))
 
     def fit_gained(self, unit: float, origin_m: NDArray[np.float64]) -> float:
@@ -85,7 +85,7 @@ class _Against:
         if not (0.75 < self.ratio * unit < 1.33 and 0.6 < self.rise * unit < 1.67):
             return 0.0
         converted = (self.points_m + origin_m) * unit - origin_m
-        reach = OVERLAP_SHARE * self.others_size_m * min(1.0, self.ratio)
+        reach = _OVERLAP_SHARE * self.others_size_m * min(1.0, self.ratio)
         as_is, after = (
             min(_near(points, self.others_m, reach), _near(self.others_m, points, reach))
             for points in (self.points_m, converted)
@@ -98,13 +98,13 @@ def _refuse_other_units(against: list[_Against], cloud: Cloud) -> None:
     gains = [
         (each.fit_gained(unit, cloud.origin_m), unit < 1.0, unit, number)
         for number, each in enumerate(against)
-        for length in LENGTHS_M.values()
+        for length in _LENGTHS_M.values()
         for unit in (length, 1.0 / length)
     ]
     # Of two files each fits the other by conversion; that with the larger numbers is not in metres.
-    gain, larger, unit, number = max(gains, key=lambda each: (each[0] > FITS_BETTER, each[1], each[0]))
-    if gain > FITS_BETTER:
-        name = next(word for word, length in LENGTHS_M.items() if length in (unit, 1.0 / unit))
+    gain, larger, unit, number = max(gains, key=lambda each: (each[0] > _FITS_BETTER, each[1], each[0]))
+    if gain > _FITS_BETTER:
+        name = next(word for word, length in _LENGTHS_M.items() if length in (unit, 1.0 / unit))
         explanation = (
             f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
         )

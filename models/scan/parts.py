@@ -19,9 +19,9 @@ from toppling.models.scan.meshes import is_mesh
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, patches_around
 
-CLASSES = ("classification", "class", "label", "segment")
+_CLASSES = ("classification", "class", "label", "segment")
 """Names that a PLY's scalar has which says what a point is of, alone or after "scalar_"."""
-SHOWN = 12
+_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _has_values(path: Path, part: Part, points: int) -> NDArray[np.bool_]:
     mask = np.isin(found, part.values)
     if not mask.any():
         values, count = np.unique(found, return_counts=True)
-        there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:SHOWN])
+        there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:_SHOWN])
         raise InputError(
             f"no point has the value {', '.join(f'{each:g}' for each in part.values)}",
             where=f"{path.name}, {part.option}",
@@ -138,7 +138,7 @@ def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
     if path.suffix.lower() != ".ply":
         return None
     vertices = {name.lower(): values for name, values in read_vertices(path).items()}
-    names = [part.field] if part.field else CLASSES
+    names = [part.field] if part.field else _CLASSES
     name = next((each for name in names for each in (name, f"scalar_{name}") if each in vertices), None)
     if name is None:
         return None

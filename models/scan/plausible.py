@@ -9,11 +9,11 @@ from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 from toppling.models.scan.steps import single_precision_step
 
-MINIMUM_POINTS = 1000
+_MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
-COARSEST_STEP_M = 0.01
+_COARSEST_STEP_M = 0.01
 """Coordinates stored in steps wider than this have lost the crevice."""
-DEGREES_PER_HEIGHT = 1e-3
+_DEGREES_PER_HEIGHT = 1e-3
 """Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
 
 
@@ -25,12 +25,12 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
     InputError
         If they are few, one and the same, in degrees, or stored in single precision far from zero.
     """
-    if len(points) < MINIMUM_POINTS:
+    if len(points) < _MINIMUM_POINTS:
         also = f", and {left_out} that are not finite" if left_out else ""
         raise InputError(
             f"holds {len(points)} points{also}",
             where=str(path),
-            expected=f"at least {MINIMUM_POINTS}",
+            expected=f"at least {_MINIMUM_POINTS}",
             remedy="check that the export was complete and that the file's extension names its format",
         )
     size = np.ptp(points, axis=0)
@@ -42,14 +42,14 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
             remedy="export the cloud again",
         )
     level = np.abs(points[:, :2]).max(axis=0)
-    if 0.0 < size[:2].max() < DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
+    if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
     step = single_precision_step(points) * scale[0]
-    if step > COARSEST_STEP_M:
+    if step > _COARSEST_STEP_M:
         raise InputError(
             f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
             where=str(path),
-            expected=f"steps of at most {COARSEST_STEP_M} m",
+            expected=f"steps of at most {_COARSEST_STEP_M} m",
             remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
         )
 

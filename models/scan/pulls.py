@@ -9,11 +9,11 @@ import numpy as np
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 
-PULL_STD_SHARE = 0.05
+_PULL_STD_SHARE = 0.05
 """How well a pull or tilt test tells the ratio: of the force's direction, height and reading together."""
-ERROR_STDS = 2.0
+_ERROR_STDS = 2.0
 """Standard deviations beyond which a measured ratio contradicts a base."""
-SPANNED_SHARE = 0.99
+_SPANNED_SHARE = 0.99
 """Of the draws' weight: the others were drawn, but next to none of them would be kept."""
 Pulls = Sequence[tuple[float, float]]
 
@@ -26,7 +26,7 @@ def likelihood(pulls: Pulls, ratios: Array) -> Array:
 
 def fits(pulls: Pulls, ratios: Array) -> bool:
     """Whether one base with ratios (pulls,) agrees with all that was measured."""
-    return bool((_misfits(pulls, np.asarray(ratios)[None]) <= ERROR_STDS).all())
+    return bool((_misfits(pulls, np.asarray(ratios)[None]) <= _ERROR_STDS).all())
 
 
 def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
@@ -45,7 +45,7 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
     InputError
         If a ratio lies outside of what the draws span by more than its error.
     """
-    error = ERROR_STDS * PULL_STD_SHARE
+    error = _ERROR_STDS * _PULL_STD_SHARE
     for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True):
         low, high = _span(drawn, weight)
         if low < ratio * (1.0 + error) and high > ratio * (1.0 - error):
@@ -73,7 +73,7 @@ def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> No
     InputError
         If half of the draws' weight is on bases that contradict a pull.
     """
-    agree = (_misfits(pulls, ratios) <= ERROR_STDS).all(axis=1)
+    agree = (_misfits(pulls, ratios) <= _ERROR_STDS).all(axis=1)
     if weight[agree].sum() >= 0.5 * weight.sum():
         return
     listed = "; ".join(
@@ -85,21 +85,21 @@ def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> No
     raise _contradicted(
         f"next to no drawn base agrees with {'all pulls' if len(pulls) > 1 else 'the pull'}: {listed}",
         "--pull" if len(pulls) > 1 else "--pull {:g} {:g}".format(*pulls[0]),
-        f"ratios that one drawn base bears, within the test's error of {100 * ERROR_STDS * PULL_STD_SHARE:.0f} %",
+        f"ratios that one drawn base bears, within the test's error of {100 * _ERROR_STDS * _PULL_STD_SHARE:.0f} %",
     )
 
 
 def _misfits(pulls: Pulls, ratios: Array) -> Array:
     """Deviations (n, pulls) in standard deviations of the measurement."""
     measured = np.array([ratio for _, ratio in pulls])
-    return np.asarray(np.abs(ratios / measured - 1.0) / PULL_STD_SHARE)
+    return np.asarray(np.abs(ratios / measured - 1.0) / _PULL_STD_SHARE)
 
 
 def _span(drawn: Array, weight: Array) -> tuple[float, float]:
     """Between what ratios nearly all of the draws' weight lies."""
     order = np.argsort(drawn)
     below = np.cumsum(weight[order]) / weight.sum()
-    tail = 0.5 * (1.0 - SPANNED_SHARE)
+    tail = 0.5 * (1.0 - _SPANNED_SHARE)
     low, high = np.searchsorted(below, [tail, 1.0 - tail]).clip(max=len(drawn) - 1)
     return float(drawn[order[low]]), float(drawn[order[high]])
 

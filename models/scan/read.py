@@ -30,7 +30,7 @@ from toppling.models.scan.steps import coordinate_steps
 from toppling.models.scan.text import read_text
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
-GUARDED = {
+_GUARDED = {
     ".las": ("las", ["laspy"]),
     ".laz": ("las", ["laspy"]),
     ".e57": ("e57", ["pye57"]),
@@ -39,7 +39,7 @@ GUARDED = {
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
 
 
-UNIT_TOLERANCE = 1e-5
+_UNIT_TOLERANCE = 1e-5
 """Relative difference of units that are one and the same for a rock: the two feet differ by 2e-6."""
 
 
@@ -300,7 +300,7 @@ def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
         given, name = (across, up), f"{said.system['name']} ({said.system['unit']})"
         option = f"--crs: {name}"
     if given is not None and option is not None:
-        differs = stated is not None and not np.allclose(given, stated, rtol=UNIT_TOLERANCE, atol=0.0)
+        differs = stated is not None and not np.allclose(given, stated, rtol=_UNIT_TOLERANCE, atol=0.0)
         other = said.system is not None and read.reference is not None and read.reference["epsg"]
         differs |= bool(other) and said.system is not None and other != said.system["epsg"]
         return given, option, f"read in {name}, though it says {by}" if differs else ""
@@ -321,8 +321,8 @@ def _read_file(path: Path, said: _Said) -> _Read:
     try:
         if is_mesh(path):
             return _read_mesh(path, said)
-        if suffix in GUARDED:
-            reader, libraries = GUARDED[suffix]
+        if suffix in _GUARDED:
+            reader, libraries = _GUARDED[suffix]
             told, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
             if told["refusal"] and not unit_given:
                 raise InputError(**told["refusal"] | {"where": str(path)})

@@ -11,19 +11,19 @@ from typing import Any
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 
-HEAD_BYTES = 65_536
-LONGEST_WKT = 20_000
-SYSTEMS = (
+_HEAD_BYTES = 65_536
+_LONGEST_WKT = 20_000
+_SYSTEMS = (
     "PROJCS|GEOGCS|COMPD_CS|GEOCCS|LOCAL_CS|VERT_CS|PROJCRS|GEOGCRS|GEODCRS|COMPOUNDCRS|ENGCRS|ENGINEERINGCRS|BOUNDCRS|"
     "PROJECTEDCRS|GEOGRAPHICCRS|GEODETICCRS"
 )
-_WKT = re.compile(rf"\b(?:{SYSTEMS})\s*[\[(].*", re.DOTALL)
+_WKT = re.compile(rf"\b(?:{_SYSTEMS})\s*[\[(].*", re.DOTALL)
 _CODE = re.compile(r"\bEPSG\s*:+\s*(\d{4,6})\b", re.IGNORECASE)
 GEO_KEYS, GEO_DOUBLES = 34735, 34736
-MODEL, GEOGRAPHIC_CODE, PROJECTED_CODE = 1024, 2048, 3072
-LINEAR_UNIT, LINEAR_SIZE, VERTICAL_CODE, VERTICAL_UNIT = 3076, 3077, 4096, 4099
-PROJECTED_MODEL, GEOGRAPHIC_MODEL, GEOCENTRIC_MODEL = 1, 2, 3
-USER_DEFINED = 32767
+_MODEL, _GEOGRAPHIC_CODE, _PROJECTED_CODE = 1024, 2048, 3072
+_LINEAR_UNIT, _LINEAR_SIZE, _VERTICAL_CODE, _VERTICAL_UNIT = 3076, 3077, 4096, 4099
+_PROJECTED_MODEL, _GEOGRAPHIC_MODEL, _GEOCENTRIC_MODEL = 1, 2, 3
+_USER_DEFINED = 32767
 
 Reference = dict[str, Any]
 """What JSON can say of it: `name`, `epsg` (or None), `metres_per_unit` [horizontal, vertical], `unit`, `note`."""
@@ -41,7 +41,7 @@ def of_wkt(wkt: str, where: str) -> Reference:
     from pyproj.exceptions import CRSError
 
     try:
-        return _of_crs(CRS.from_wkt(wkt[:LONGEST_WKT].rstrip("\0 \r\n")), where)
+        return _of_crs(CRS.from_wkt(wkt[:_LONGEST_WKT].rstrip("\0 \r\n")), where)
     except CRSError as error:
         raise _not_understood(f"{wkt[:60]}...: {str(error).splitlines()[0][:120]}", where) from None
 
@@ -100,22 +100,22 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
         As of `of_wkt`.
     """
     values = _keys(keys, doubles)
-    model = values.get(MODEL, PROJECTED_MODEL if PROJECTED_CODE in values else None)
-    if model == GEOGRAPHIC_MODEL or (model is None and GEOGRAPHIC_CODE in values):
-        raise in_degrees(f"GeoTIFF key {MODEL} is {GEOGRAPHIC_MODEL}, geographic", where)
-    if model == GEOCENTRIC_MODEL:
+    model = values.get(_MODEL, _PROJECTED_MODEL if _PROJECTED_CODE in values else None)
+    if model == _GEOGRAPHIC_MODEL or (model is None and _GEOGRAPHIC_CODE in values):
+        raise in_degrees(f"GeoTIFF key {_MODEL} is {_GEOGRAPHIC_MODEL}, geographic", where)
+    if model == _GEOCENTRIC_MODEL:
         raise _geocentric(where)
-    code = values.get(PROJECTED_CODE, USER_DEFINED)
-    plane = of_code(int(code), where) if 0 < code < USER_DEFINED else None
-    across = _unit(values, LINEAR_UNIT, values.get(LINEAR_SIZE), where)
-    up = _unit(values, VERTICAL_UNIT, None, where)
+    code = values.get(_PROJECTED_CODE, _USER_DEFINED)
+    plane = of_code(int(code), where) if 0 < code < _USER_DEFINED else None
+    across = _unit(values, _LINEAR_UNIT, values.get(_LINEAR_SIZE), where)
+    up = _unit(values, _VERTICAL_UNIT, None, where)
     if across is None and plane is None and up is None:
         return None
     stated = across or (plane["metres_per_unit"][0] if plane else None)
     if stated is None:
         raise _not_understood(f"keys that state the unit of heights alone ({up} m)", where)
-    if up is None and 0 < values.get(VERTICAL_CODE, 0) < USER_DEFINED:
-        up = _vertical(int(values[VERTICAL_CODE]))
+    if up is None and 0 < values.get(_VERTICAL_CODE, 0) < _USER_DEFINED:
+        up = _vertical(int(values[_VERTICAL_CODE]))
     note = (
         ""
         if up is not None or stated == 1.0
@@ -134,7 +134,7 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
 def of_text_head(path: Path) -> tuple[Reference | None, list]:
     """Coordinate system that the beginning of a file names in words, as WKT or by an EPSG code."""
     with path.open("rb") as file:
-        text = file.read(HEAD_BYTES).decode("latin-1")
+        text = file.read(_HEAD_BYTES).decode("latin-1")
     return of_words(text, str(path)), []
 
 
@@ -155,7 +155,7 @@ def names_a_system(text: str) -> bool:
 def _balanced(text: str) -> str:
     """Text up to where its first bracket closes."""
     depth, quoted = 0, False
-    for at, letter in enumerate(text[:LONGEST_WKT]):
+    for at, letter in enumerate(text[:_LONGEST_WKT]):
         quoted ^= letter == '"'
         if not quoted:
             depth += (letter in "[(") - (letter in ")]")
@@ -228,8 +228,8 @@ def _unit(values: dict[int, float], key: int, size: float | None, where: str) ->
     from pyproj.database import get_units_map
 
     code = int(values.get(key, 0))
-    if code in (0, USER_DEFINED):
-        if code and key == LINEAR_UNIT and (size is None or not 1e-6 < size < 1e6):
+    if code in (0, _USER_DEFINED):
+        if code and key == _LINEAR_UNIT and (size is None or not 1e-6 < size < 1e6):
             raise _not_understood("a unit of its own without its size", where)
         return size if code else None
     for unit in get_units_map(auth_name="EPSG", category="linear", allow_deprecated=True).values():

@@ -16,24 +16,24 @@ from toppling.models.frames import shifted_and_turned
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 
-VOXELS_PER_EXTENT = 250
-POINTS_PER_STATION = 500_000
+_VOXELS_PER_EXTENT = 250
+_POINTS_PER_STATION = 500_000
 """More points of a station are not needed for the means of its voxels."""
-SAMPLES = 4000
+_SAMPLES = 4000
 """Points of a station that are compared with each other station."""
-REACH_VOXELS = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 2.0)
+_REACH_VOXELS = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 2.0)
 """Distance up to which two points may show the same place, by iteration."""
-LEAST_PAIRS = 100
-SAME_WAY = 0.9
+_LEAST_PAIRS = 100
+_SAME_WAY = 0.9
 """Cosine between the normals of points that show the same place."""
-WORTH = 0.95
+_WORTH = 0.95
 """A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
-NEARBY_VOXELS = 10.0
+_NEARBY_VOXELS = 10.0
 """Points of a station this near to another's should show places that it shows too."""
-FAR_BELOW, FAR_ABOVE = 0.25, 3.0
+_FAR_BELOW, _FAR_ABOVE = 0.25, 3.0
 """A station whose paired share and residual are these times the others' does not fit them. Known ones that do fit have
 0.6 of the others' share and their residual; such as are off by two voxels or more, 0.15 of it and 30 times theirs."""
-WEAK = 1e-3
+_WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 
 
@@ -92,19 +92,19 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
         return cloud, {"stations": 1}
     members = [np.flatnonzero(cloud.station == k) for k in range(count)]
     low, high = np.quantile(cloud.points_m[:: max(1, len(cloud.points_m) // 100_000)], [0.02, 0.98], axis=0)
-    voxel = float((high - low).max()) / VOXELS_PER_EXTENT
+    voxel = float((high - low).max()) / _VOXELS_PER_EXTENT
     within = lambda p: p[((p > low) & (p < high)).all(axis=1)]  # noqa: E731
-    every = max(1, len(cloud.points_m) // (count * POINTS_PER_STATION))
+    every = max(1, len(cloud.points_m) // (count * _POINTS_PER_STATION))
     stations = [_thinned(within(cloud.points_m[rows[::every]]), voxel) for rows in members]
     pose = [np.eye(4) for _ in stations]
     centre, size = 0.5 * (low + high), 0.5 * float((high - low).max())
-    before = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
-    for reach in REACH_VOXELS:
+    before = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
+    for reach in _REACH_VOXELS:
         step = _step(stations, pose, reach * voxel, centre, size)
         pose = [_moved(each, centre, size) @ old for each, old in zip(step, pose, strict=True)]
-    after = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
+    after = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
     report: dict[str, Any] = {"stations": count, "residual_before_m": before}
-    if before is None or after is None or not after < WORTH * before:
+    if before is None or after is None or not after < _WORTH * before:
         report["of_stations"] = _fits(stations, [np.eye(4) for _ in stations], voxel)
         return cloud, {**report, "residual_m": before, "applied": False}
     points = np.empty_like(cloud.points_m)
@@ -142,10 +142,10 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
     others = [each for k, each in fits if k != number]
     usual = float(np.median([each["paired_share"] for each in others]))
-    if worst["paired_share"] >= FAR_BELOW * usual:
+    if worst["paired_share"] >= _FAR_BELOW * usual:
         return
     residual = float(np.median([each["residual_m"] for each in others if each["residual_m"] is not None]))
-    if worst["residual_m"] is not None and worst["residual_m"] <= FAR_ABOVE * residual:
+    if worst["residual_m"] is not None and worst["residual_m"] <= _FAR_ABOVE * residual:
         return
     file = int(
         np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
@@ -161,7 +161,7 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
 
 def _thinned(points: NDArray[np.float64], voxel_m: float) -> _Thinned:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(voxel_m)
-    if len(cloud.points) < LEAST_PAIRS:
+    if len(cloud.points) < _LEAST_PAIRS:
         return _Thinned(np.empty((0, 3)), np.empty((0, 3)))
     cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(12))
     variance, axes = np.linalg.eigh(np.asarray(cloud.covariances))
@@ -180,12 +180,12 @@ def _pairs(
         tree = trees[b]
         if tree is None or trees[a] is None:
             continue
-        step = max(1, len(placed[a].points) // SAMPLES)
+        step = max(1, len(placed[a].points) // _SAMPLES)
         points, normals = placed[a].points[::step], placed[a].normals[::step]
         distance, near = tree.query(points, distance_upper_bound=reach_m)
         met = np.isfinite(distance)
-        met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > SAME_WAY
-        if met.sum() < LEAST_PAIRS:
+        met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > _SAME_WAY
+        if met.sum() < _LEAST_PAIRS:
             continue
         normal = placed[b].normals[near[met]]
         gap = np.einsum("ij,ij->i", points[met] - placed[b].points[near[met]], normal)
@@ -209,17 +209,17 @@ def _fits(
     for number, each in enumerate(placed):
         points = np.concatenate([other.points for k, other in enumerate(placed) if k != number])
         normals = np.concatenate([other.normals for k, other in enumerate(placed) if k != number])
-        step = max(1, len(each.points) // SAMPLES)
+        step = max(1, len(each.points) // _SAMPLES)
         own, facing = each.points[::step], each.normals[::step]
         if len(own) and len(points):
-            distance, near = cKDTree(points).query(own, distance_upper_bound=NEARBY_VOXELS * voxel_m)
+            distance, near = cKDTree(points).query(own, distance_upper_bound=_NEARBY_VOXELS * voxel_m)
             nearby = np.isfinite(distance)
-        if not len(own) or not len(points) or nearby.sum() < LEAST_PAIRS:
+        if not len(own) or not len(points) or nearby.sum() < _LEAST_PAIRS:
             found.append({"residual_m": None, "paired_share": None})
             continue
         normal = normals[near[nearby]]
-        met = distance[nearby] < REACH_VOXELS[-1] * voxel_m
-        met &= np.abs(np.einsum("ij,ij->i", facing[nearby], normal)) > SAME_WAY
+        met = distance[nearby] < _REACH_VOXELS[-1] * voxel_m
+        met &= np.abs(np.einsum("ij,ij->i", facing[nearby], normal)) > _SAME_WAY
         gap = np.abs(np.einsum("ij,ij->i", own[nearby] - points[near[nearby]], normal))[met]
         found.append(
             {
@@ -253,7 +253,7 @@ def _step(
         both = np.hstack([row, -row])
         normal_matrix[np.ix_(slots, slots)] += both.T @ (weight[:, None] * both)
         right[slots] -= both.T @ (weight * gap)
-    return (np.linalg.pinv(normal_matrix, rcond=WEAK, hermitian=True) @ right).reshape(-1, 6)
+    return (np.linalg.pinv(normal_matrix, rcond=_WEAK, hermitian=True) @ right).reshape(-1, 6)
 
 
 def _moved(motion: NDArray[np.float64], centre: NDArray[np.float64], size: float) -> NDArray[np.float64]:

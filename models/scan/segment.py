@@ -34,15 +34,15 @@ from toppling.models.scan.surfels import Surfels, orient, roughness, thin
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
-FINE_VOXELS_PER_HEIGHT = 100
-CLUTTER_ROUGHNESS = 0.6
+_FINE_VOXELS_PER_HEIGHT = 100
+_CLUTTER_ROUGHNESS = 0.6
 """Median thickness over width above which a neighbourhood is clutter."""
-SHEET_ROUGHNESS = 0.3
+_SHEET_ROUGHNESS = 0.3
 """Thickness over width of a fine voxel's neighbourhood among clutter, below which it lies on a surface: the ground
 below a bush, a wall's edge."""
-LABELLING_POINTS = 20
+_LABELLING_POINTS = 20
 """So many points for each patch tell its label."""
-FEWEST_OF_A_SURFACE = 100
+_FEWEST_OF_A_SURFACE = 100
 """Fewer points among clutter are clutter."""
 
 
@@ -155,7 +155,7 @@ def patches_around(
     reach = np.hypot(*(rock_m[:, :2] - axis).T).max() + 0.5 * height_m
     around = np.flatnonzero(points_m[:, 2] > rock_m[:, 2].min() - 0.7 * height_m)
     around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
-    voxel = height_m / FINE_VOXELS_PER_HEIGHT
+    voxel = height_m / _FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
     return orient(thinned, voxel), around, index
 
@@ -206,7 +206,7 @@ def _clutter(
     Not beside the rock, where the two sides of the crevice make one thick neighbourhood.
     """
     _, near = cKDTree(coarse.points_m).query(coarse.points_m, 9)
-    thick = np.median(coarse.roughness[near], axis=1) > CLUTTER_ROUGHNESS
+    thick = np.median(coarse.roughness[near], axis=1) > _CLUTTER_ROUGHNESS
     thick &= cKDTree(rock_m).query(coarse.points_m)[0] > 4 * coarse.voxel_m
     clutter = np.zeros(len(points_m), bool)
     if not thick.any():
@@ -215,7 +215,7 @@ def _clutter(
     high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
     around = np.flatnonzero(_within(points_m, low, high))
     around = around[thick[cKDTree(coarse.points_m).query(points_m[around])[1]]]
-    if len(around) > FEWEST_OF_A_SURFACE:
+    if len(around) > _FEWEST_OF_A_SURFACE:
         around = around[~_on_a_surface(points_m[around], fine_m)]
     clutter[around] = True
     return clutter
@@ -224,7 +224,7 @@ def _clutter(
 def _on_a_surface(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.bool_]:
     """Points whose voxel lies with its neighbours in a sheet, such as the ground below a bush."""
     means, voxel = thin(points_m, voxel_m)
-    return (voxel >= 0) & (roughness(means)[voxel] < SHEET_ROUGHNESS)
+    return (voxel >= 0) & (roughness(means)[voxel] < _SHEET_ROUGHNESS)
 
 
 def label_surfels(
@@ -233,7 +233,7 @@ def label_surfels(
     """Label of the point nearest to each surfel."""
     low, high = surfels.points_m.min(axis=0) - surfels.voxel_m, surfels.points_m.max(axis=0) + surfels.voxel_m
     around = np.flatnonzero(_within(points_m, low, high))
-    around = around[:: max(1, len(around) // (LABELLING_POINTS * len(surfels.points_m)))]
+    around = around[:: max(1, len(around) // (_LABELLING_POINTS * len(surfels.points_m)))]
     return label[around[cKDTree(points_m[around]).query(surfels.points_m)[1]]]
 
 

@@ -5,12 +5,12 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 
-TOLD_PER_HEIGHT = 1e-3
+_TOLD_PER_HEIGHT = 1e-3
 """Steps above this share of the rock's height are told with their effect."""
-COARSEST_PER_HEIGHT = 1e-2
+_COARSEST_PER_HEIGHT = 1e-2
 """Above this one they are as wide as the patches that rock and pedestal are made of, and the crevice is lost."""
-SAMPLE = 200_000
-MULTIPLES = 0.9
+_SAMPLE = 200_000
+_MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
 
 
@@ -23,7 +23,7 @@ def coordinate_steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
     array([0.01, 0.01, 0.01])
     """
     finite = points[np.isfinite(points).all(axis=1)]
-    sample = finite[:: max(1, len(finite) // SAMPLE)]
+    sample = finite[:: max(1, len(finite) // _SAMPLE)]
     if len(sample) < 3:
         return np.zeros(3)
     return np.maximum([_step(sample[:, axis]) for axis in range(3)], _single_precision(sample))
@@ -50,7 +50,7 @@ def _step(values: NDArray[np.float64]) -> float:
         counts = apart / step
         # Beyond a hundred steps a distance is near a multiple of anything.
         near = counts < 100.0
-        if near.mean() > MULTIPLES and (np.abs(counts - counts.round()) < 0.02)[near].mean() > MULTIPLES:
+        if near.mean() > _MULTIPLES and (np.abs(counts - counts.round()) < 0.02)[near].mean() > _MULTIPLES:
             return float(step)
     return 0.0
 
@@ -68,16 +68,16 @@ def step_note(step_m: float, height_m: float) -> str:
     InputError
         If they are so wide that the crevice is lost.
     """
-    if step_m > COARSEST_PER_HEIGHT * height_m:
+    if step_m > _COARSEST_PER_HEIGHT * height_m:
         raise InputError(
             f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
             where="coordinates",
-            expected=f"steps of at most {COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
-            f"{TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
+            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
+            f"{_TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
             remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "
             "taken away",
         )
-    if step_m <= TOLD_PER_HEIGHT * height_m:
+    if step_m <= _TOLD_PER_HEIGHT * height_m:
         return ""
     # A rock topples at g r / z: the arm r is half a step off, and its centre of mass about half the height z up.
     return (

@@ -22,12 +22,12 @@ from toppling.models.scan.sheet import between_nodes, lattice
 from toppling.models.scan.unseen import DrawnBases
 from toppling.models.unseen import BaseDraw, UnseenBase
 
-AROUND_LATTICES = 12.0
+_AROUND_LATTICES = 12.0
 """Distance beyond the rim over which a rock is tipped on the surface."""
 
 Planes = Array
 """(k, 3): heights h = a + b u + c v."""
-ROUNDING = 1e-6
+_ROUNDING = 1e-6
 """Share of the height within which a vertex lies in the base that closed the rock."""
 
 
@@ -84,7 +84,7 @@ def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float
     over = interface.over(rock.vertices_m)
     closed = between_nodes(over[:, :2], interface.lattice_m, lambda nodes: _at_nodes(base, nodes))
     hidden = base.hidden.ravel()[base.grid.index(over)]
-    return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < ROUNDING * height_m))
+    return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < _ROUNDING * height_m))
 
 
 def _at_nodes(base: Base, nodes: Array) -> Array:
@@ -108,7 +108,7 @@ def surface_of(interface: Interface) -> Pedestal:
     sheet = interface.sheet
     if sheet is None:
         return Pedestal(interface.point_m, interface.normal)
-    reach = AROUND_LATTICES * sheet.lattice_m
+    reach = _AROUND_LATTICES * sheet.lattice_m
     nodes = lattice(sheet, sheet.ring_m.min(axis=0) - reach, sheet.ring_m.max(axis=0) + reach)
     flat = np.column_stack([nodes.reshape(-1, 2), sheet.at(nodes).ravel()])
     return Pedestal(

@@ -7,10 +7,10 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-NEIGHBOURS = 16
+_NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
-ESCAPE_DIRECTIONS = 24
-STRAY_SHARE = 0.2
+_ESCAPE_DIRECTIONS = 24
+_STRAY_SHARE = 0.2
 """A voxel with less than this share of the points of a typical neighbour holds strays only."""
 
 
@@ -47,7 +47,7 @@ def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.floa
     _, index, count = np.unique(key, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(index, points_m[:, axis]) / count for axis in range(3)])
     near = cKDTree(mean).query(mean, min(13, len(mean)))[1][:, 1:]
-    solid = count >= STRAY_SHARE * np.median(count[near], axis=1)
+    solid = count >= _STRAY_SHARE * np.median(count[near], axis=1)
     renumbered = np.where(solid, np.cumsum(solid) - 1, -1)
     return mean[solid], renumbered[index]
 
@@ -68,7 +68,7 @@ def roughness(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def _local_planes(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Normals, either way, of planes through the neighbourhoods, and how thick these are over their width."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
-    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
+    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
     variance, axes = np.linalg.eigh(np.asarray(cloud.covariances))
     thickness = np.sqrt(np.maximum(variance[:, 0], 0.0) / np.maximum(variance[:, 1], 1e-30))
     return axes[:, :, 0], thickness
@@ -92,8 +92,8 @@ def _escapes(
         o3d.core.Tensor.from_numpy(corners.reshape(-1, 3).astype(np.float32)),
         o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
     )
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(ESCAPE_DIRECTIONS)
-    z = -0.15 + 1.1 * (np.arange(ESCAPE_DIRECTIONS) + 0.5) / ESCAPE_DIRECTIONS
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_ESCAPE_DIRECTIONS)
+    z = -0.15 + 1.1 * (np.arange(_ESCAPE_DIRECTIONS) + 0.5) / _ESCAPE_DIRECTIONS
     sky = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
     start = (points_m + 1.5 * voxel_m * normals).astype(np.float32)
     free = np.zeros(len(points_m))

@@ -46,14 +46,14 @@ from toppling.models.scene_document import LABELS, WORKED_OUT
 Progress = Callable[[str], None]
 
 STAGES = 6
-UPWARD = 0.3
+_UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
-BESIDE_PER_HEIGHT = 0.1
+_BESIDE_PER_HEIGHT = 0.1
 """Points so far above or below the interface tell about it and the base."""
-BESIDE_POINTS = 1_000_000
+_BESIDE_POINTS = 1_000_000
 """More of rock or pedestal tell no more: they lie closer than the cells in which the base is made."""
-HANGING_PER_HEIGHT = 0.03
-HANGING_SHARE = 0.002
+_HANGING_PER_HEIGHT = 0.03
+_HANGING_SHARE = 0.002
 """More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
 rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
 
@@ -280,7 +280,7 @@ def _classified(
     pedestal = surfel_label == PEDESTAL
     if interface.sheet is None and stands_beside(surfels, rock, pedestal, interface, height):
         interface = level_surface(surfels, rock, height, interface)
-    top = pedestal & (surfels.normals @ interface.normal > UPWARD)
+    top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
     check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _beside(cloud.points_m, label, interface, height)
@@ -297,19 +297,19 @@ def _beside(
         over = shifted_and_turned(points_m, interface.point_m, interface.axes[:, 2:])[:, 0]
     else:
         over = interface.over(points_m)[:, 2]
-    rock = np.flatnonzero((label == ROCK) & (over < BESIDE_PER_HEIGHT * height_m))
-    level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < BESIDE_PER_HEIGHT * height_m))
+    rock = np.flatnonzero((label == ROCK) & (over < _BESIDE_PER_HEIGHT * height_m))
+    level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))
     standing, below = points_m[_at_most(rock)], points_m[level]
     if len(standing):
-        margin = 2.0 * BESIDE_PER_HEIGHT * height_m
+        margin = 2.0 * _BESIDE_PER_HEIGHT * height_m
         low, high = standing.min(axis=0) - margin, standing.max(axis=0) + margin
         below = below[((below[:, :2] > low[:2]) & (below[:, :2] < high[:2])).all(axis=1)]
     return standing, _at_most(below)
 
 
 def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
-    """Every k-th row, so that no more than `BESIDE_POINTS` are left."""
-    return rows[:: -(-len(rows) // BESIDE_POINTS) or 1]
+    """Every k-th row, so that no more than `_BESIDE_POINTS` are left."""
+    return rows[:: -(-len(rows) // _BESIDE_POINTS) or 1]
 
 
 def check_above(observed: ObservedRock, interface: Interface) -> None:
@@ -321,8 +321,8 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         If more than strays of it were seen below the plane.
     """
     over = interface.over(observed.surfels.points_m[observed.patches])[:, 2]
-    below = over < -HANGING_PER_HEIGHT * observed.height_m
-    if below.mean() <= HANGING_SHARE:
+    below = over < -_HANGING_PER_HEIGHT * observed.height_m
+    if below.mean() <= _HANGING_SHARE:
         return
     # A tenth of them may be strays.
     deepest = -float(np.quantile(over[below], 0.1))

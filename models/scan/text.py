@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.scan.header import named_columns
 
-EASTINGS_M = (1e5, 1e6)
+_EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
-NORTHINGS_BELOW_M = 1e7
-HEAD_LINES, LOOKED_AT = 20, 2000
-ENDS = "\x1a\0"
+_NORTHINGS_BELOW_M = 1e7
+_HEAD_LINES, _LOOKED_AT = 20, 2000
+_ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
@@ -57,7 +57,7 @@ class Layout:
 
     def fields(self, line: str) -> list[str]:
         """Numbers of a line, with decimal points."""
-        text = line.strip().strip(ENDS)
+        text = line.strip().strip(_ENDS)
         if self.quoted:
             try:
                 words = next(csv.reader([text], delimiter=self.parted_by or " ", skipinitialspace=True), [])
@@ -101,12 +101,12 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
     """
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as lines:
-        head = [line for _, line in zip(range(HEAD_LINES), lines, strict=False)]
+        head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
     if skip is None:
         return Text(np.empty((0, 3)), (), False)
     with path.open(encoding=encoding, errors="replace") as lines:
-        layout = _settled([*islice(lines, skip, skip + LOOKED_AT)], path)
+        layout = _settled([*islice(lines, skip, skip + _LOOKED_AT)], path)
     titles = list(filter(_no_count, head[:skip]))
     named = named_columns(titles, len(layout.fields(head[skip])), str(path), unit_given)
     lines_from = partial(_rows, path, encoding, skip, layout)
@@ -167,7 +167,7 @@ def _loaded_again(
     try:
         return load(kept)
     except ValueError as error:
-        width = max(len(re.split(r"[\s;,]+", line.strip())) for line in kept[:HEAD_LINES])
+        width = max(len(re.split(r"[\s;,]+", line.strip())) for line in kept[:_HEAD_LINES])
         for number, line in enumerate(kept, 1):
             words = re.split(r"[\s;,]+", line.split("#")[0].split("//")[0].strip())
             if words != [""] and (len(words) < min(width, 3) or not all(map(_is_number, words[:3]))):
@@ -201,7 +201,7 @@ def _layout(line: str, where: str) -> Layout | None:
     InputError
         If it holds numbers with thousands parted.
     """
-    text = line.strip().strip(ENDS)
+    text = line.strip().strip(_ENDS)
     if not text or text.startswith(("#", "//")):
         return None
     quoted = '"' in text
@@ -268,7 +268,7 @@ def _ends_oddly(path: Path, encoding: str) -> bool:
         return False
     with path.open("rb") as file:
         return any(
-            sign.encode() in chunk for chunk in iter(partial(file.read, 1 << 20), b"") for sign in ENDS
+            sign.encode() in chunk for chunk in iter(partial(file.read, 1 << 20), b"") for sign in _ENDS
         )
 
 
@@ -282,8 +282,8 @@ def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
     """
     ended = 0
     for number, line in enumerate(lines, 1):
-        kept = line.rstrip().rstrip(ENDS + "\r\n ")
-        if kept and (ended or any(sign in kept for sign in ENDS)):
+        kept = line.rstrip().rstrip(_ENDS + "\r\n ")
+        if kept and (ended or any(sign in kept for sign in _ENDS)):
             raise InputError(
                 f"zeros or an end-of-file character stand before line {number} of the points",
                 where=str(path),
@@ -312,7 +312,7 @@ def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
     if not len(points):
         return
     x, y = np.abs(np.nanmedian(points[:, :2], axis=0))
-    if EASTINGS_M[1] < x < NORTHINGS_BELOW_M and EASTINGS_M[0] < y < EASTINGS_M[1]:
+    if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:
         raise InputError(
             f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
             where=str(path),

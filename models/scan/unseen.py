@@ -40,7 +40,7 @@ DRAWS = 48
 """Kept in the scene."""
 CANDIDATES = 9
 """Draws of each prior, of which the likelier are kept."""
-MORE_ROUNDS, ENOUGH = 3, 16.0
+MORE_ROUNDS, _ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""
 LEVEL = 0.9
 """Of the intervals that are stated."""
@@ -48,13 +48,13 @@ OTHER_ERRORS_SHARE, HINTED_ERRORS_SHARE = 0.04, 0.06
 """Standard deviation of the toppling acceleration that no draw shows, without and with touches or pulls, which narrow
 the draws but not it; set on known virtual rocks, not derived (docs/scan.md)."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
-FRICTION = 0.8
+_FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
-FITTING_SHARE = 1.0 / 3.0
+_FITTING_SHARE = 1.0 / 3.0
 """Of the draws over a surface whose base fits it, at least: friction acts on contacts that three points do not have."""
-SMOOTH_IS_LIKELY = 0.25
+_SMOOTH_IS_LIKELY = 0.25
 """Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
-NEARLY_ALL = 0.75
+_NEARLY_ALL = 0.75
 """Share of the azimuths at which the nominal scene topples within the interval; true flat bases do at .79 and more of
 them, but for one."""
 FLAT_MARGIN = 0.1
@@ -233,9 +233,9 @@ def _weighed(
     if not found:
         return [], {}, np.empty(0)
     shares = shares_by_evidence([gap for gap, _ in found])
-    if over_surface and 0.0 < shares.get(FLAT, 1.0) < FITTING_SHARE:
-        rest = (1.0 - FITTING_SHARE) / (1.0 - shares[FLAT])
-        shares = {each: FITTING_SHARE if each == FLAT else rest * share for each, share in shares.items()}
+    if over_surface and 0.0 < shares.get(FLAT, 1.0) < _FITTING_SHARE:
+        rest = (1.0 - _FITTING_SHARE) / (1.0 - shares[FLAT])
+        shares = {each: _FITTING_SHARE if each == FLAT else rest * share for each, share in shares.items()}
     weight = mixed_weights([gap for gap, _ in found], shares)
     if not pulls:
         return found, shares, weight
@@ -243,7 +243,7 @@ def _weighed(
     check_spanned(pulls, ratios, weight)
     measured = weight * likelihood(pulls, ratios)
     for _ in range(MORE_ROUNDS):
-        if effective_number(measured) >= ENOUGH:
+        if effective_number(measured) >= _ENOUGH:
             break
         more = candidates()
         found, ratios = found + more, np.vstack([ratios, borne(more)])
@@ -300,7 +300,7 @@ def nominal_draw(
     plane = Pedestal(interface.point_m, interface.normal)
 
     def at_rest(standing: Rock) -> bool:
-        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0])
+        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, _FRICTION, np.zeros(3))[0])
 
     margin = FLAT_MARGIN if smooth_fits is None else 0.0
     if smooth_is_likely(drawn, smooth_m_s2, margin) and smooth_fits is not False and at_rest(rock):
@@ -320,7 +320,7 @@ def nominal_draw(
 
 def smooth_is_likely(drawn: DrawnBases, smooth_m_s2: Array, margin: float) -> bool:
     """Whether a smooth closing's toppling acceleration is one that the draws give too."""
-    near = bool(drawn.apart(smooth_m_s2) < SMOOTH_IS_LIKELY)
+    near = bool(drawn.apart(smooth_m_s2) < _SMOOTH_IS_LIKELY)
     return near and within_interval(drawn, smooth_m_s2, margin)
 
 
@@ -334,7 +334,7 @@ def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0
     within = (low <= toppling_m_s2) & (toppling_m_s2 <= high)
     nearly = (low <= toppling_m_s2) & (toppling_m_s2 <= high + margin * median)
     least = [median.argmin(), toppling_m_s2.argmin()]
-    return bool(nearly.mean() >= NEARLY_ALL and within[least].all())
+    return bool(nearly.mean() >= _NEARLY_ALL and within[least].all())
 
 
 def borne_ratios(rock: Rock, interface: Interface, pulls: Pulls) -> Array:

@@ -13,17 +13,17 @@ SHOWN_POINTS = 200_000
 """As many as the graphics of a laptop turn without a pause."""
 SAMPLED_POINTS = 2_000_000
 """More tell a screen no more."""
-LEAST_SHARE = 0.75
+_LEAST_SHARE = 0.75
 """Of the number of points that may be shown, so many are."""
-SPACINGS, COVERED_SHARE = 5000, 0.8
+_SPACINGS, _COVERED_SHARE = 5000, 0.8
 """Points of which spacings are taken, and the share of them that is no farther apart."""
-CHUNK = 1 << 18
-NEIGHBOURS = 12
+_CHUNK = 1 << 18
+_NEIGHBOURS = 12
 """Points by whose plane one is shaded."""
 LIGHT = np.array([-0.45, -0.6, 0.66])
 """Direction toward the light, from the upper left of one who looks north."""
-DARKEST = 0.35
-WITHIN_SPACINGS = 2.0
+_DARKEST = 0.35
+_WITHIN_SPACINGS = 2.0
 """Of the shown points: how far from the one that was clicked the cloud is searched."""
 
 
@@ -60,7 +60,7 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] |
     voxel = float(np.ptp(points, axis=0).max()) / np.sqrt(most)
     for _ in range(8):
         first = _one_per_voxel(points, voxel) if len(rows) > most else np.arange(len(rows))
-        if len(first) <= most and len(first) > LEAST_SHARE * min(most, len(rows)):
+        if len(first) <= most and len(first) > _LEAST_SHARE * min(most, len(rows)):
             break
         # A surface's voxels go with the inverse square of their size.
         voxel *= np.clip(np.sqrt(len(first) / (0.9 * most)), 0.3, 3.0)
@@ -70,9 +70,9 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] |
 
 def _spacing(points_m: Array) -> float:
     """Distance of the fourth neighbour of most points: what a point has to cover so that a surface looks closed."""
-    some = points_m[:: max(1, len(points_m) // SPACINGS)]
+    some = points_m[:: max(1, len(points_m) // _SPACINGS)]
     neighbour = min(4, len(points_m) - 1)
-    return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], COVERED_SHARE))
+    return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
 
 
 def _one_per_voxel(points_m: Array, voxel_m: float) -> NDArray[np.intp]:
@@ -84,15 +84,15 @@ def _one_per_voxel(points_m: Array, voxel_m: float) -> NDArray[np.intp]:
 def around(points_m: Array, centre_m: Array, reach_m: float) -> NDArray[np.intp]:
     """Rows of the points (n, 3) in a cube about a place."""
     found = [np.zeros(0, np.intp)]
-    for start in range(0, len(points_m), CHUNK):  # in pieces that the processor's cache holds
-        near = np.abs(points_m[start : start + CHUNK, 0] - centre_m[0]) < reach_m
+    for start in range(0, len(points_m), _CHUNK):  # in pieces that the processor's cache holds
+        near = np.abs(points_m[start : start + _CHUNK, 0] - centre_m[0]) < reach_m
         rows = start + np.flatnonzero(near)
         found.append(rows[(np.abs(points_m[rows, 1:] - centre_m[1:]) < reach_m).all(axis=1)])
     return np.concatenate(found)
 
 
 def shade(points_m: Array, rock: NDArray[np.bool_] | None = None) -> Array:
-    """Brightness (n,) of points (n, 3), from `DARKEST` to 1, by the slope of the surface that they lie on.
+    """Brightness (n,) of points (n, 3), from `_DARKEST` to 1, by the slope of the surface that they lie on.
 
     Parameters
     ----------
@@ -101,14 +101,14 @@ def shade(points_m: Array, rock: NDArray[np.bool_] | None = None) -> Array:
         Points whose surface faces away from their middle; that of the others faces upward.
     """
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
     normals = np.asarray(cloud.normals)
     outward = normals[:, 2].copy()
     if rock is not None and rock.any():
         middle = 0.5 * (points_m[rock].min(axis=0) + points_m[rock].max(axis=0))
         outward[rock] = ((points_m[rock] - middle) * normals[rock]).sum(axis=1)
     normals = normals * np.where(outward < 0.0, -1.0, 1.0)[:, None]
-    return DARKEST + (1.0 - DARKEST) * (0.5 + 0.5 * normals @ LIGHT)
+    return _DARKEST + (1.0 - _DARKEST) * (0.5 + 0.5 * normals @ LIGHT)
 
 
 def picked(points_m: Array, shown_m: Array, eye_m: Array, spacing_m: float) -> int:
@@ -123,7 +123,7 @@ def picked(points_m: Array, shown_m: Array, eye_m: Array, spacing_m: float) -> i
     spacing_m : float
         Of the shown points.
     """
-    rows = around(points_m, shown_m, WITHIN_SPACINGS * spacing_m)
+    rows = around(points_m, shown_m, _WITHIN_SPACINGS * spacing_m)
     if not len(rows):
         return int(np.argmin(np.linalg.norm(points_m - shown_m, axis=1)))
     along = (shown_m - eye_m) / max(float(np.linalg.norm(shown_m - eye_m)), 1e-12)

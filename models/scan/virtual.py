@@ -15,7 +15,7 @@ from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.virtual_shapes import Mesh, boulder, ground, lathe
 
 DEMO_ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
-MIXED_SHARE = 0.3
+_MIXED_SHARE = 0.3
 """Share of the beams at a range jump whose footprint falls on both surfaces."""
 
 
@@ -107,7 +107,7 @@ def scan_from(
     finite = np.where(np.isfinite(ranges), ranges, 0.0)
     jump = np.abs(np.diff(finite, axis=1)) > 20 * range_noise_m + 0.01 * distance
     jump &= np.isfinite(ranges[:, 1:]) & np.isfinite(ranges[:, :-1])
-    mixed = jump & (rng.random(jump.shape) < MIXED_SHARE)
+    mixed = jump & (rng.random(jump.shape) < _MIXED_SHARE)
     share = rng.random(jump.shape)
     ranges[:, 1:] = np.where(mixed, share * finite[:, 1:] + (1 - share) * finite[:, :-1], ranges[:, 1:])
     seen = np.isfinite(ranges)

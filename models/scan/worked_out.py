@@ -31,7 +31,7 @@ from toppling.models.scene import Scene
 from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
 
 SCHEMA_VERSION = 3
-MOST_BYTES = 2 << 30
+_MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
 _unusable = refusals(
@@ -182,8 +182,8 @@ class WorkedOut:
         read_own(scene, (*GEOMETRY, LABELS, WORKED_OUT), stated=True)
         try:
             with zipfile.ZipFile(path) as archive:
-                if sum(each.file_size for each in archive.infolist()) > MOST_BYTES:
-                    raise _unusable(f"would unpack to more than {MOST_BYTES >> 30} GB", path)
+                if sum(each.file_size for each in archive.infolist()) > _MOST_BYTES:
+                    raise _unusable(f"would unpack to more than {_MOST_BYTES >> 30} GB", path)
             with np.load(path, allow_pickle=False) as kept:
                 arrays = {name: kept[name] for name in kept.files}
             told = json.loads(str(arrays["told"]))

@@ -14,9 +14,9 @@ from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.placement import upward
 
-MOST_PLACES = 1000
+_MOST_PLACES = 1000
 """Of a kind."""
-FEWEST_POINTS = 3
+_FEWEST_POINTS = 3
 """Points that make an interface; fewer are a beginning."""
 
 Place = tuple[float, ...]
@@ -69,7 +69,7 @@ class Said:
             raise _unusable(f"{shown(content)} is no table of hints", "the page")
         values: dict[str, Any] = {}
         for name, value in content.items():
-            if value is None and name in (*ONE, *WORDS, "length"):
+            if value is None and name in (*ONE, *_WORDS, "length"):
                 continue
             if name in ONE:
                 values[name] = _numbers(value, ONE[name], name)
@@ -77,12 +77,12 @@ class Said:
                 values[name] = _length(value)
             elif name == "touch_only" and isinstance(value, bool):
                 values[name] = value
-            elif name in WORDS:
-                values[name] = _word(value, WORDS[name], name)
-            elif name in MANY:
-                if not isinstance(value, list) or len(value) > MOST_PLACES:
+            elif name in _WORDS:
+                values[name] = _word(value, _WORDS[name], name)
+            elif name in _MANY:
+                if not isinstance(value, list) or len(value) > _MOST_PLACES:
                     raise _unusable(f"{name} is {shown(value)}", "the page")
-                values[name] = tuple(_numbers(each, MANY[name], name) for each in value)
+                values[name] = tuple(_numbers(each, _MANY[name], name) for each in value)
             else:
                 raise _unusable(f"{shown(name)} is no hint", "the page")
         return cls(**values)
@@ -95,7 +95,7 @@ class Said:
     @property
     def of_the_split(self) -> "Said":
         """What changes the rock and its interface, and not the base alone."""
-        points = self.point if len(self.point) >= FEWEST_POINTS else ()
+        points = self.point if len(self.point) >= _FEWEST_POINTS else ()
         return dataclasses.replace(
             self.of_the_cloud, near=self.near, plane=self.plane, point=points, outline=self.outline
         )
@@ -119,17 +119,17 @@ class Said:
 
 
 ONE = {"near": 2, "plane": 5}
-MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
+_MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
 """Numbers in each, by name."""
 
 
-WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
+_WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
 """What each word may be; of the upward axis its reader decides."""
-LONGEST_WORD = 100
+_LONGEST_WORD = 100
 
 
 def _word(value: Any, among: tuple[str, ...], name: str) -> str:
-    if not isinstance(value, str) or len(value) > LONGEST_WORD or (among and value not in among):
+    if not isinstance(value, str) or len(value) > _LONGEST_WORD or (among and value not in among):
         raise _unusable(f"{name} is {shown(value)}", "the page")
     if name == "up":
         upward(value)

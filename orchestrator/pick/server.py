@@ -17,21 +17,21 @@ from toppling.orchestrator.pick.session import Picking
 
 LARGEST_BODY = 1 << 18
 """Bytes; hints of a thousand places take a fifth."""
-LONGEST_STAGE_S = 60.0
-POLL_S = 20.0
+_LONGEST_STAGE_S = 60.0
+_POLL_S = 20.0
 """An answer to who asks for news comes after this time at the latest."""
-SCRIPT, STYLE, BYTES, JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
+_SCRIPT, _STYLE, _BYTES, _JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
 FILES = {
     "": ("pick/page.html", HTML),
-    "pick.css": ("pick/pick.css", STYLE),
-    "pick.js": ("pick/pick.js", SCRIPT),
-    "handles.js": ("pick/handles.js", SCRIPT),
-    "stage.js": ("pick/stage.js", SCRIPT),
-    "plot.js": ("pick/plot.js", SCRIPT),
-    "three.js": ("vendor/three.min.js", SCRIPT),
+    "pick.css": ("pick/pick.css", _STYLE),
+    "pick.js": ("pick/pick.js", _SCRIPT),
+    "handles.js": ("pick/handles.js", _SCRIPT),
+    "stage.js": ("pick/stage.js", _SCRIPT),
+    "plot.js": ("pick/plot.js", _SCRIPT),
+    "three.js": ("vendor/three.min.js", _SCRIPT),
 }
 """All that is served of files: by address, name in `results/drawing` and type."""
-POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; base-uri 'none'"
+_POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; base-uri 'none'"
 
 
 class PickServer(Loopback):
@@ -61,7 +61,7 @@ class PickServer(Loopback):
         """Close once nothing is being worked out: native code does not bear the end of its interpreter."""
         self.picking.end()
         super().server_close()
-        self._worker.join(LONGEST_STAGE_S)
+        self._worker.join(_LONGEST_STAGE_S)
 
 
 class _Answers(Answers):
@@ -77,12 +77,12 @@ class _Answers(Answers):
             self.refuse()
         elif asked in self.server.files:
             body, of_kind = self.server.files[asked]
-            self.send(body, of_kind, POLICY)
+            self.send(body, of_kind, _POLICY)
         elif kind == "state" and number.isascii() and number.isdigit() and len(number) < 10:
-            picking.wait(int(number), POLL_S)
+            picking.wait(int(number), _POLL_S)
             self._say(picking.state())
         elif kind == "cloud" and number == str(picking.view.number):
-            self.send(picking.view.content, BYTES)
+            self.send(picking.view.content, _BYTES)
         else:
             self.refuse()
 
@@ -98,7 +98,7 @@ class _Answers(Answers):
                 spacing, points = self.server.picking.detail(
                     _place(content, "at_m"), float(_finite(content, "reach_m", ()))
                 )
-                self.send(struct.pack("<f", spacing) + points, BYTES)
+                self.send(struct.pack("<f", spacing) + points, _BYTES)
             else:
                 self._say(self._done(asked, content))
         except InputError as error:
@@ -119,7 +119,7 @@ class _Answers(Answers):
     def _content(self) -> Any:
         """JSON that was sent."""
         length = self.headers.get("Content-Length", "")
-        if self.headers.get("Content-Type") != JSON or not (length.isascii() and length.isdigit()):
+        if self.headers.get("Content-Type") != _JSON or not (length.isascii() and length.isdigit()):
             raise _refused("is no JSON of a stated length")
         if len(length) > 9 or int(length) > LARGEST_BODY:
             self.close_connection = True
@@ -130,7 +130,7 @@ class _Answers(Answers):
             raise _refused(f"is no JSON ({type(error).__name__})") from None
 
     def _say(self, content: dict[str, Any]) -> None:
-        self.send(json.dumps(content, allow_nan=False).encode(), JSON)
+        self.send(json.dumps(content, allow_nan=False).encode(), _JSON)
 
 
 def _place(content: Any, name: str) -> NDArray[np.float64]:

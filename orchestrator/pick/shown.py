@@ -12,9 +12,9 @@ from toppling.models.scan.survey import Survey
 from toppling.models.scan.view import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
 from toppling.models.scan.worked_out import WorkedOut
 
-AROUND_HEIGHTS = 0.4
+_AROUND_HEIGHTS = 0.4
 """How far around a rock its cloud is shown finer, in its heights."""
-SAME_TOP_PER_HEIGHT = 0.05
+_SAME_TOP_PER_HEIGHT = 0.05
 """What has its top so near to the rock's is a part of it."""
 
 
@@ -58,7 +58,7 @@ def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, numbe
         low, high = some.min(axis=0), some.max(axis=0)
         middle, reach = (
             0.5 * (low + high),
-            0.5 * float((high - low).max()) + AROUND_HEIGHTS * float(high[2] - low[2]),
+            0.5 * float((high - low).max()) + _AROUND_HEIGHTS * float(high[2] - low[2]),
         )
         fine = thinned(points_m, SHOWN_POINTS * 2 // 3, around(points_m, middle, reach))
         rows = rows[(np.abs(points_m[rows] - middle) >= reach).any(axis=1)]
@@ -124,5 +124,5 @@ def tops(worked: WorkedOut) -> list[dict[str, Any]]:
     top, height = _top(worked), worked.observed.height_m
     own = {"top_m": top.tolist(), "height_m": height}
     others = worked.report["segmentation"]["other_candidates"]
-    apart = [each for each in others if np.linalg.norm(top - each["top_m"]) > SAME_TOP_PER_HEIGHT * height]
+    apart = [each for each in others if np.linalg.norm(top - each["top_m"]) > _SAME_TOP_PER_HEIGHT * height]
     return [own, *apart]

@@ -21,7 +21,7 @@ from toppling.orchestrator.public.making import Scanned, written
 from toppling.orchestrator.public.scan_again import written_again
 from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud
 
-OF_THE_PAGE = ("units", "up", "length")
+_OF_THE_PAGE = ("units", "up", "length")
 """What the page itself says of the files; the rest stays as the command was told."""
 
 
@@ -62,7 +62,7 @@ def pick_server(
         **_said_of_base(known),
     })  # fmt: skip
     said.hint()
-    surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in OF_THE_PAGE})
+    surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
     mine = False
 
     def write(survey: Survey, said: Said) -> None:

@@ -24,7 +24,7 @@ from toppling.results.hazard.ages import Since
 from toppling.results.hazard.events import EventSet, FeltRock
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
 
-INDEPENDENT = (
+_INDEPENDENT = (
     "OpenQuake draws the residuals of each measure independently, unless told otherwise: fields of two measures "
     "understate how often both are strong at once"
 )
@@ -133,7 +133,7 @@ def judged_by_events(
         events = read_events(path, asked.ratio, options.event_rate, options.catalogue_years)
         measures = measures or (_measure_of(events, rocks),)
         if len(measures) > 1 and len(events.branches[0].motions) > 1:
-            events = replace(events, notes=(*events.notes, INDEPENDENT))
+            events = replace(events, notes=(*events.notes, _INDEPENDENT))
     else:
         events, measures = _of_curves(rocks, hazard, asked, options, measures)
     sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())

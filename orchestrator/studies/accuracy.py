@@ -37,10 +37,10 @@ from toppling.workers.start import State
 
 log = logging.getLogger(__name__)
 
-DISTURBED_SHARE = 1e-6
+_DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
 
-KEPT_AT_ONCE = 50
+_KEPT_AT_ONCE = 50
 """Answers written together."""
 
 GROUPS = 20
@@ -52,7 +52,7 @@ CONVERGED = "reference"
 FLOOR = f"{CONVERGED}, disturbed"
 """Name of the setting that shows the floor of chaos."""
 
-EXPLORED = {
+_EXPLORED = {
     "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
     "fast, 20 iterations": replace(PRESETS["fast"], solver=SolverOptions(20, 1e-3)),
     "fast, 500 iterations": replace(PRESETS["fast"], solver=SolverOptions(500, 1e-5)),
@@ -93,14 +93,14 @@ class Setting:
     engine: str = DEFAULT
     shortcuts: bool = True
     disturbed_toward_deg: float | None = None
-    disturbed_share: float = DISTURBED_SHARE
+    disturbed_share: float = _DISTURBED_SHARE
 
 
 def settings(*, explore: bool = False) -> dict[str, Setting]:
     """Presets of every engine that is installed, by their names, and what lies between them if asked for."""
     presets = {name: Setting(one) for name, one in PRESETS.items()}
     if explore:
-        presets |= {name: Setting(one) for name, one in EXPLORED.items()}
+        presets |= {name: Setting(one) for name, one in _EXPLORED.items()}
     for engine in ENGINES.values():
         if engine.name != DEFAULT and engine.version is not None:
             presets |= {
@@ -158,7 +158,7 @@ def answers(
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             seen()
-            if path and (len(known) % KEPT_AT_ONCE == 0 or job == missing[-1]):
+            if path and (len(known) % _KEPT_AT_ONCE == 0 or job == missing[-1]):
                 _write(path, _frame(known.values()))
     return _frame(known[job] for job in jobs)
 
@@ -182,7 +182,7 @@ def _read(path: Path) -> list[dict[Any, Any]]:
         return []
 
 
-def disturbed_start(scene: Scene, toward_deg: float, share: float = DISTURBED_SHARE) -> State:
+def disturbed_start(scene: Scene, toward_deg: float, share: float = _DISTURBED_SHARE) -> State:
     """The rock of a settled scene raised by a share of its height, and tilted by as much (rad) toward an azimuth.
 
     Raised alone, a block would land flat and go on as if nothing had been.
@@ -193,7 +193,7 @@ def disturbed_start(scene: Scene, toward_deg: float, share: float = DISTURBED_SH
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
 
 
-def disturbed_motions(jobs: list[Job], share: float = DISTURBED_SHARE) -> list[Job]:
+def disturbed_motions(jobs: list[Job], share: float = _DISTURBED_SHARE) -> list[Job]:
     """The same jobs, stronger by a share: a disturbance that a rock which lies flat again has not forgotten."""
     return [replace(job, pga_m_s2=job.pga_m_s2 * (1.0 + share)) for job in jobs]
 

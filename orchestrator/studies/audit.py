@@ -47,7 +47,7 @@ from toppling.workers.options import PRESETS
 
 log = logging.getLogger(__name__)
 
-COST_SHARE = 0.1
+_COST_SHARE = 0.1
 """Of the run's cost, that an audit takes at most unless a number of jobs is asked for."""
 
 _DRAWN_COLUMNS = ["job_id", "status", "steps", "finished_at"]
@@ -105,7 +105,7 @@ def affordable(campaign: Campaign, rows: pa.Table) -> int:
     share = PRESETS[campaign.preset].step_share / PRESETS[REFERENCE].step_share
     steps = pc.fill_null(rows["steps"], 0).to_numpy().astype(float)
     times_dearer = sum(share if one.name == REFERENCE else 1.0 for one in _auditors(campaign))
-    count = int(np.searchsorted(np.cumsum(steps) * times_dearer, COST_SHARE * steps.sum(), side="right"))
+    count = int(np.searchsorted(np.cumsum(steps) * times_dearer, _COST_SHARE * steps.sum(), side="right"))
     return count if LEAST_JOBS <= count < len(rows) or count == len(rows) > LEAST_JOBS else 0
 
 

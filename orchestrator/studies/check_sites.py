@@ -18,7 +18,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.pool import pool_of
 from toppling.orchestrator.sites import Site, seismograms_in
 
-AHEAD = 4
+_AHEAD = 4
 """Tasks a worker that are handed out: few enough that not all seismograms are in memory."""
 
 Judge = Callable[[Scene, Record, Sequence[float], str], Any]
@@ -131,7 +131,7 @@ def check_sites(
             if not found:
                 rows.append({**head, "outcome": "none", "message": f"no seismogram is at {site.site}"})
             for one in found:
-                land(AHEAD * count)
+                land(_AHEAD * count)
                 task = pool.submit(_judged, site, one, judge, factors, preset)
                 flying[task] = {**head, "scenario": one.scenario}
         land(0)

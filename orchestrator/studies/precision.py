@@ -24,7 +24,7 @@ from toppling.results.precision.statement import statement_of, write_statements
 from toppling.results.precision.target import Target
 from toppling.results.reader import open_run
 
-CONTACT = ("friction_static", "friction_kinetic", "restitution")
+_CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
 
 def jobs_wanted(planned: Plan, folder: Path) -> Wanted:
@@ -148,7 +148,7 @@ class JobsForPrecision:
         """Of the jobs that were judged: those just chosen have no rows yet."""
         there = frame[frame["job_id"].isin([self.ids[row] for row in one.chosen[: one.judged]])]
         there = there[there["toppled"].notna()]
-        named = dict(zip(CONTACT, contact, strict=True))
+        named = dict(zip(_CONTACT, contact, strict=True))
         return statement_of(one, len(there), there["record_id"].nunique(), named)
 
 
@@ -217,7 +217,7 @@ def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tup
         for name in measures
     }
     found = {}
-    for contact, of_contact in jobs.groupby(list(CONTACT)):
+    for contact, of_contact in jobs.groupby(list(_CONTACT)):
         ordered = of_contact.sort_values(["record_id", "azimuth_deg", "realisation", "pga_m_s2"])
         rows = ordered["row"].to_numpy(np.int64).reshape(len(catalog), -1, len(levels))
         found[tuple(float(value) for value in contact)] = Pool(rows, log_x)

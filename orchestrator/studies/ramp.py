@@ -31,7 +31,7 @@ from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 
-WAVEFORMS = 10
+_WAVEFORMS = 10
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def weakest_azimuth_deg(scene: Scene, friction: float = Ramp.friction) -> float:
     return min(told, key=lambda pair: pair[1])[0]
 
 
-def chosen_waveforms(ensemble: Ensemble, count: int = WAVEFORMS) -> list[str]:
+def chosen_waveforms(ensemble: Ensemble, count: int = _WAVEFORMS) -> list[str]:
     """Records spread evenly over the PGV/PGA that an ensemble has; all where there are no more."""
     catalog = ensemble.catalog.select(["record_id", "pgv_pga_s"]).to_pandas()
     ordered = catalog.sort_values(["pgv_pga_s", "record_id"])["record_id"].to_list()

@@ -50,12 +50,12 @@ from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
 from toppling.workers.seating import settled
 
-MAIN, FRICTION = "main", "friction"
+MAIN, _FRICTION = "main", "friction"
 """Names of the study's two runs: friction 1 in all directions, and lower frictions in the weakest."""
 
-FRICTIONS = (0.6, 0.8)
+_FRICTIONS = (0.6, 0.8)
 
-NUMBERED = {
+_NUMBERED = {
     "pga_pgv_pga": "figure_06_all_directions",
     "pga_pgv_pga_by_direction": "figure_06",
     "pga_pgv_pga_by_direction_reference": "figure_06_reference_lines",
@@ -126,8 +126,8 @@ class Study:
             preset=self.preset,
             audit=self.audit,
         )
-        lower = tuple((value, value) for value in FRICTIONS)
-        return {MAIN: main, FRICTION: dataclasses.replace(main, azimuth_deg=(weakest,), friction=lower)}
+        lower = tuple((value, value) for value in _FRICTIONS)
+        return {MAIN: main, _FRICTION: dataclasses.replace(main, azimuth_deg=(weakest,), friction=lower)}
 
 
 def weakest_azimuth_deg(scene: Scene) -> float:
@@ -207,7 +207,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
             *write_friction(_friction_rows(study, out), staging, PLANES["pga_pgv"], done),
             *write_audits(audits_of(opened), staging),
         ):
-            target = folder / f"{NUMBERED.get(path.stem, path.stem)}{path.suffix}"
+            target = folder / f"{_NUMBERED.get(path.stem, path.stem)}{path.suffix}"
             path.replace(target)
             yield target
     table = topple_by_direction(main)
@@ -244,8 +244,8 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
 
 def _friction_rows(study: Study, out: Path) -> pd.DataFrame:
     """Rows of one direction with every friction, those of friction 1 from the main run."""
-    lower, main = (open_run(out / "runs" / name).frame() for name in (FRICTION, MAIN))
-    azimuth = study.campaigns(out)[FRICTION].azimuth_deg[0]
+    lower, main = (open_run(out / "runs" / name).frame() for name in (_FRICTION, MAIN))
+    azimuth = study.campaigns(out)[_FRICTION].azimuth_deg[0]
     return pd.concat([lower, main[main["azimuth_deg"] == azimuth]], ignore_index=True)
 
 
@@ -273,4 +273,4 @@ def _staged(folder: Path) -> Iterator[Path]:
 
 def told(tallies: Sequence[Tally]) -> dict[str, Any]:
     """Counts of the study's runs in words that a program reads."""
-    return {name: tally.told() for name, tally in zip((MAIN, FRICTION), tallies, strict=True)}
+    return {name: tally.told() for name, tally in zip((MAIN, _FRICTION), tallies, strict=True)}

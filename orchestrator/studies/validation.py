@@ -34,21 +34,21 @@ from toppling.results.reader import open_run
 from toppling.workers.engines import ENGINES
 from toppling.workers.unmeasured import Unmeasured
 
-FRICTION = (0.5, 1.0)
+_FRICTION = (0.5, 1.0)
 """Granite on steel or concrete."""
-RESTITUTION = (0.0, 0.3)
-ABOVE_BAND = (0.0, 0.6)
+_RESTITUTION = (0.0, 0.3)
+_ABOVE_BAND = (0.0, 0.6)
 """Of the octave below the band's end: on the tables whose accelerometer was looked at it says .55, and part of that is
 the table's bearings."""
-YAW_DEG = 5.0
+_YAW_DEG = 5.0
 """How well a heavy rock is set down along the table's axis."""
-BASE_STD_PER_HEIGHT, BASE_WAVELENGTH_PER_HEIGHT = (1 / 2000, 1 / 500), 0.2
+_BASE_STD_PER_HEIGHT, _BASE_WAVELENGTH_PER_HEIGHT = (1 / 2000, 1 / 500), 0.2
 """Error of a mesh from photographs where it meets the table, about a thousandth of its size, and how far it reaches."""
-BASE_BAND_PER_HEIGHT = 0.1
+_BASE_BAND_PER_HEIGHT = 0.1
 """What stands so close to the table is seen worst."""
-STANDING = Standing(attitude_std_deg=3.0, least_toppling_m_s2=0.25)
+_STANDING = Standing(attitude_std_deg=3.0, least_toppling_m_s2=0.25)
 """The mesh is upright as the rock stood, by eye; it stood by itself and through the weakest motions: half of .05 g."""
-FIRST_DRAWS = 12
+_FIRST_DRAWS = 12
 """Of every test; then as many again, and so on, of those whose share is not known well enough."""
 
 
@@ -116,15 +116,15 @@ def specimen(
     InputError
         If the mesh is none, or the rock hardly ever stands on such bases.
     """
-    scene = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
+    scene = Scene.from_mesh(mesh, 0.5 * sum(_FRICTION))
     height_m = scene.rock.height_m
     return with_rough_base(
         scene,
-        std_m=(BASE_STD_PER_HEIGHT[0] * height_m, BASE_STD_PER_HEIGHT[1] * height_m),
-        wavelength_m=BASE_WAVELENGTH_PER_HEIGHT * height_m,
-        band_m=BASE_BAND_PER_HEIGHT * height_m,
+        std_m=(_BASE_STD_PER_HEIGHT[0] * height_m, _BASE_STD_PER_HEIGHT[1] * height_m),
+        wavelength_m=_BASE_WAVELENGTH_PER_HEIGHT * height_m,
+        band_m=_BASE_BAND_PER_HEIGHT * height_m,
         draws=wanted.most_draws,
-        standing=STANDING,
+        standing=_STANDING,
         seed=wanted.seed,
         progress=progress,
         tolerance_share=tolerance_share,
@@ -135,17 +135,17 @@ def drawn_bases(wanted: Wanted) -> dict[str, Any]:
     """How the bases are drawn, for who reads the scores."""
     return {
         "seed": wanted.seed,
-        "base_std_per_height": list(BASE_STD_PER_HEIGHT),
-        "base_wavelength_per_height": BASE_WAVELENGTH_PER_HEIGHT,
-        "base_band_per_height": BASE_BAND_PER_HEIGHT,
-        "standing": asdict(STANDING),
+        "base_std_per_height": list(_BASE_STD_PER_HEIGHT),
+        "base_wavelength_per_height": _BASE_WAVELENGTH_PER_HEIGHT,
+        "base_band_per_height": _BASE_BAND_PER_HEIGHT,
+        "standing": asdict(_STANDING),
     }
 
 
 def unmeasured(engine: str) -> Unmeasured:
     """Distributions of what nobody measured; some engines know no restitution."""
-    restitution = RESTITUTION if ENGINES[engine].restitution else None
-    return Unmeasured(FRICTION, restitution, YAW_DEG, True, BAND_HZ, ABOVE_BAND)
+    restitution = _RESTITUTION if ENGINES[engine].restitution else None
+    return Unmeasured(_FRICTION, restitution, _YAW_DEG, True, BAND_HZ, _ABOVE_BAND)
 
 
 def ensemble_of(
@@ -189,7 +189,7 @@ def scene_of(
             remedy="give another --out, or remove the folder",
         )
     found = Scene.load(target)
-    bare = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
+    bare = Scene.from_mesh(mesh, 0.5 * sum(_FRICTION))
     if (
         found.unseen is None
         or replace(found, unseen=None).id != bare.id
@@ -222,14 +222,14 @@ def shake_tests(
     answers = np.full((wanted.most_draws + 1, len(ids)), np.nan)
     shaken = np.zeros(len(ids), np.int64)
     uncertain = np.ones(len(ids), bool)
-    first, last = 0, min(FIRST_DRAWS, wanted.most_draws)
+    first, last = 0, min(_FIRST_DRAWS, wanted.most_draws)
     while uncertain.any():
         campaign = Campaign(
             scene=folder / "scene",
             ensemble=folder / "ensemble",
             pga_m_s2=(),
             azimuth_deg=(0.0,),
-            friction=((0.5 * sum(FRICTION),) * 2,),
+            friction=((0.5 * sum(_FRICTION),) * 2,),
             realisations=last + 1 - first,
             first_realisation=first,
             preset=wanted.preset,

@@ -34,7 +34,7 @@ from toppling.workers.options import PRESETS
 _METADATA_OF_NOTHING = (
     "--metadata describes files, but only ensembles were given, which have their own metadata"
 )
-SCENARIOS_SHOWN = 12
+_SCENARIOS_SHOWN = 12
 """Columns that a console shows."""
 
 
@@ -161,7 +161,7 @@ def _check_table(table: Path, friction: float | None, given: list[Seismogram], *
 
 
 def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
-    shown = matrix.iloc[:, :SCENARIOS_SHOWN]
+    shown = matrix.iloc[:, :_SCENARIOS_SHOWN]
     table = Table(box=box.SIMPLE)
     for index, head in enumerate(("rock", *map(str, shown.columns))):
         table.add_column(head, justify="right" if index else "left", max_width=28, no_wrap=True)
@@ -169,7 +169,7 @@ def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
         table.add_row(str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in shares))
     console = Console()
     Console(width=None if console.is_terminal else 150).print(table)
-    if (left := matrix.shape[1] - SCENARIOS_SHOWN) > 0:
+    if (left := matrix.shape[1] - _SCENARIOS_SHOWN) > 0:
         click.echo(f"({left} more scenarios: --out and --json give all)")
     toppled = int(rows["outcome"].isin(TOPPLED_OUTCOMES).sum())
     click.echo(

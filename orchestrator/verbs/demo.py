@@ -11,9 +11,9 @@ import click
 
 from toppling.orchestrator.verbs.options import FOLDER
 
-MARK = ".demo"
-RECORDS = 24
-SEED = 1
+_MARK = ".demo"
+_RECORDS = 24
+_SEED = 1
 CAMPAIGN = """\
 # As many levels and azimuths as the time allowed. The study has 140 records, 19 levels and 8 azimuths.
 scene = "scene"
@@ -24,14 +24,14 @@ friction = [1.0]
 restitution = [0.0]
 preset = "fast"
 """
-SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
-DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
+_SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
+_DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
-FIRST_STATEMENT = (0.1, 90)
+_FIRST_STATEMENT = (0.1, 90)
 """Precision of what is said before the maps, and jobs after which it is said as it is."""
 
-QUERY = """\
+_QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
        round(avg(toppled::int) filter (pgv_pga_s >= 0.1), 2) as p_toppled_long_pulse
 from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
@@ -67,12 +67,12 @@ def demo(out: Path, workers: int, seconds: float) -> None:
 
 def _clear(out: Path) -> None:
     if out.exists() and any(out.iterdir()):
-        if not (out / MARK).is_file():
+        if not (out / _MARK).is_file():
             msg = f"{out} exists and is not an earlier demo's: give another --out"
             raise FileExistsError(msg)
         shutil.rmtree(out)
     out.mkdir(parents=True, exist_ok=True)
-    (out / MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
+    (out / _MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
 
 
 def make_scene(out: Path) -> None:
@@ -86,7 +86,7 @@ def make_scene(out: Path) -> None:
     from toppling.results.drawing.scene import draw_scene
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
-    stations, _ = demo_scan(SEED)
+    stations, _ = demo_scan(_SEED)
     folder = out / "scan"
     folder.mkdir(exist_ok=True)
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
@@ -107,8 +107,8 @@ def _make_records(out: Path) -> None:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.synthetic import synthetic_ensemble
 
-    _say(f"records: {RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
-    Ensemble.write(out / "ensemble", synthetic_ensemble(RECORDS, SEED))
+    _say(f"records: {_RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
+    Ensemble.write(out / "ensemble", synthetic_ensemble(_RECORDS, _SEED))
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:
@@ -123,16 +123,16 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     assets = Assets(scene, ensemble)
     cost_s = []
     for level in (
-        SAMPLE_LEVELS_M_S2[0],
-        *SAMPLE_LEVELS_M_S2,
+        _SAMPLE_LEVELS_M_S2[0],
+        *_SAMPLE_LEVELS_M_S2,
     ):  # the first one also pays for what is computed once
         spec = JobSpec(scene.id, record, ensemble.sha(record), level, 45.0, 1.0, 1.0, 0.0, 0, "fast")
         start = time.perf_counter()
         run_job(spec, assets)
         cost_s.append(time.perf_counter() - start)
-    affordable = min(workers, os.cpu_count() or 1) * seconds / (sum(cost_s[1:]) / len(SAMPLE_LEVELS_M_S2))
-    jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
-    step, sides = next((design for design in DESIGNS if jobs_of[design] <= affordable), DESIGNS[-1])
+    affordable = min(workers, os.cpu_count() or 1) * seconds / (sum(cost_s[1:]) / len(_SAMPLE_LEVELS_M_S2))
+    jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
+    step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
     text = CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])
     (out / "campaign.toml").write_text(text, encoding="utf-8")
@@ -148,7 +148,7 @@ def _run(out: Path, workers: int) -> int:
     from toppling.orchestrator.studies.first_statement import FirstStatement
 
     _say(f"run: starting {workers} workers")
-    first = FirstStatement(*FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
+    first = FirstStatement(*_FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
     with watcher() as watch:
         campaign = Campaign.read(out / "campaign.toml")
         tally = run(plan_of(campaign), out / "run", local(workers), watch, stages=[first, Auditing()])
@@ -178,8 +178,8 @@ def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
         ("Parquet run", out / "run" / "results.parquet"),
     ):
         click.echo(f"  {what:14s} {path}")
-    click.echo(f'\nAsk it: toppling query {out / "run"} "{QUERY}"\n')
-    click.echo(open_run(out / "run").sql(QUERY).to_pandas().to_string(index=False, na_rep=""))
+    click.echo(f'\nAsk it: toppling query {out / "run"} "{_QUERY}"\n')
+    click.echo(open_run(out / "run").sql(_QUERY).to_pandas().to_string(index=False, na_rep=""))
 
 
 def _say(line: str) -> None:

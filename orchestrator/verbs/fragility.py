@@ -23,8 +23,10 @@ from toppling.results.drawing.fit_table import fit_words
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
 
-STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."
-WIDTH = click.FloatRange(0, min_open=True)
+_STUDYS = (
+    f"Default: the study's {{0.below:g}}, or none if that leaves out over {100 * FEW_BEYOND:g} % of the jobs."
+)
+_WIDTH = click.FloatRange(0, min_open=True)
 
 
 @click.command()
@@ -33,16 +35,16 @@ WIDTH = click.FloatRange(0, min_open=True)
 @click.option("--where", help="Only jobs for which this SQL condition holds.")
 @trusted_option
 @click.option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@click.option("--pga-bin", type=WIDTH, help="m/s2; default one bin per level.")
-@click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
-@click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
-@click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
+@click.option("--pga-bin", type=_WIDTH, help="m/s2; default one bin per level.")
+@click.option("--pgv-bin", type=_WIDTH, default=0.25, show_default=True, help="m/s")
+@click.option("--pgv-pga-bin", type=_WIDTH, default=0.05, show_default=True, help="s")
+@click.option("--duration-bin", type=_WIDTH, default=5.0, show_default=True, help="s")
 @click.option(
-    "--pgv-below", type=WIDTH,
-    help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {STUDYS.format(PGV_DURATION.y)}",
+    "--pgv-below", type=_WIDTH,
+    help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {_STUDYS.format(PGV_DURATION.y)}",
 )  # fmt: skip
 @click.option(
-    "--duration-below", type=WIDTH, help=f"s; upper limit of duration in that map. {STUDYS.format(PGV_DURATION.x)}"
+    "--duration-below", type=_WIDTH, help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}"
 )  # fmt: skip
 @click.option(
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Direction bins."

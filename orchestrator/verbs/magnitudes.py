@@ -39,7 +39,7 @@ from toppling.results.hazard.magnitudes import (
 )
 from toppling.results.hazard.standing import Standing
 
-DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
+_DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
 @click.command()
@@ -365,7 +365,7 @@ def _words(statement: dict[str, Any]) -> str:
 def _distance_lines(one: dict[str, Any]) -> list[str]:
     rows = one["largest_magnitudes"]
     lines = []
-    for distance in DISTANCES_TOLD_KM:
+    for distance in _DISTANCES_TOLD_KM:
         row = min(rows, key=lambda row: abs(math.log(row["distance_km"] / distance)))
         if abs(math.log(row["distance_km"] / distance)) > 0.1 or row.get("excluded_magnitudes") == "none":
             continue

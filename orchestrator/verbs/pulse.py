@@ -15,14 +15,14 @@ from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, preset_opti
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.analysis.friction import friction_words
 
-SHAPES = ("sawtooth", "sine", "cosine", "ricker")
+_SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 
 
 @click.command()
 @scene_argument
 @folder_out
 @click.option(
-    "--shape", type=OneOf(list(SHAPES)), default="sawtooth", show_default=True,
+    "--shape", type=OneOf(list(_SHAPES)), default="sawtooth", show_default=True,
     help="Sawtooth of velocity; sine, cosine or Ricker wavelet of acceleration.",
 )  # fmt: skip
 @click.option(

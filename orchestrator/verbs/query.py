@@ -19,7 +19,7 @@ from toppling.orchestrator.verbs.options import FILE
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 
-SHOWN_ROWS = 60
+_SHOWN_ROWS = 60
 
 
 @click.command()
@@ -140,8 +140,8 @@ def _plain(value: Any) -> Any:
 
 
 def _readable(table: pa.Table) -> str:
-    shown = _frame(table.slice(0, SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
-    left = len(table) - SHOWN_ROWS
+    shown = _frame(table.slice(0, _SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
+    left = len(table) - _SHOWN_ROWS
     return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
 
-ABOVE_0 = click.FloatRange(0, min_open=True)
+_ABOVE_0 = click.FloatRange(0, min_open=True)
 
 
 @click.command()
@@ -37,13 +37,13 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
 )
-@click.option("--start", type=ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
-@click.option("--step", type=ABOVE_0, default=0.245, show_default=True, help="Step between levels, m/s2.")
+@click.option("--start", type=_ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
+@click.option("--step", type=_ABOVE_0, default=0.245, show_default=True, help="Step between levels, m/s2.")
 @click.option(
-    "--end", type=ABOVE_0, default=20.0, show_default=True, help="PGA at which a waveform is given up, m/s2."
+    "--end", type=_ABOVE_0, default=20.0, show_default=True, help="PGA at which a waveform is given up, m/s2."
 )
 @click.option(
-    "--peak-displacement", type=ABOVE_0, default=0.3, show_default=True,
+    "--peak-displacement", type=_ABOVE_0, default=0.3, show_default=True,
     help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
 )  # fmt: skip
 @click.option(

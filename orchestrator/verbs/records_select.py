@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from toppling.models.motions.deaggregation import Deaggregation
     from toppling.models.motions.ensemble import Ensemble
 
-MOST_EMPTY = 6
+_MOST_EMPTY = 6
 """Bins of a deaggregation without a record that are named, at most; the heaviest."""
 
 
@@ -133,11 +133,11 @@ def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregati
         click.echo(f"weighted for {hazard.of}")
     weights, empty = hazard_weights(ensemble, names, hazard.bins)
     empty.sort(key=lambda b: -b.contribution)
-    for b in empty[:MOST_EMPTY]:
+    for b in empty[:_MOST_EMPTY]:
         click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
     if empty:
         share = sum(b.contribution for b in empty) / sum(b.contribution for b in hazard.bins)
-        more = f"and {len(empty) - MOST_EMPTY} more bins: " if len(empty) > MOST_EMPTY else ""
+        more = f"and {len(empty) - _MOST_EMPTY} more bins: " if len(empty) > _MOST_EMPTY else ""
         click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
     return weights
 

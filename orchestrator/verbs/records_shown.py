@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from toppling.models.motions.importing import Import, Refusal
 
 
-MOST_NOTES = 20
+_MOST_NOTES = 20
 
 
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
@@ -78,10 +78,10 @@ def show_catalog(rows: list[dict]) -> None:
 
 def show_notes(notes: list[tuple[str, str]]) -> None:
     """Tell what was odd in records that were read: on the standard error, a line each."""
-    for name, what in notes[:MOST_NOTES]:
+    for name, what in notes[:_MOST_NOTES]:
         click.echo(f"note on {name}: {what}", err=True)
-    if len(notes) > MOST_NOTES:
-        rest = len(notes) - MOST_NOTES
+    if len(notes) > _MOST_NOTES:
+        rest = len(notes) - _MOST_NOTES
         click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
 
 

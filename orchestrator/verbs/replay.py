@@ -29,7 +29,7 @@ from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 
-SAME = 1e-9
+_SAME = 1e-9
 """Relative difference up to which two numbers count as equal."""
 
 
@@ -170,7 +170,7 @@ def _whence(kernels: str | None) -> str:
 
 def _difference(name: str, was: object, now: object) -> str:
     if isinstance(was, float) and isinstance(now, float):
-        same = math.isclose(was, now, rel_tol=SAME, abs_tol=SAME)
+        same = math.isclose(was, now, rel_tol=_SAME, abs_tol=_SAME)
     else:
         same = was == now
     return "" if same else f"{name} is {now}, but was {was} in the run"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.running import CarriedOut
 
 FAILED_JOBS = 3
-AGAIN = ("crashed", "timeout", "failed")
+_AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
 OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
@@ -35,8 +35,8 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     """Read the value of --again, as click calls it."""
     names = [] if value is None else [name.strip() for name in value.split(",")]
     for name in names:
-        if name not in AGAIN:
-            msg = f"{name!r} is none of {', '.join(AGAIN)}"
+        if name not in _AGAIN:
+            msg = f"{name!r} is none of {', '.join(_AGAIN)}"
             raise click.BadParameter(msg)
     return names
 
@@ -68,7 +68,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 )  # fmt: skip
 @click.option(
     "--again", callback=_statuses, metavar="STATUS,...",
-    help=f"Also repeat jobs that ended without an answer, by status: {', '.join(AGAIN)}.",
+    help=f"Also repeat jobs that ended without an answer, by status: {', '.join(_AGAIN)}.",
 )  # fmt: skip
 @click.option(
     "--precision", callback=_precision, metavar="SHARE",
@@ -193,7 +193,7 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
             click.echo(sentence)
         if unphysical:
             click.echo(unphysical.sentence)
-        if there := [name for name in AGAIN if name in state["status"]]:
+        if there := [name for name in _AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         for sentence in advice:
             click.echo(sentence)

@@ -18,14 +18,14 @@ from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
 
-LEAST_REALISATIONS = 3
+_LEAST_REALISATIONS = 3
 """Fewer give no spread."""
 
 
 def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
-    if 0 < realisations < LEAST_REALISATIONS:
+    if 0 < realisations < _LEAST_REALISATIONS:
         raise click.BadParameter(
-            f"{realisations} give no spread: give 0 for none, or at least {LEAST_REALISATIONS}."
+            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}."
         )
     return realisations
 
@@ -42,7 +42,7 @@ class _FileOrLines(click.Path):
         return value if isinstance(value, list) else super().convert(value, param, ctx)
 
 
-FILE_OR_LINES = _FileOrLines(path_type=Path)
+_FILE_OR_LINES = _FileOrLines(path_type=Path)
 
 
 def _outlined(
@@ -92,7 +92,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 )
 @click.option(
     "--gcp",
-    type=FILE_OR_LINES,
+    type=_FILE_OR_LINES,
     metavar="FILE",
     help="CSV of three or more ground control points: x,y,z in the model, then x,y,z as surveyed. They say scale, "
     "attitude and place.",
@@ -132,7 +132,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 )
 @click.option(
     "--outline",
-    type=FILE_OR_LINES,
+    type=_FILE_OR_LINES,
     callback=_outlined,
     metavar="FILE",
     help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
@@ -194,7 +194,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     default=REALISATIONS,
     show_default=True,
     callback=_enough,
-    help=f"Half samples for the uncertainty, at least {LEAST_REALISATIONS}; 0 for none.",
+    help=f"Half samples for the uncertainty, at least {_LEAST_REALISATIONS}; 0 for none.",
 )
 @json_option("Print the content of scene.json.")
 def scan(

@@ -8,7 +8,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.spelling import Verbs
 from toppling.orchestrator.verbs.options import PATH
 
-SHOW_PARTS = 10
+_SHOW_PARTS = 10
 """Parts of work of 'scene show', about a second each."""
 
 
@@ -37,7 +37,7 @@ def show(folder: Path, out: Path | None) -> None:
     from toppling.orchestrator.progress import bar
 
     target = out or folder
-    with bar("scene", SHOW_PARTS) as advance:
+    with bar("scene", _SHOW_PARTS) as advance:
         advance(0, "settling")
         from toppling.models.folder import rock_name
         from toppling.models.intervals import base_sentences

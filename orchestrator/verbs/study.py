@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.studies.ramp import Ramp
     from toppling.orchestrator.studies.replication import Study
 
-SEED = 1
+_SEED = 1
 
 
 @click.command()
@@ -173,7 +173,7 @@ def _have_records(out: Path, records: Path | None, metadata: Path | None, count:
         from toppling.models.motions.synthetic import synthetic_ensemble
 
         say(f"records: {count} stochastic ground motions")
-        Ensemble.write(out / "ensemble", synthetic_ensemble(count, SEED))
+        Ensemble.write(out / "ensemble", synthetic_ensemble(count, _SEED))
     elif (records / "catalog.parquet").exists():
         Ensemble.load(records)
         with new_folder(out / "ensemble") as staging:

@@ -47,7 +47,7 @@ from toppling.results.drawing.validation import calibration_figure
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
-MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
+_MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 
 
 @click.command()
@@ -162,7 +162,7 @@ def _told(
         with Console(stderr=True).status("learning the base"):
             probability = learnt(shaken.toppled, overturned, group)
     catalog = ensemble.catalog.to_pandas().set_index("record_id")
-    intensity = catalog.loc[[test.record_id for test in experiment.tests], list(MEASURES)]
+    intensity = catalog.loc[[test.record_id for test in experiment.tests], list(_MEASURES)]
     rules = simple_rules(intensity, overturned, group)
     peers = _peers(experiment)
     nominal = np.isfinite(shaken.nominal)

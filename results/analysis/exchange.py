@@ -31,7 +31,7 @@ from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.hazard.measures import imt_of, is_spectral, measure_of
 from toppling.results.hazard.surfaces import Surface
 
-LARGEST_BYTES = 20_000_000
+_LARGEST_BYTES = 20_000_000
 """Of a file of curves: a thousand rocks with all that is known of each."""
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
@@ -39,7 +39,7 @@ _FIELDS = ("measure", "median", "beta")
 _INTERVAL = ("median_low", "median_high")
 _BASIS = tuple(field.name for field in fields(Basis))
 _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
-SAMPLES_KEPT = 1000
+_SAMPLES_KEPT = 1000
 """Bootstrap samples that a file keeps, at most: a cell of CSV has 131,072 characters."""
 
 _PLANE = ("coefficient_0", "coefficient_1", "coefficient_2")
@@ -141,7 +141,7 @@ def _read(path: Path, readers: Mapping[str, Callable[[str], list[Any]]]) -> list
     """What the reader of a file's suffix finds in it."""
     if path.suffix not in readers:
         raise _suffix_error(path)
-    check_size(path, LARGEST_BYTES, "curves")
+    check_size(path, _LARGEST_BYTES, "curves")
     try:
         text = path.read_text(encoding="utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
@@ -315,7 +315,7 @@ def _row(curve: Lognormal) -> dict[str, Any]:
 def _samples_text(resampled: Resampled, numbers: Callable[[NDArray[np.float64]], Iterable[float]]) -> str:
     """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
     found = iter(resampled.coefficients)
-    rows = [numbers(next(found)) if has_fit else () for has_fit in resampled.fitted[:SAMPLES_KEPT]]
+    rows = [numbers(next(found)) if has_fit else () for has_fit in resampled.fitted[:_SAMPLES_KEPT]]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
 
 

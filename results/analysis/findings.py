@@ -12,15 +12,15 @@ from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
 from toppling.results.analysis.fragility import PLANES, effective_records, wilson
 from toppling.results.analysis.friction import compare_cells, compare_jobs, friction_words, frictions
 
-LOW_PGA_M_S2, LOW_PGV_M_S, LOW_PROBABILITY = 3.0, 0.75, 0.2
+_LOW_PGA_M_S2, _LOW_PGV_M_S, _LOW_PROBABILITY = 3.0, 0.75, 0.2
 
-UNSURE = 0.05
+_UNSURE = 0.05
 """Significance level: a rank correlation with a larger p value is not taken as seen."""
 
-HARDLY = 0.3
+_HARDLY = 0.3
 """A rank correlation below this counts as hardly any dependence."""
 
-WITHIN = 0.3
+_WITHIN = 0.3
 """The study's band about equal toppling probabilities."""
 
 
@@ -93,10 +93,10 @@ def findings(
 
 
 def _rarely_below(main: pd.DataFrame) -> Finding:
-    weak = main[(main["pga_m_s2"] < LOW_PGA_M_S2) & (main["pgv_m_s"] < LOW_PGV_M_S) & main["toppled"].notna()]
-    name = (
-        f"probability below {LOW_PROBABILITY:g} for PGA < {LOW_PGA_M_S2:g} m/s2 and PGV < {LOW_PGV_M_S:g} m/s"
-    )
+    weak = main[
+        (main["pga_m_s2"] < _LOW_PGA_M_S2) & (main["pgv_m_s"] < _LOW_PGV_M_S) & main["toppled"].notna()
+    ]
+    name = f"probability below {_LOW_PROBABILITY:g} for PGA < {_LOW_PGA_M_S2:g} m/s2 and PGV < {_LOW_PGV_M_S:g} m/s"
     paper = "less than 0.2"
     if not len(weak):
         return Finding(name, paper, "no such jobs", None)
@@ -104,7 +104,7 @@ def _rarely_below(main: pd.DataFrame) -> Finding:
     one = weak.assign(weight=1.0, pool=0)
     low, high = wilson(pd.Series([share]), effective_records(one, ["pool"]).reset_index(drop=True))
     share_words = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, by record)"
-    return Finding(name, paper, share_words, share < LOW_PROBABILITY)
+    return Finding(name, paper, share_words, share < _LOW_PROBABILITY)
 
 
 def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
@@ -136,7 +136,7 @@ def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
         name,
         paper,
         _correlation(rank, p, records),
-        (rank < 0) if p < UNSURE else (None if rank < 0 else False),
+        (rank < 0) if p < _UNSURE else (None if rank < 0 else False),
     )
 
 
@@ -146,9 +146,9 @@ def _pgv_hardly_on_duration(main: pd.DataFrame) -> Finding:
     name, paper = "toppling PGV hardly depends on duration", "more or less independent"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
-    hardly = abs(rank) < HARDLY
+    hardly = abs(rank) < _HARDLY
     return Finding(
-        name, paper, _correlation(rank, p, records), None if not hardly and p >= UNSURE else hardly
+        name, paper, _correlation(rank, p, records), None if not hardly and p >= _UNSURE else hardly
     )
 
 
@@ -197,16 +197,16 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
         for counts in table.itertuples()
     ]
     more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
-    unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= UNSURE
+    unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= _UNSURE
     return Finding(name, paper, "; ".join(parts), None if unsure else more > fewer)
 
 
 def _within_the_band(rows: pd.DataFrame) -> Finding:
-    name, paper = f"most cells within {WITHIN:g} of those of the highest friction", "in general within 0.3"
+    name, paper = f"most cells within {_WITHIN:g} of those of the highest friction", "in general within 0.3"
     if len(frictions(rows)) < 2:
         return Finding(name, paper, "one friction only", None)
     cells = compare_cells(rows, PLANES["pga_pgv"], frictions(rows)[-1])
-    within = (cells["probability"] - cells["reference_probability"]).abs() <= WITHIN
+    within = (cells["probability"] - cells["reference_probability"]).abs() <= _WITHIN
     return Finding(name, paper, f"{int(within.sum())} of {len(cells)} cells", bool(within.mean() > 0.5))
 
 

@@ -25,10 +25,10 @@ CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_
 
 FRICTION = ["friction_static", "friction_kinetic"]
 
-NEAR_FACTOR = 1.25
+_NEAR_FACTOR = 1.25
 """Frictions that realisations drew within this factor of the one stated are "about" that one."""
 
-CONTACT_WORDS = (
+_CONTACT_WORDS = (
     ("restitution", "restitution "),
     ("engine", ""),
     ("preset", "preset "),
@@ -285,7 +285,7 @@ def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
     first = jobs.iloc[0]
     words = [_friction_drawn(jobs)]
-    for column, word in CONTACT_WORDS:
+    for column, word in _CONTACT_WORDS:
         if among[column].nunique() > 1:
             named = column == "scene_id" and _named(among)
             words.append(str(first["rock"]) if named else word + _plain(first[column]))
@@ -297,7 +297,7 @@ def _friction_drawn(jobs: pd.DataFrame) -> str:
     static, kinetic = (float(jobs[name].iloc[0]) for name in FRICTION)
     factor = jobs["friction_factor"].dropna() if "friction_factor" in jobs else pd.Series(dtype=float)
     least, most = (1.0, 1.0) if factor.empty else (float(factor.min()), float(factor.max()))
-    if most > NEAR_FACTOR or least < 1.0 / NEAR_FACTOR:
+    if most > _NEAR_FACTOR or least < 1.0 / _NEAR_FACTOR:
         return f"μ {static * least:.2g} to {static * most:.2g}"
     word = "=" if least == most == 1.0 else "about"
     return f"μ {word} {static:g}" + ("" if static == kinetic else f" ({kinetic:g} kinetic)")

@@ -26,14 +26,14 @@ from toppling.results.analysis.regression import Fit, fit, softened
 log = logging.getLogger(__name__)
 
 TIME_STEP_S = 0.005
-SETTLING_S = 10.0
+_SETTLING_S = 10.0
 """Still ground after the record, in which a rocking body falls or comes to rest."""
 
-QUIET_SHARE = 0.01
+_QUIET_SHARE = 0.01
 """What is weaker than this share of the PGA before and after the strong motion is left out."""
 
-RECORDS_AT_ONCE = 20
-MEASURES = ("pga_m_s2", "pgv_pga_s")
+_RECORDS_AT_ONCE = 20
+_MEASURES = ("pga_m_s2", "pgv_pga_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +176,9 @@ def simulate(
     levels = np.asarray(list(levels_m_s2), float)
     motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda motion: len(motion[2]))
     tables = []
-    for first in range(0, len(motions), RECORDS_AT_ONCE) if cuts else ():
-        batch = motions[first : first + RECORDS_AT_ONCE]
-        steps = len(batch[-1][2]) + round(SETTLING_S / TIME_STEP_S)
+    for first in range(0, len(motions), _RECORDS_AT_ONCE) if cuts else ():
+        batch = motions[first : first + _RECORDS_AT_ONCE]
+        steps = len(batch[-1][2]) + round(_SETTLING_S / TIME_STEP_S)
         unit = np.zeros((steps, 2, len(batch)))
         for number, (_, _, components) in enumerate(batch):
             unit[: len(components), :, number] = components
@@ -220,9 +220,9 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
     """
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
-        fitted: Fit = fit(jobs, MEASURES)
+        fitted: Fit = fit(jobs, _MEASURES)
         # Few records may be divided by a line: it is where both probabilities are, but for half a job's doubt.
-        coefficients = softened(jobs, MEASURES) if fitted.problem else fitted.coefficients
+        coefficients = softened(jobs, _MEASURES) if fitted.problem else fitted.coefficients
         if coefficients is None or coefficients[1] <= 0:
             continue
         intercept, on_pga, on_pulse = coefficients
@@ -245,7 +245,7 @@ def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
     peak = int(size.argmax())
     along = acceleration[:, :2] @ (acceleration[peak, :2] / size[peak])
     unit = np.column_stack([along, acceleration[:, 2]]) / size[peak]
-    strong = np.flatnonzero(np.abs(unit[:, 0]) > QUIET_SHARE)
+    strong = np.flatnonzero(np.abs(unit[:, 0]) > _QUIET_SHARE)
     unit = unit[max(0, strong[0] - 1) : strong[-1] + 2]
     time = np.arange(0.0, (len(unit) - 1) * step, TIME_STEP_S)
     at = np.arange(len(unit)) * step

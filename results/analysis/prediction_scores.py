@@ -21,15 +21,15 @@ from sklearn.model_selection import LeaveOneGroupOut
 from toppling.models.arrays import Array
 from toppling.models.shares import jeffreys_mean
 
-CALLED_FROM = 0.5
+_CALLED_FROM = 0.5
 """Probability from which on a rock is called overturned."""
-SAMPLES = 500
+_SAMPLES = 500
 """Of records drawn anew, for intervals of 95 %."""
-SURE = 1e-3
+_SURE = 1e-3
 """Probabilities nearer to 0 or 1 count as this near in logarithmic scores: who says never may be wrong."""
-ROUNDS = 200
+_ROUNDS = 200
 """In which weights and rates are found together."""
-FIRST_RATES = (0.05, 0.95)
+_FIRST_RATES = (0.05, 0.95)
 Truths = NDArray[np.bool_]
 
 
@@ -55,7 +55,7 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
         the outcomes on the log odds; 1 is calibrated, less is overconfident; None where there are too few outcomes)
         and confusion, a dict of counts.
     """
-    called = probability >= CALLED_FROM
+    called = probability >= _CALLED_FROM
     (stood_right, stood_wrong), (fell_wrong, fell_right) = confusion_matrix(
         overturned, called, labels=[False, True]
     )
@@ -89,7 +89,7 @@ def intervals(
     random = np.random.default_rng(seed)
     of_group = [np.flatnonzero(group == name) for name in np.unique(group)]
     drawn = []
-    for _ in range(SAMPLES):
+    for _ in range(_SAMPLES):
         rows = np.concatenate([of_group[k] for k in random.integers(len(of_group), size=len(of_group))])
         drawn.append(scores(overturned[rows], probability[rows]))
     return _quantiles(drawn, 0.025, 0.975)
@@ -181,8 +181,8 @@ def weighted_draws(
     known = np.isfinite(toppled)
     falls, stands = known & (toppled > 0.5), known & (toppled <= 0.5)
     weights = np.full(len(toppled), 1.0 / len(toppled))
-    rates = FIRST_RATES
-    for _ in range(ROUNDS):
+    rates = _FIRST_RATES
+    for _ in range(_ROUNDS):
         chance = np.where(falls, rates[1], rates[0])
         likelihood = weights[:, None] * np.where(overturned, chance, 1.0 - chance) * known
         total = likelihood.sum(axis=0)
@@ -289,7 +289,7 @@ def _calibration_slope(overturned: Truths, probability: Array) -> float:
 
 
 def _unsure(probability: Array) -> Array:
-    return np.clip(probability, SURE, 1.0 - SURE)
+    return np.clip(probability, _SURE, 1.0 - _SURE)
 
 
 def _number(value: float) -> float | None:

@@ -19,7 +19,7 @@ from toppling.results.analysis.lognormal import expanded_interval
 from toppling.results.analysis.regression import NEAR_TIE, fit
 from toppling.results.analysis.resampling import LEAST_RECORDS
 
-FOLDS = 5
+_FOLDS = 5
 
 
 def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
@@ -29,7 +29,7 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     strongest that stood and the weakest that toppled, with the doubt that half a job of the other answer leaves.
     """
     predicted = pd.Series(np.nan, index=frame.index)
-    folds = min(FOLDS, frame["record_id"].nunique())
+    folds = min(_FOLDS, frame["record_id"].nunique())
     if folds < 2:
         return predicted
     for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):

@@ -16,7 +16,7 @@ from scipy.stats import norm, t
 
 from toppling.models.arrays import Array
 
-FARTHEST = 4.0
+_FARTHEST = 4.0
 """Of a reflected sample from the fit, in logarithms of the median and of beta: beyond it a refit means nothing."""
 
 
@@ -46,7 +46,7 @@ def reflected(fitted: Array, refits: Array, records: int, level: float = 0.95) -
     centre, away = to(fitted), to(refits) - to(fitted)
     if len(fitted) == 3:
         away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi
-    near = np.all(np.abs(away[:, :2]) < FARTHEST, axis=1, keepdims=True)
+    near = np.all(np.abs(away[:, :2]) < _FARTHEST, axis=1, keepdims=True)
     return np.where(near, back(centre - wider * away), refits)
 
 

@@ -19,7 +19,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, P
 from toppling.results.analysis.lognormal import Lognormal, lognormal_of
 from toppling.results.schema import SCHEMA, describe
 
-FLATTEST_SLOPE = 0.1
+_FLATTEST_SLOPE = 0.1
 """Of a fit to one measure; less counts as none. With it, two thirds more of the jobs topple (84 % for one in two) at
 22,000 times the intensity: no shaking tells, and medians leave the range of numbers."""
 
@@ -176,7 +176,7 @@ def regress(
 
 def is_flat(coefficients: NDArray[np.float64]) -> bool:
     """Whether probability does not rise with the one measure that was fitted."""
-    return len(coefficients) == 2 and bool(coefficients[1] < FLATTEST_SLOPE)
+    return len(coefficients) == 2 and bool(coefficients[1] < _FLATTEST_SLOPE)
 
 
 def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:

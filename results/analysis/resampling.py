@@ -20,7 +20,7 @@ LEAST_RECORDS = 5
 SAMPLES = 200
 """Of resampled records, for intervals of 95 %."""
 
-SUSPECT_SLOPE = 1.5
+_SUSPECT_SLOPE = 1.5
 """Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:
 its likelihood rises for ever."""
 
@@ -41,7 +41,7 @@ def bootstrap(
     design = design_of(groups, fitted.measures)
     codes, records = pd.factorize(groups["record_id"], sort=True)
     random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
-    steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
+    steep = _SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
     found = []
     for number in range(len(fitted_again)):

@@ -15,7 +15,7 @@ from toppling.results.analysis import fits, regression
 from toppling.results.analysis.fragility import FRICTION, by_contact
 from toppling.results.reader import Run
 
-MOST_NAMED = 5
+_MOST_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Unphysical:
         )
         return (
             f"{self.jobs:,} of {self.of_jobs:,} jobs shook beyond what was ever recorded ({LIMITS_WORDS}){part}: "
-            f"{listed(named, MOST_NAMED)}. {self._change}"
+            f"{listed(named, _MOST_NAMED)}. {self._change}"
         )
 
     @property

@@ -14,14 +14,14 @@ from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_a
 from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
 from toppling.results.replay import Replay, tilt_deg
 
-FRAMES_HZ, MOST_FRAMES = 12.5, 100
+_FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
 WIDTH, STRIP = 480, 92
 """Pixels: width of picture and view, height of the strip below with the seismogram."""
 
-ROW = 19
-OVERSAMPLING = 2
+_ROW = 19
+_OVERSAMPLING = 2
 """How much finer it is drawn than shown, so that its edges are smooth."""
 
 
@@ -41,12 +41,12 @@ class _View:
 
 def moving_picture(replay: Replay, path: Path, title: str) -> None:
     """Write a GIF of the part of a shake in which something is to be seen, with title, seismogram and speed."""
-    times = shown_times(replay, FRAMES_HZ, MOST_FRAMES)
+    times = shown_times(replay, _FRAMES_HZ, _MOST_FRAMES)
     position, turn = replay.at(times)
     tilts = tilt_deg(np.vstack([replay.trajectory.quaternion_xyzw[:1], turn]), replay.scene.pedestal.normal)[
         1:
     ]
-    milliseconds = round(1000 / FRAMES_HZ)
+    milliseconds = round(1000 / _FRAMES_HZ)
     speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
     view = _view_of(replay, position)
     below = _seismogram(replay, times)
@@ -104,7 +104,7 @@ def _pose(replay: Replay, view: _View, place: Array, attitude: Array, time_s: fl
         painted.append(shades(surface, light)[side > 0])
     triangles, colours = np.concatenate(corners), np.concatenate(painted)
     order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
-    size = OVERSAMPLING * WIDTH
+    size = _OVERSAMPLING * WIDTH
     places = 0.5 * size * (1.0 + (triangles[order, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
     image = Image.new("RGB", (size, size), "#f4f6f8")
     draw = ImageDraw.Draw(image)
@@ -140,11 +140,11 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 def _heading(title: str, speed: float) -> Image.Image:
     lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
-    image = Image.new("RGB", (WIDTH, ROW * len(lines) + 8), "white")
+    image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):
         fill = "black" if number < len(lines) - 1 else "#555555"
-        draw.text((8, 4 + ROW * number), line, fill=fill, font=_font(13))
+        draw.text((8, 4 + _ROW * number), line, fill=fill, font=_font(13))
     return image
 
 

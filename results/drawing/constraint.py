@@ -23,7 +23,7 @@ from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import Branch
 
-MOST_NAMED = 6
+_MOST_NAMED = 6
 """Branches that the legend names, at most."""
 
 
@@ -51,7 +51,7 @@ def constraint_figure(
     """
     measure = bound.columns[0]
     rate = bound["rejected_annual_rate"]
-    below_in = 0.45 + 0.16 * (1 + (len(branches) if len(branches) <= MOST_NAMED else 1))
+    below_in = 0.45 + 0.16 * (1 + (len(branches) if len(branches) <= _MOST_NAMED else 1))
     height = 3.0 + below_in
     with style():
         figure = Figure(figsize=(width_in, height))
@@ -68,7 +68,7 @@ def constraint_figure(
             label=f"rates rejected at {100 * confidence:g} %, whatever the rest of the curve",
         )  # fmt: skip
         axes.plot(bound[measure], rate, color="k", lw=1)
-        if len(branches) <= MOST_NAMED:
+        if len(branches) <= _MOST_NAMED:
             _draw_named(axes, branches, verdicts, shown)
         else:
             _draw_many(axes, branches, verdicts)

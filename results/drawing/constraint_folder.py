@@ -21,7 +21,7 @@ from toppling.results.drawing.style import save
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.export import write_event_openquake, write_openquake
 
-OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
+_OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
 """What a statement under a set of events says of it."""
 
 
@@ -113,7 +113,7 @@ def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:
     choices = statement.get("choices", {})
     rows = [("program", "", choices.get("program", ""))]
     rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]
-    events = {name: statement[name] for name in OF_EVENTS if name in statement}
+    events = {name: statement[name] for name in _OF_EVENTS if name in statement}
     rows += [
         ("hazard", name, json.dumps(value))
         for name, value in statement.get("hazard", events).items()

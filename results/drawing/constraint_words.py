@@ -7,13 +7,13 @@ from toppling.results.drawing.style import printed_unit, short_name, unit_of
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
-MOST_NAMED = 6
+_MOST_NAMED = 6
 """Branches that are stated one by one, at most."""
 
-FIRST_RATES = (1e-4, *sorted(RATES))
+_FIRST_RATES = (1e-4, *sorted(RATES))
 """Annual rates that the first line may be about: the first that the hazard reaches before and after."""
 
-VARY = {
+_VARY = {
     "event": "other events", "fragility": "other records like these", "age": "other ages",
     "joint rate": "other scatters of the two measures",
 }  # fmt: skip
@@ -54,7 +54,7 @@ def _falls(statement: dict[str, Any]) -> list[str]:
     several = len({site for site, _ in groups}) > 1
     return [
         (f"At {site}: " if several else "") + line
-        for (site, measure), rows in list(groups.items())[:MOST_NAMED]
+        for (site, measure), rows in list(groups.items())[:_MOST_NAMED]
         if (line := _fall({**statement, "changes": rows, "measure": measure}))
     ]
 
@@ -64,7 +64,7 @@ def _fall(statement: dict[str, Any]) -> str:
     if len(statement["branches"]) < 2:
         return ""
     by_rate = {row["annual_rate"]: row for row in statement["changes"]}
-    for rate in FIRST_RATES:
+    for rate in _FIRST_RATES:
         row = by_rate[rate]
         before, after = row["level_prior_mean"], row["level_posterior_mean"]
         if before is None or after is None:
@@ -117,7 +117,7 @@ def _percent(share: float) -> str:
 
 
 def _varying(statement: dict[str, Any]) -> str:
-    return " and ".join(VARY[name] for name in statement["intervals_carry"])
+    return " and ".join(_VARY[name] for name in statement["intervals_carry"])
 
 
 def all_words(statement: dict[str, Any]) -> str:
@@ -215,7 +215,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     """What is said of each branch, where they are few, and of all of them."""
     branches = statement.get("branches", ())
     lines = []
-    for branch in branches if len(branches) <= MOST_NAMED else ():
+    for branch in branches if len(branches) <= _MOST_NAMED else ():
         verdict = "rejected" if branch["rejected"] else "kept"
         lines.append(
             f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
@@ -229,7 +229,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
         lines += _over_draws(branch, statement)
         lines += _outside(branch, 1.0 - statement["confidence"])
         lines += _taken_at(branch)
-    if len(branches) > MOST_NAMED:
+    if len(branches) > _MOST_NAMED:
         lines += _many(statement)
     if branches and all(branch["rejected"] for branch in branches):
         ranked = branches[0]["posterior_weight"] is not None

@@ -5,10 +5,10 @@ from typing import Any
 
 from toppling.results.drawing.constraint_words import answer
 
-FEW_EVENTS = 5.0
+_FEW_EVENTS = 5.0
 """Effective number of events below which a branch's survival hangs on a few."""
 
-NAMED_BRANCHES = 12
+_NAMED_BRANCHES = 12
 
 
 def event_words(statement: dict[str, Any]) -> str:
@@ -26,17 +26,17 @@ def event_words(statement: dict[str, Any]) -> str:
         f"{stand} with {statement['decided']['survival_mean_of_branches']:.3g}."
     )
     ranked = sorted(statement["branches"], key=lambda row: row["rank"])
-    for row in ranked[:NAMED_BRANCHES]:
+    for row in ranked[:_NAMED_BRANCHES]:
         lines += _branch_words(row)
-    if len(ranked) > NAMED_BRANCHES:
-        lines.append(f"and {len(ranked) - NAMED_BRANCHES} branches more, in branches.csv (--out) and --json")
+    if len(ranked) > _NAMED_BRANCHES:
+        lines.append(f"and {len(ranked) - _NAMED_BRANCHES} branches more, in branches.csv (--out) and --json")
     if all(row["rejected"] for row in ranked):
         lines.append("Every branch is rejected.")
-    few = [row["name"] for row in ranked if 0 < row["effective_events"] < FEW_EVENTS]
+    few = [row["name"] for row in ranked if 0 < row["effective_events"] < _FEW_EVENTS]
     none = [row["name"] for row in ranked if row["effective_events"] == 0]
     if few:
         lines.append(
-            f"Fewer than {FEW_EVENTS:g} events bear the toppling rate of {_listed(few)}: simulate more years."
+            f"Fewer than {_FEW_EVENTS:g} events bear the toppling rate of {_listed(few)}: simulate more years."
         )
     if none:
         lines.append(

@@ -8,10 +8,10 @@ from matplotlib.ticker import LogLocator
 
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
 
-NAMED = 16
+_NAMED = 16
 """Branches that have their names beside the axis."""
 
-LEAST_SURVIVAL = 1e-4
+_LEAST_SURVIVAL = 1e-4
 
 
 MOST_PANELS = 7
@@ -36,7 +36,7 @@ def events_figure(
     count = 1 + len(hazards[:MOST_PANELS])
     columns = 1 if width_in < FULL_WIDTH_IN else min(count, 2)
     rows = -(-count // columns)
-    first_in = max(3.2, 0.2 * min(len(branches), NAMED))
+    first_in = max(3.2, 0.2 * min(len(branches), _NAMED))
     with style():
         figure = Figure(figsize=(width_in, first_in + 3.2 * (rows - 1)), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, height_ratios=[first_in, *[3.2] * (rows - 1)])
@@ -52,7 +52,7 @@ def events_figure(
 def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> None:
     places = np.arange(len(branches))
     low, middle, high = (
-        branches[name].clip(lower=LEAST_SURVIVAL) for name in ("survival_low", "survival", "survival_high")
+        branches[name].clip(lower=_LEAST_SURVIVAL) for name in ("survival_low", "survival", "survival_high")
     )
     axes.hlines(places, low, high, color="0.6", lw=0.8)
     before, after = (branches[f"{name}_weight"].fillna(0.0) for name in ("prior", "posterior"))
@@ -67,12 +67,12 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
     )
     axes.set(
         xscale="log", xlabel="probability that all rocks stand", ylim=(-0.6, len(branches) + 0.3),
-        xlim=(max(LEAST_SURVIVAL, 0.5 * min(low.min(), 1 - confidence)), 1.1),
+        xlim=(max(_LEAST_SURVIVAL, 0.5 * min(low.min(), 1 - confidence)), 1.1),
     )  # fmt: skip
     axes.set_yticks(
-        places if len(branches) <= NAMED else [], branches["name"] if len(branches) <= NAMED else []
+        places if len(branches) <= _NAMED else [], branches["name"] if len(branches) <= _NAMED else []
     )
-    if len(branches) > NAMED:
+    if len(branches) > _NAMED:
         axes.set_ylabel(f"{len(branches)} branches, by survival")
     axes.legend(loc="lower right", frameon=False, ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 

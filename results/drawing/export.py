@@ -9,8 +9,8 @@ from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
 
-EXPORTS = (".glb", ".gltf", ".ply", ".obj")
-Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+_EXPORTS = (".glb", ".gltf", ".ply", ".obj")
+_Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """Turn of -90 degrees about x, from z up to glTF's y up."""
 
 
@@ -25,18 +25,18 @@ def export_scene(scene: Scene, path: Path) -> None:
     InputError
         If the file's extension is none of these.
     """
-    if path.suffix.lower() not in EXPORTS:
+    if path.suffix.lower() not in _EXPORTS:
         raise InputError(
             f"cannot export to '{path.suffix}'",
             where=str(path),
-            expected=" or ".join(EXPORTS),
+            expected=" or ".join(_EXPORTS),
             remedy="name the file by the format that you want",
         )
     meshes = [(name, mesh) for name, mesh, _ in _meshes(scene)]
     if path.suffix.lower() in (".glb", ".gltf"):
         parts = trimesh.Scene()
         for name, mesh in meshes:
-            parts.add_geometry(mesh, node_name=name, geom_name=name, transform=Y_UP)
+            parts.add_geometry(mesh, node_name=name, geom_name=name, transform=_Y_UP)
         parts.export(path, **({"embed_buffers": True} if path.suffix.lower() == ".gltf" else {}))
     else:
         trimesh.util.concatenate([mesh for _, mesh in meshes]).export(path)

@@ -13,7 +13,7 @@ FAR_SHAKEN = 10.0
 
 FAR_WORDS = "far beyond what was shaken"
 
-NARROW_RECORDS = 20
+_NARROW_RECORDS = 20
 """Intervals of fewer records are too narrow."""
 
 
@@ -57,8 +57,8 @@ def few_records(records: int) -> str:
             f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
             "no interval, and what other records would say is not known."
         )
-    if records < NARROW_RECORDS:
-        return f"With {records} records, fewer than about {NARROW_RECORDS}, the intervals are too narrow."
+    if records < _NARROW_RECORDS:
+        return f"With {records} records, fewer than about {_NARROW_RECORDS}, the intervals are too narrow."
     return ""
 
 

@@ -18,7 +18,7 @@ from toppling.results.drawing.style import (
     style,
 )
 
-FIT_CAPTION = (
+_FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
     "Band, and bars of the ranking: bootstrap of records.",
 )
@@ -60,7 +60,7 @@ def fit_figure(
         figure.text(
             0.5,
             0.008,
-            (" " if beside else "\n").join(FIT_CAPTION),
+            (" " if beside else "\n").join(_FIT_CAPTION),
             ha="center",
             va="bottom",
             size=6.5,

@@ -8,10 +8,10 @@ from toppling.results.analysis.fragility import FRICTION, THIN_RECORDS
 from toppling.results.analysis.friction import friction_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
-BAND = 0.3
+_BAND = 0.3
 """Difference of probability that the outer lines show: a cell of 10 records is not known better."""
 
-GAP_IN = 0.6
+_GAP_IN = 0.6
 """Between panels, for the right one's axis and half a circle of the left one's."""
 
 
@@ -29,13 +29,13 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = F
     """
     columns = min(len(jobs), max(1, int((width_in - 0.6) // 2.2)))
     lines = -(-len(jobs) // columns)
-    side_in = min(2.9, (width_in - 0.7 - GAP_IN * (columns - 1)) / columns)
-    width, height = 0.7 + columns * side_in + GAP_IN * (columns - 1), 0.55 + lines * (side_in + 0.85)
+    side_in = min(2.9, (width_in - 0.7 - _GAP_IN * (columns - 1)) / columns)
+    width, height = 0.7 + columns * side_in + _GAP_IN * (columns - 1), 0.55 + lines * (side_in + 0.85)
     with style():
         figure = Figure(figsize=(width, height))
         room = {
             "left": 0.55 / width, "right": 1 - 0.15 / width, "bottom": 0.95 / height, "top": 1 - 0.45 / height,
-            "wspace": GAP_IN / side_in, "hspace": 0.85 / side_in,
+            "wspace": _GAP_IN / side_in, "hspace": 0.85 / side_in,
         }  # fmt: skip
         grid = figure.subplots(lines, columns, squeeze=False, gridspec_kw=room)
         for axes, (_, counts) in zip(grid.flat, jobs.iterrows(), strict=False):
@@ -80,10 +80,10 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
                 bbox={"facecolor": "white", "lw": 0, "pad": 0.8},
             )  # fmt: skip
     axes.plot([0, 1], [0, 1], "k--", lw=0.8, label="same probability")
-    for number, shift in enumerate((-BAND, BAND)):
+    for number, shift in enumerate((-_BAND, _BAND)):
         axes.plot(
             [max(0, -shift), min(1, 1 - shift)], [max(0, shift), min(1, 1 + shift)], "-", color="0.45", lw=0.7,
-            label=None if number else f"{BAND:g} more or less",
+            label=None if number else f"{_BAND:g} more or less",
         )  # fmt: skip
     ticks = [0.0, 0.25, 0.5, 0.75, 1.0]
     axes.set(

@@ -11,10 +11,10 @@ from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_l
 from toppling.results.hazard.tree import Statistics
 from toppling.results.hazard.update import Update
 
-LEAST_RATE = 3e-7
+_LEAST_RATE = 3e-7
 """Lower end of the annual rates that are drawn: analysts ask for none below 1e-6."""
 
-LEAST_RANGE = 50.0
+_LEAST_RANGE = 50.0
 """Of the rates that are drawn: at least one power of ten has a label."""
 
 
@@ -90,7 +90,7 @@ def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
     low, high = curves.fractiles[0.05], curves.fractiles[0.95]
     bears = np.isfinite(low) & np.isfinite(high) & (high > 0)
     axes.fill_between(
-        curves.levels[bears], np.maximum(low[bears], LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
+        curves.levels[bears], np.maximum(low[bears], _LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
         lw=0, label=label,
     )  # fmt: skip
 
@@ -106,12 +106,12 @@ def _bearing(
 def _frame(axes: Axes, update: Update, width_in: float) -> None:
     """Axes over what is asked for: intensities whose rates are drawn, and return periods beside them."""
     x, rates = _bearing(update.before.levels, update.before.mean)
-    shown = rates >= LEAST_RATE
+    shown = rates >= _LEAST_RATE
     top = max(
         rates.max(), *(rate[np.isfinite(rate)].max(initial=0.0) for rate in update.before.fractiles.values())
     )
     right = x[min(int(shown.sum()), len(x) - 1)]
-    least = min(max(LEAST_RATE, rates.min() / 2), top / LEAST_RANGE)
+    least = min(max(_LEAST_RATE, rates.min() / 2), top / _LEAST_RANGE)
     axes.set(
         xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
         xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top),

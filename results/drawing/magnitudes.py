@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
 
-DASHES = ("-", "--", "-.", ":")
-PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
+_DASHES = ("-", "--", "-.", ":")
+_PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
 """Behind names on the map."""
 
-REACH_KM = 100.0
+_REACH_KM = 100.0
 """Of the map, beside the farthest circle."""
 
 
@@ -66,7 +66,7 @@ def magnitudes_figure(
             low, high = (table[f"magnitude_{end}"].clip(*limits) for end in ("low", "high"))
             if np.isfinite(low).any():
                 axes.fill_between(distance, low, high, color=colour, alpha=0.2, lw=0)
-            axes.plot(distance, line, DASHES[number % 4], color=colour, lw=1.3, label=name + none)
+            axes.plot(distance, line, _DASHES[number % 4], color=colour, lw=1.3, label=name + none)
         axes.set(
             xscale="log", ylim=limits, xlim=(distance.min(), distance.max()), xlabel="distance (km)",
             ylabel="magnitude", title=f"magnitudes above the line are excluded at {100 * confidence:g} %",
@@ -131,7 +131,7 @@ def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None
             )
             axes.annotate(
                 f"M {magnitude:g}: {distance:.2g} km", (distance * math.cos(angle), distance * math.sin(angle)),
-                ha="center", va="center", size=6.5, color="0.25", bbox=PLATE,
+                ha="center", va="center", size=6.5, color="0.25", bbox=_PLATE,
             )  # fmt: skip
 
 
@@ -160,14 +160,14 @@ def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None
         place = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
         axes.annotate(
             one.name + allowed, place, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
-            ha="left" if place[0] < 0 else "right", bbox=PLATE,
+            ha="left" if place[0] < 0 else "right", bbox=_PLATE,
         )  # fmt: skip
 
 
 def _reach_km(faults: Sequence[Drawn], circles: dict[float, float]) -> float:
     nearest = [min(np.hypot(*line.T).min() for line in one.lines) for one in faults]
     widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
-    return 1.15 * max(widest, min(REACH_KM, max(nearest, default=0.0)), 5.0)
+    return 1.15 * max(widest, min(_REACH_KM, max(nearest, default=0.0)), 5.0)
 
 
 def _shown(values: pd.Series, limits: tuple[float, float]) -> NDArray[np.float64]:

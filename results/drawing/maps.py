@@ -22,24 +22,24 @@ from toppling.results.analysis.fragility import THIN_RECORDS, Axis, DirectionCel
 from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 
-LINE_IN = 0.15
+_LINE_IN = 0.15
 """Height of a line of text above or below all panels."""
 
-FULL_SHARE = 0.4
+_FULL_SHARE = 0.4
 """Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
 
-LEAST_WIDTH = 1 / 3
+_LEAST_WIDTH = 1 / 3
 """Of its bin, that a cell of however few jobs has: thinner, the eye tells no colour."""
 
-DOT_PT, DOT_IN_CELL = 1.6, 0.6
+_DOT_PT, _DOT_IN_CELL = 1.6, 0.6
 """Size of a dot, and of how much of its cell's shorter side it takes at most: it must not hide the colour."""
 
-LAST_TICK = 0.85
+_LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
 
-NO_RECORDS = "no records"
+_NO_RECORDS = "no records"
 
-SHARES, DEVIATIONS = Normalize(0, 1), Normalize(-3, 3)
+_SHARES, _DEVIATIONS = Normalize(0, 1), Normalize(-3, 3)
 """Scales of probabilities, and of differences over their standard deviation."""
 
 
@@ -67,10 +67,10 @@ def map_figure(
         Distinct records on the map, where known.
     """
     caption = [*_width_words(table, plane), *_left_out(plane, unplaced, beyond)]
-    height = 3.0 + LINE_IN * len(caption)
+    height = 3.0 + _LINE_IN * len(caption)
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
-        margins = _margins(HALF_WIDTH_IN, height, below_in=LINE_IN * len(caption))
+        margins = _margins(HALF_WIDTH_IN, height, below_in=_LINE_IN * len(caption))
         axes = figure.subplots(gridspec_kw=margins)
         _frame_cells(axes, table, plane)
         _draw_cells(axes, table, plane, _full_share(table))
@@ -112,9 +112,11 @@ def direction_figure(
     if width_in < FULL_WIDTH_IN:
         caption = [part for line in caption for part in _halved(line)]
     with style():
-        height = 0.9 + 2.1 * lines + LINE_IN * (len(caption) + bool(title))
+        height = 0.9 + 2.1 * lines + _LINE_IN * (len(caption) + bool(title))
         figure = Figure(figsize=(width_in, height))
-        margins = _margins(width_in, height, above_in=LINE_IN * bool(title), below_in=LINE_IN * len(caption))
+        margins = _margins(
+            width_in, height, above_in=_LINE_IN * bool(title), below_in=_LINE_IN * len(caption)
+        )
         apart = {**margins, "wspace": 0.12, "hspace": 0.32}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):
@@ -122,7 +124,7 @@ def direction_figure(
         _close_grid(grid, len(directions))
         middle = 0.5 * (margins["left"] + margins["right"])
         figure.supxlabel(
-            _label(plane.x), x=middle, y=(LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
+            _label(plane.x), x=middle, y=(_LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
         )
         figure.supylabel(_label(plane.y), size=8)
         if title:
@@ -154,7 +156,7 @@ def _draw_direction(
     if len(cells):
         _draw_cells(axes, cells, plane, _full_share(table))
     else:
-        axes.text(0.5, 0.5, NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
+        axes.text(0.5, 0.5, _NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
     _few_ticks(axes)
     if reference is not None:
         _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
@@ -173,7 +175,7 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
     plane : Plane
     """
     width, height = FULL_WIDTH_IN, 3.0
-    margins = _margins(width, height, below_in=2 * LINE_IN)
+    margins = _margins(width, height, below_in=2 * _LINE_IN)
     left, bar = margins["left"], 1.0 - margins["right"]
     panel = (1.0 - left - 2.4 * bar) / 3.0
     with style():
@@ -190,7 +192,7 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
             axes.set_title(f"{name}\n{_counted(table, None)}")
             _draw_cells(axes, table, plane, _full_share(first))
         grid[2].set_title("difference over what\nother records would change")
-        _draw_cells(grid[2], off, plane, _full_share(first), "deviations", colours, DEVIATIONS)
+        _draw_cells(grid[2], off, plane, _full_share(first), "deviations", colours, _DEVIATIONS)
         for axes in grid:
             _few_ticks(axes)
             axes.set_xlabel(_label(plane.x))
@@ -198,8 +200,8 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
             axes.set_yticklabels([])
         grid[0].set_ylabel(_label(plane.y))
         for axes, norm, shown, words in (
-            (grid[1], SHARES, COLOURS, "toppling probability"),
-            (grid[2], DEVIATIONS, colours, "standard deviations"),
+            (grid[1], _SHARES, COLOURS, "toppling probability"),
+            (grid[2], _DEVIATIONS, colours, "standard deviations"),
         ):
             _colour_bar(figure, {**margins, "right": axes.get_position().x1}, norm, shown, words)
         _write_caption(figure, _width_words(first, plane))
@@ -214,7 +216,7 @@ def _counted(table: pd.DataFrame, records: int | None) -> str:
 def _few_ticks(axes: Axes) -> None:
     left, right = axes.get_xlim()
     ticks = np.asarray(MaxNLocator(4).tick_values(left, right))
-    axes.set_xticks(ticks[(ticks >= left) & (ticks <= left + LAST_TICK * (right - left))])
+    axes.set_xticks(ticks[(ticks >= left) & (ticks <= left + _LAST_TICK * (right - left))])
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -225,13 +227,13 @@ def _draw_cells(
     full_share: float,
     column: str = "probability",
     colours: Colormap = COLOURS,
-    norm: Normalize = SHARES,
+    norm: Normalize = _SHARES,
 ) -> None:
     """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
     middle, half = (low + high) / 2, 0.48 * (high - low)
-    half *= np.clip(table["share"].to_numpy() / full_share, LEAST_WIDTH, 1.0)
+    half *= np.clip(table["share"].to_numpy() / full_share, _LEAST_WIDTH, 1.0)
     corners = np.array(
         [[middle - half, bottom], [middle + half, bottom], [middle + half, top], [middle - half, top]]
     )
@@ -246,7 +248,7 @@ def _draw_cells(
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
     wide_pt, high_pt = _points_of(axes, 2 * half, top - bottom)
-    dot_pt = np.minimum(DOT_PT, DOT_IN_CELL * np.minimum(wide_pt, high_pt))[thin]
+    dot_pt = np.minimum(_DOT_PT, _DOT_IN_CELL * np.minimum(wide_pt, high_pt))[thin]
     # Bright with a dark rim: seen on every colour.
     axes.scatter(
         middle[thin], ((bottom + top) / 2)[thin], s=dot_pt**2, facecolors="white", edgecolors="0.2",
@@ -302,7 +304,7 @@ def _told_lines(lines: pd.DataFrame | None) -> list[str]:
 
 
 def _full_share(table: pd.DataFrame) -> float:
-    return min(FULL_SHARE, table["share"].max()) if len(table) else FULL_SHARE
+    return min(_FULL_SHARE, table["share"].max()) if len(table) else _FULL_SHARE
 
 
 def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
@@ -343,7 +345,7 @@ def _margins(
 def _colour_bar(
     figure: Figure,
     margins: dict[str, float],
-    norm: Normalize = SHARES,
+    norm: Normalize = _SHARES,
     colours: Colormap = COLOURS,
     words: str = "toppling probability",
 ) -> None:

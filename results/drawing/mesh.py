@@ -12,10 +12,10 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
 
-CREASE_DEG = 35.0
+_CREASE_DEG = 35.0
 """Between faces at a larger angle an edge stays sharp: a block looks like one, a boulder is smooth."""
 
-AMBIENT = 0.45
+_AMBIENT = 0.45
 """Share of light that comes from everywhere."""
 
 
@@ -37,9 +37,9 @@ class Surface:
 
 
 def smooth_surface(vertices_m: Array, faces: NDArray[np.int64], colour: str) -> Surface:
-    """A mesh whose edges are sharp where its faces meet at more than `CREASE_DEG`."""
+    """A mesh whose edges are sharp where its faces meet at more than `_CREASE_DEG`."""
     mesh = trimesh.Trimesh(vertices_m, faces, process=False)
-    smooth = trimesh.graph.smooth_shade(mesh, angle=np.deg2rad(CREASE_DEG))
+    smooth = trimesh.graph.smooth_shade(mesh, angle=np.deg2rad(_CREASE_DEG))
     return Surface(
         np.asarray(smooth.vertices, float),
         np.asarray(smooth.vertex_normals, float),
@@ -69,7 +69,7 @@ def shades(surface: Surface, light: Array) -> Array:
     normal = surface.normals[surface.faces].mean(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     # Half Lambert: light wraps around, so that no side of a boulder is one flat dark.
-    lit = AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * (normal @ (light / np.linalg.norm(light)))) ** 1.5
+    lit = _AMBIENT + (1.0 - _AMBIENT) * (0.5 + 0.5 * (normal @ (light / np.linalg.norm(light)))) ** 1.5
     return lit[:, None] * np.array(to_rgb(surface.colour))
 
 

@@ -28,19 +28,19 @@ from toppling.results.drawing.style import (
 )
 from toppling.results.replay import STILL_SHARE, Replay, tilt_deg
 
-PAGE_HZ, PAGE_POSES = 25.0, 1500
+_PAGE_HZ, _PAGE_POSES = 25.0, 1500
 """Poses a second that a page holds, and how many at most."""
 
-TRACE_SAMPLES = 3000
+_TRACE_SAMPLES = 3000
 """Of each component of the ground motion that a page holds, at most: a screen shows no more."""
 
 ELEVATION_DEG = 14.0
 """Of the eye, from which a rock's lean and its foot are both seen."""
 
-FARTHEST_FRAMED = 0.9
+_FARTHEST_FRAMED = 0.9
 """Rock radii that a fall may widen the view by: what goes farther leaves it, and one may follow with the mouse."""
 
-AT_REST_DEG = -60.0
+_AT_REST_DEG = -60.0
 """Azimuth of an eye that sees two sides of a block, where no fall says from where to look."""
 
 ARROW_COLOUR = "#7a1fa2"
@@ -89,7 +89,7 @@ def replay_page(replay: Replay, title: str) -> str:
     title : str
         The rock's name, the shaking and the outcome.
     """
-    times = shown_times(replay, PAGE_HZ, PAGE_POSES)
+    times = shown_times(replay, _PAGE_HZ, _PAGE_POSES)
     position, turn = replay.at(times)
     target, radius = _framed(replay, position)
     stage = _stage(replay.scene, target, radius, _eye(azimuth_across(replay)))
@@ -132,7 +132,7 @@ def azimuth_across(replay: Replay) -> float:
     """Azimuth of an eye that looks across the fall, in degrees."""
     off = replay.trajectory.position_m - replay.trajectory.position_m[0]
     if np.hypot(off[:, 0], off[:, 1]).max() < STILL_SHARE * replay.scene.rock.height_m:
-        return AT_REST_DEG
+        return _AT_REST_DEG
     farthest = off[np.argmax(np.hypot(off[:, 0], off[:, 1]))]
     return float(np.rad2deg(np.arctan2(farthest[1], farthest[0])) - 90.0)
 
@@ -143,7 +143,7 @@ def _framed(replay: Replay, position: Array) -> tuple[Array, float]:
     reach = 0.5 * float(np.linalg.norm(np.ptp(rock.vertices_m, axis=0)))
     off = position - position[0]
     distance = np.linalg.norm(off, axis=1)
-    near = off * np.minimum(1.0, FARTHEST_FRAMED * reach / np.maximum(distance, 1e-12))[:, None]
+    near = off * np.minimum(1.0, _FARTHEST_FRAMED * reach / np.maximum(distance, 1e-12))[:, None]
     middle = 0.5 * (rock.vertices_m.min(axis=0) + rock.vertices_m.max(axis=0))
     shift = 0.5 * (near.min(axis=0) + near.max(axis=0))
     return middle + shift, reach + 0.5 * float(np.linalg.norm(np.ptp(near, axis=0)))
@@ -190,7 +190,7 @@ def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> di
     first = replay.trajectory.quaternion_xyzw[:1]
     tilt = tilt_deg(np.vstack([first, turn]), replay.scene.pedestal.normal)[1:]
     ground_times = np.linspace(
-        times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, TRACE_SAMPLES))
+        times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, _TRACE_SAMPLES))
     )
     samples = [
         np.interp(ground_times, replay.motion.time_s, axis, right=0.0)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style
 
-FRONT_PANELS = {
+_FRONT_PANELS = {
     "median_shift": "median PGA (%)",
     "share_shift": "share toppled (points)",
     "tilt_log_ratio": "tilt where both stand (%)",
@@ -26,7 +26,7 @@ def front_figure(table: pd.DataFrame) -> Figure:
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 2.9))
         for axes, (column, label) in zip(
-            figure.subplots(1, 3, sharex=True), FRONT_PANELS.items(), strict=True
+            figure.subplots(1, 3, sharex=True), _FRONT_PANELS.items(), strict=True
         ):
             axes.axhline(0.0, color="0.5", linewidth=0.8)
             for number, (_, row) in enumerate(table.iterrows()):

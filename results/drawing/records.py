@@ -15,15 +15,15 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style
 
-FENCE = 3.0
+_FENCE = 3.0
 """Interquartile ranges above the third quartile, beyond which a value would stretch an axis."""
 
-MOST_NAMED = 3
+_MOST_NAMED = 3
 
-INSET_IN = 0.04
+_INSET_IN = 0.04
 """By which a triangle stands inside the edge that it marks."""
 
-LEAST_KM = 0.1
+_LEAST_KM = 0.1
 """Shorter distances stand here on the logarithmic axis."""
 
 
@@ -57,7 +57,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")
         plain_log(ratio.yaxis)
         known = np.isfinite(value["distance_km"]) & np.isfinite(value["magnitude"])
-        distance_km = np.maximum(value["distance_km"][known], LEAST_KM)
+        distance_km = np.maximum(value["distance_km"][known], _LEAST_KM)
         look: dict[str, Any] = {"s": 12, "alpha": 0.75, "color": COLOURS(0.35), "linewidths": 0}
         source.scatter(distance_km, value["magnitude"][known], **look)
         source.set_xscale("log")
@@ -74,7 +74,7 @@ def upper_limit(values: Array) -> float:
     if not len(finite):
         return 1.0
     low, high = np.percentile(finite, [25, 75])
-    inside = finite[finite <= high + FENCE * (high - low)]
+    inside = finite[finite <= high + _FENCE * (high - low)]
     return float(1.05 * inside.max()) or 1.0
 
 
@@ -84,7 +84,7 @@ def _log_limits(values: Array) -> tuple[float, float]:
     if not len(logs):
         return 0.1, 10.0
     low, high = np.percentile(logs, [25, 75])
-    inside = logs[(logs >= low - FENCE * (high - low)) & (logs <= high + FENCE * (high - low))]
+    inside = logs[(logs >= low - _FENCE * (high - low)) & (logs <= high + _FENCE * (high - low))]
     margin = 0.05 * max(float(np.ptp(inside)), 0.2)
     return float(np.exp(inside.min() - margin)), float(np.exp(inside.max() + margin))
 
@@ -103,15 +103,15 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
         ("^", "▲", (x <= end) & (y > top), (0, -1), y),
     ):
         some = np.flatnonzero(beyond)
-        inward = ScaledTranslation(INSET_IN * off[0], INSET_IN * off[1], axes.figure.dpi_scale_trans)
+        inward = ScaledTranslation(_INSET_IN * off[0], _INSET_IN * off[1], axes.figure.dpi_scale_trans)
         axes.scatter(
             np.minimum(x[some], end), np.clip(y[some], bottom, top), marker=marker, s=16, color="0.2", zorder=3,
             linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
         farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
         lines += [f"{sign} {_shortened(names[place])}: {value[place]:.3g}" for place in farthest]
-    more = [f"and {len(lines) - MOST_NAMED} more beyond"] if len(lines) > MOST_NAMED else []
-    axes.set_title("\n".join(lines[:MOST_NAMED] + more), size=6.5, loc="right")
+    more = [f"and {len(lines) - _MOST_NAMED} more beyond"] if len(lines) > _MOST_NAMED else []
+    axes.set_title("\n".join(lines[:_MOST_NAMED] + more), size=6.5, loc="right")
 
 
 def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from toppling.models.frames import compass_deg
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
-WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
+_WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
 """Azimuths are counter-clockwise from east; the four winds stand where a map has them."""
 
 _COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
@@ -95,7 +95,7 @@ def direction_words(direction_deg: float, bins: int) -> str:
 
 def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
     """Name the winds and azimuths round a polar plot; the radial scale stands at an azimuth."""
-    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), WINDS)
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), _WINDS)
     axes.tick_params(labelsize=7, pad=0)
     axes.grid(linewidth=0.4)
     axes.yaxis.set_major_locator(MaxNLocator(4))

@@ -9,8 +9,8 @@ from toppling.results.drawing.side_by_side_figures import frame_map, name_points
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, style
 from toppling.results.schema import TOPPLED_OUTCOMES
 
-MOST_LABELS = 60
-ROW_IN = 0.16
+_MOST_LABELS = 60
+_ROW_IN = 0.16
 
 
 def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
@@ -24,7 +24,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         Share by rock (rows) and scenario (columns).
     """
     placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
-    height = 1.6 + ROW_IN * min(len(matrix), MOST_LABELS)
+    height = 1.6 + _ROW_IN * min(len(matrix), _MOST_LABELS)
     with style():
         size = (FULL_WIDTH_IN, height + (4.4 if len(placed) else 0.0))
         figure = Figure(figsize=size, layout="constrained")
@@ -60,14 +60,14 @@ def _draw_matrix(axes: Axes, matrix: pd.DataFrame, figure: Figure) -> None:
     shades = COLOURS.copy()
     shades.set_bad("0.9")
     image = axes.imshow(values, aspect="auto", cmap=shades, vmin=0, vmax=1, interpolation="nearest")
-    few = max(1, int(np.ceil(matrix.shape[1] / MOST_LABELS)))
+    few = max(1, int(np.ceil(matrix.shape[1] / _MOST_LABELS)))
     axes.set_xticks(
         range(0, matrix.shape[1], few),
         [str(name)[:16] for name in matrix.columns[::few]],
         rotation=90,
         size=6,
     )
-    few = max(1, int(np.ceil(matrix.shape[0] / MOST_LABELS)))
+    few = max(1, int(np.ceil(matrix.shape[0] / _MOST_LABELS)))
     axes.set_yticks(range(0, matrix.shape[0], few), [str(name)[:24] for name in matrix.index[::few]], size=6)
     axes.set(
         xlabel="scenario",

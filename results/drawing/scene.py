@@ -23,18 +23,18 @@ from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WI
 
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of the eye."""
-VIEW_REACH = 0.66
+_VIEW_REACH = 0.66
 """From the middle of the rock to the edge of a view, as share of the rock's largest side."""
-STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
+_STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
 BAND_TITLE = "brown band: one standard deviation"
-LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
-PRINTED_WIDTH = 45
+_LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
+_PRINTED_WIDTH = 45
 """Letters in a line of a third of a printed page."""
-SHADOW_COLOUR = "#f0dcc0"
+_SHADOW_COLOUR = "#f0dcc0"
 """Of the rock in plan."""
-ON_SURFACE = 0.03
+_ON_SURFACE = 0.03
 """Of the rock's height: how far behind a surface a line may lie and still be on it."""
-POINTS_ON_LINE = 160
+_POINTS_ON_LINE = 160
 
 
 def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
@@ -55,7 +55,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     width_in : float
         Three panels a row on a page's width, one on less.
     """
-    printed = [line for sentence in [*numbers_of(scene, notes), LEGEND] for line in _wrapped(sentence)]
+    printed = [line for sentence in [*numbers_of(scene, notes), _LEGEND] for line in _wrapped(sentence)]
     with style():
         if width_in >= FULL_WIDTH_IN:
             lines_in = 0.13 * len(printed)
@@ -86,7 +86,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
 
 def _wrapped(line: str) -> list[str]:
     """A line of the numbers broken for print, what follows indented."""
-    return wrap(line, PRINTED_WIDTH, subsequent_indent="   ", drop_whitespace=True) or [""]
+    return wrap(line, _PRINTED_WIDTH, subsequent_indent="   ", drop_whitespace=True) or [""]
 
 
 def wind_of(azimuth_deg: float) -> str:
@@ -122,11 +122,11 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     )
     seen_through = corner if not scene.pedestal.is_plane else corner[: len(rock.faces)]
     for line, dashes, colour in interface_lines(scene):
-        _draw_line(axes, line @ frame, seen_through, ON_SURFACE * scene.rock.height_m, dashes, colour)
+        _draw_line(axes, line @ frame, seen_through, _ON_SURFACE * scene.rock.height_m, dashes, colour)
     # The same scale in all views, about the rock: a wide pedestal would make it small.
     seen = scene.rock.vertices_m @ frame
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    reach = VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
+    reach = _VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
     axes.set(
         aspect="equal",
         xlim=(middle[0] - reach, middle[0] + reach),
@@ -144,7 +144,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
 def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
     """A line of the interface: strong where it is seen, thin and dotted where a surface hides it."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], POINTS_ON_LINE)
+    at = np.linspace(0.0, along[-1], _POINTS_ON_LINE)
     points = np.column_stack([np.interp(at, along, axis) for axis in line.T])
     behind = hidden(points, corners, tolerance_m)
     halo = [
@@ -191,7 +191,7 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
     """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
     seen = scene.rock.vertices_m[scene.rock.faces][:, :, :2]
     axes.add_collection(
-        PolyCollection(list(seen), facecolors=SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
+        PolyCollection(list(seen), facecolors=_SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
     )
     for line, dashes, colour in interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
@@ -236,7 +236,7 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
     labels = [
-        STATICS_TITLE,
+        _STATICS_TITLE,
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
         *([BAND_TITLE] if spread.any() else []),
         *beyond_frame(value),

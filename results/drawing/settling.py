@@ -15,7 +15,7 @@ from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.roses import emptiest_deg, mark_winds
 from toppling.results.drawing.style import FULL_WIDTH_IN, style
 
-SCANNED, STANDS = "#0072b2", "#d55e00"
+_SCANNED, _STANDS = "#0072b2", "#d55e00"
 """Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
 Rose = Sequence[tuple[float, float]]
 
@@ -49,12 +49,12 @@ def draw(
 
 def _plan(axes: Axes, scanned: Scene, stands: Scene, outline_m: Array) -> None:
     ring = np.vstack([outline_m, outline_m[:1]])
-    axes.plot(ring[:, 0], ring[:, 1], "--", color=SCANNED, linewidth=1.3, label="contact as scanned")
+    axes.plot(ring[:, 0], ring[:, 1], "--", color=_SCANNED, linewidth=1.3, label="contact as scanned")
     carrying = support_polygon_m(stands.rock, stands.pedestal)
     ring = np.vstack([carrying, carrying[:1]])
     label = f"{len(carrying)} contact points once settled"
-    axes.plot(ring[:, 0], ring[:, 1], "s-", color=STANDS, markersize=4, linewidth=1.3, label=label)
-    for scene, colour, name in ((scanned, SCANNED, "as scanned"), (stands, STANDS, "once settled")):
+    axes.plot(ring[:, 0], ring[:, 1], "s-", color=_STANDS, markersize=4, linewidth=1.3, label=label)
+    for scene, colour, name in ((scanned, _SCANNED, "as scanned"), (stands, _STANDS, "once settled")):
         label = f"centre of mass {name}"
         axes.plot(*scene.rock.com_m[:2], "+", color=colour, markersize=9, markeredgewidth=1.5, label=label)
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title="contact from above")
@@ -64,8 +64,8 @@ def _roses(axes: Axes, rose_scanned: Rose, rose_stands: Rose) -> None:
     assert isinstance(axes, PolarAxes)
     reach, scale_deg = 0.0, 67.5
     for rose, dashes, colour, name in (
-        (rose_scanned, "--", SCANNED, "on the contact as scanned"),
-        (rose_stands, "-", STANDS, "once settled"),
+        (rose_scanned, "--", _SCANNED, "on the contact as scanned"),
+        (rose_stands, "-", _STANDS, "once settled"),
     ):
         azimuth, value = np.array([*rose, (360.0, rose[0][1])]).T
         finite = value[np.isfinite(value)]

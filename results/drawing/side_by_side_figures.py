@@ -20,12 +20,12 @@ from toppling.results.drawing.style import (
     style,
 )
 
-MOST_NAMED = 60
+_MOST_NAMED = 60
 """Rocks beyond which a row each would not be read."""
 
-NAME_LETTERS = 24
-ELEVATION_DEG = 15.0
-THUMBNAIL_IN = 2.2
+_NAME_LETTERS = 24
+_ELEVATION_DEG = 15.0
+_THUMBNAIL_IN = 2.2
 
 
 def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
@@ -42,7 +42,7 @@ def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = 
     drawn = sorted(
         (rock for rock in rocks if rock.curve), key=lambda one: one.curve.median if one.curve else 0.0
     )
-    rows_in = 0.16 * min(len(drawn), MOST_NAMED)
+    rows_in = 0.16 * min(len(drawn), _MOST_NAMED)
     beside = width_in >= FULL_WIDTH_IN
     with style():
         size = (width_in, max(3.0, rows_in + 0.8)) if beside else (width_in, 3.2 + max(2.0, rows_in + 0.6))
@@ -76,7 +76,7 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
 
 
 def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
-    shown = drawn[:MOST_NAMED]
+    shown = drawn[:_MOST_NAMED]
     for place, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
         curve = rock.curve
         assert curve is not None  # as chosen
@@ -84,7 +84,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
             axes.plot(curve.median_interval, [place, place], color=colour, lw=1.4)
         axes.plot(curve.median, place, "o", ms=3.5, color=colour)
     axes.set_yticks(range(len(shown)), [_short(rock.name) for rock in shown])
-    more = f", the weakest {MOST_NAMED}" if len(drawn) > MOST_NAMED else ""
+    more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
     axes.set(
         xscale="log", xlabel=measure_label(measure), ylim=(-0.7, len(shown) - 0.3),
         title=f"half topple at this {short_name(measure)}{more}",
@@ -94,7 +94,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…"
+    return name if len(name) <= _NAME_LETTERS else f"{name[: _NAME_LETTERS - 1]}…"
 
 
 def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
@@ -152,7 +152,7 @@ def name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
     together: dict[tuple[float, float], list[str]] = {}
     for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
         together.setdefault((x, y), []).append(_short(name))
-    for point, there in together.items() if len(together) <= MOST_NAMED else ():
+    for point, there in together.items() if len(together) <= _MOST_NAMED else ():
         label = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         left = point[0] > np.mean(axes.get_xlim())
         axes.annotate(
@@ -165,9 +165,9 @@ def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
     """A rock seen across the direction that it topples in most easily, which an arrow shows."""
     azimuth_deg = 0.0 if weakest_azimuth_deg is None else weakest_azimuth_deg
     with style():
-        figure = Figure(figsize=(THUMBNAIL_IN, THUMBNAIL_IN), layout="constrained")
+        figure = Figure(figsize=(_THUMBNAIL_IN, _THUMBNAIL_IN), layout="constrained")
         axes = figure.subplots()
-        draw_view(axes, scene, ELEVATION_DEG, azimuth_deg - 90.0)
+        draw_view(axes, scene, _ELEVATION_DEG, azimuth_deg - 90.0)
         if (
             weakest_azimuth_deg is not None
         ):  # the ground moves to the right of the picture, the rock falls to the left

@@ -32,7 +32,7 @@ CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"
 ALARM_COLOUR = "#b3261e"
 """Of the point of no return; a line in this colour is dashed as well, so that no one depends on the colour."""
 
-HEAD_LINE_IN = 0.15
+_HEAD_LINE_IN = 0.15
 """Height of a line above a figure."""
 
 LETTERS_PER_IN = 15.0
@@ -103,9 +103,9 @@ def _headed(figure: Figure, remark: str) -> Bbox | None:
         return None
     width, height = figure.get_size_inches()
     lines = textwrap.wrap(f"Unfinished run: {remark}", int(LETTERS_PER_IN * width))
-    strip = HEAD_LINE_IN * (len(lines) + 0.5)
+    strip = _HEAD_LINE_IN * (len(lines) + 0.5)
     figure.text(
-        0.5, 1.0 + 0.25 * HEAD_LINE_IN / height, "\n".join(lines), ha="center", va="bottom", color=ALARM_COLOUR,
+        0.5, 1.0 + 0.25 * _HEAD_LINE_IN / height, "\n".join(lines), ha="center", va="bottom", color=ALARM_COLOUR,
         weight="bold", size=8,
     )  # fmt: skip
     return Bbox.from_bounds(0.0, 0.0, width, height + strip)

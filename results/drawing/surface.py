@@ -12,7 +12,7 @@ from scipy.stats import norm
 from toppling.results.drawing.style import HALF_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
 from toppling.results.hazard.surfaces import Surface
 
-SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
+_SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
 """Toppling probabilities whose lines are drawn."""
 
 
@@ -35,7 +35,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_
         for toppled, colour in ((False, "0.75"), (True, "#d98c5f")):
             some = jobs[jobs["toppled"] == toppled]
             axes.scatter(some[first], some[second], s=3, color=colour, lw=0, rasterized=True)
-        for share, line in SHARES.items():
+        for share, line in _SHARES.items():
             axes.plot(
                 x, _crossing(np.array([surface.coefficients]), x, share)[0], line, color=MAIN_COLOUR, lw=1.2
             )
@@ -52,7 +52,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_
         plain_log(axes.yaxis)
         handles: list[Line2D | Patch] = [
             Line2D([], [], color=MAIN_COLOUR, ls=line, label=f"{100 * share:g} % topple")
-            for share, line in SHARES.items()
+            for share, line in _SHARES.items()
         ]
         if drawn is not None and len(drawn.coefficients):
             handles.append(Patch(color=MAIN_COLOUR, alpha=0.25, lw=0, label="other records (95 %)"))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from toppling.models.motions.motion import Motion
 from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, style
 
-COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
+_COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
 AFTER_FALL_S = 1.0
 """Of the ground motion, shown after the rock's fall is over."""
 
@@ -50,7 +50,7 @@ def trajectory_figure(
             },
         )  # fmt: skip
         peak = 1.05 * max(float(np.abs(motion.acceleration_m_s2[shown]).max()), 1e-9)
-        for axes, column, (axis, name, dashes) in zip(grid[:3], range(3), COMPONENTS, strict=True):
+        for axes, column, (axis, name, dashes) in zip(grid[:3], range(3), _COMPONENTS, strict=True):
             colour = COLOURS((0.1, 0.5, 0.75)[column])
             axes.plot(times, motion.acceleration_m_s2[shown, column], color=colour, lw=0.8)
             axes.set(ylim=(-peak, peak), ylabel=name)  # one scale, so that they can be compared

@@ -1,7 +1,7 @@
 """How long rocks have stood as fragile as they are: distributions of ages, alone and of several rocks together.
 
 Survival over an uncertain age A is E[exp(-nu A)], the mean over draws of A. An age is kept as equally likely years:
-the midpoints of `AGE_SAMPLES` equal shares of its distribution: survival over a normal age is right to 2e-4 of it.
+the midpoints of `_AGE_SAMPLES` equal shares of its distribution: survival over a normal age is right to 2e-4 of it.
 
 What counts is how long a rock has been as fragile as now. It was uncovered at an exposure age A, and may have been
 buried or stouter until some later date F: over the last min(A, F) years it could topple as it can today, and before
@@ -20,7 +20,7 @@ from scipy.stats import norm
 
 from toppling.models.errors import InputError
 
-AGE_SAMPLES = 400
+_AGE_SAMPLES = 400
 
 UNITS = {
     **dict.fromkeys(("years", "year", "yr", "age_years", "age_yr"), 1.0),
@@ -28,7 +28,7 @@ UNITS = {
 }
 """Years of one unit, by the header of a file of ages."""
 
-ABSENT, AS_NOW, STOUTER = 0, 1, 2
+_ABSENT, _AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
 
 
@@ -39,7 +39,7 @@ class Exposure:
     Parameters
     ----------
     states : (s, rocks) int array
-        `ABSENT`, `AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
+        `_ABSENT`, `_AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
     years : (s, draws) array
         Time spent in each state.
     """
@@ -88,7 +88,7 @@ def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
     Returns
     -------
     (n,) array
-        One year where it is known, else `AGE_SAMPLES`.
+        One year where it is known, else `_AGE_SAMPLES`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def joint_ages(
     InputError
         If rocks of one date have different ages.
     """
-    draws = max([AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
+    draws = max([_AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
     random = np.random.default_rng(seed)
     if common_date and any(not np.array_equal(years, ages[0]) for years in ages):
         raise InputError(
@@ -226,10 +226,10 @@ def exposure(
     ends = np.sort(np.concatenate([fragile, ages], axis=1), axis=1)
     starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)
     middle = ((starts + ends) / 2)[:, :, None]
-    before = np.where(stouter & (middle < ages[:, None, :]), STOUTER, ABSENT)
-    state = np.where(middle < fragile[:, None, :], AS_NOW, before).astype(np.int8)
+    before = np.where(stouter & (middle < ages[:, None, :]), STOUTER, _ABSENT)
+    state = np.where(middle < fragile[:, None, :], _AS_NOW, before).astype(np.int8)
     lasting = ends - starts
-    some = (lasting > 0) & (state != ABSENT).any(axis=2)
+    some = (lasting > 0) & (state != _ABSENT).any(axis=2)
     states, which = np.unique(state[some], axis=0, return_inverse=True)
     years = np.zeros((len(states), draws))
     np.add.at(years, (which.ravel(), np.nonzero(some)[0]), lasting[some])
@@ -237,7 +237,7 @@ def exposure(
 
 
 def _of_words(text: str) -> NDArray[np.float64]:
-    levels = _levels(AGE_SAMPLES)
+    levels = _levels(_AGE_SAMPLES)
     if "+-" in text:
         mean, deviation = map(float, text.split("+-"))
         return _normal(mean, deviation, 0.0, levels)
@@ -264,7 +264,7 @@ def _of_file(path: Path) -> NDArray[np.float64]:
     years, weights = _read_ages(path)
     order = np.argsort(years)
     cumulated = np.cumsum(weights[order]) / weights.sum()
-    return years[order][np.minimum(np.searchsorted(cumulated, _levels(AGE_SAMPLES)), len(years) - 1)]
+    return years[order][np.minimum(np.searchsorted(cumulated, _levels(_AGE_SAMPLES)), len(years) - 1)]
 
 
 def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -20,7 +20,7 @@ Under a power law of exponent k the rate comes out too large by (k / 400)^2 / 24
 sharp one adds nothing.
 """
 
-PRINTED = 2e-6
+_PRINTED = 2e-6
 """Share by which a value may exceed the one at a lower level: files print seven figures, some six."""
 
 
@@ -137,7 +137,7 @@ def curve_of_rates(
             where=where, expected=expected, remedy="correct the value, or leave the level out",
         )  # fmt: skip
     finite = np.where(np.isinf(rate), 1e300, rate)
-    risen = finite[1:] > finite[:-1] * (1.0 + PRINTED)
+    risen = finite[1:] > finite[:-1] * (1.0 + _PRINTED)
     if risen.any():
         place = int(np.argmax(risen))
         raise InputError(

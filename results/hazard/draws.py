@@ -13,7 +13,7 @@ from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.standing import Standing, drawn_ages
 
-NODES_PER_E_FOLD = 60
+_NODES_PER_E_FOLD = 60
 """Points of an integral in an interval where intensity grows by e: 1e-4 of a rate, where draws differ by per cents."""
 
 
@@ -71,7 +71,7 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
 
 
 def event_matrix(
-    curves: Sequence[HazardCurve], nodes_per_e_fold: int = NODES_PER_E_FOLD
+    curves: Sequence[HazardCurve], nodes_per_e_fold: int = _NODES_PER_E_FOLD
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
 

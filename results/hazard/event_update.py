@@ -37,11 +37,11 @@ from toppling.results.hazard.update import (
     level_interval,
 )
 
-FACTORS = (1e-3, 1e3)
+_FACTORS = (1e-3, 1e3)
 """Factors of the motions within which the largest is sought."""
 
-FACTOR_DRAWS = 60
-LEVELS = 40
+_FACTOR_DRAWS = 60
+_LEVELS = 40
 
 
 def scale_factor(
@@ -56,7 +56,7 @@ def scale_factor(
         scaled = [replace(rock, fragility=stouter(rock.fragility, math.exp(-logarithm))) for rock in rocks]
         return survival(scaled, branch, exposure) - (1.0 - confidence)
 
-    low, high = map(math.log, FACTORS)
+    low, high = map(math.log, _FACTORS)
     if above(high) > 0:
         return math.inf
     if above(low) < 0:
@@ -77,7 +77,7 @@ def scale_factor_interval(
     random = np.random.default_rng(seed)
     readings = readings or (branch,)
     found = []
-    for number in range(FACTOR_DRAWS):
+    for number in range(_FACTOR_DRAWS):
         branch = readings[number % len(readings)]
         times = random.poisson(1.0, len(branch.rate)) if sampled else np.ones(len(branch.rate))
         drawn = replace(
@@ -213,7 +213,7 @@ class EventUpdate:
         felt = felt[felt > 0]
         if not len(felt):
             return np.empty(0), np.empty((len(branches), len(sites), 0))
-        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, LEVELS)
+        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, _LEVELS)
         return levels, np.array([
             [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
         ])  # fmt: skip

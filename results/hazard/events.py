@@ -24,7 +24,7 @@ from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topple
 DRAWS = 200
 """Of the events anew, and of the fragilities with them."""
 
-AGES = 1
+_AGES = 1
 """Seed of the ages of draws: branches are compared under the same ones."""
 
 NEGLIGIBLE = 1e-12
@@ -195,7 +195,7 @@ def bootstrap(
     (draws,) array
     """
     random = np.random.default_rng(seed)
-    ages = np.random.default_rng(AGES).integers(exposure.years.shape[1], size=draws)
+    ages = np.random.default_rng(_AGES).integers(exposure.years.shape[1], size=draws)
     readings = readings or (branch,)
     as_read = [standing_shares(rocks, one) for one in readings]
     found = np.empty(draws)

@@ -20,10 +20,10 @@ from toppling.results.hazard.surfaces import measures_of
 from toppling.results.hazard.tree import FRACTILES, common_levels
 from toppling.results.hazard.update import Update
 
-YEARS_OF_RATES = 50.0
+_YEARS_OF_RATES = 50.0
 """Investigation time of probabilities that rates are written as; the engine states no rates."""
 
-YEARS_OF_EVENTS = 1.0
+_YEARS_OF_EVENTS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,13 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
         q: rate[None] for q, rate in update.after.fractiles.items()
     })  # fmt: skip
     curves = _Curves(tree.measure, levels / ratio, [site], kinds)
-    yield from _write(folder, branches, update.posterior, [curves], tree.years or YEARS_OF_RATES)
+    yield from _write(folder, branches, update.posterior, [curves], tree.years or _YEARS_OF_RATES)
 
 
 def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
     """The same of a set of events: curves counted from them at the rocks' sites, which state their places.
 
-    Probabilities are in `YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.
+    Probabilities are in `_YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
         own = levels if measure in UNSCALED else levels / ratio
         curves.append(_Curves(measure, own, sites, kinds))
     branches = {number: update.events.branches[number].name for number in numbers}
-    yield from _write(folder, branches, update.posterior, curves, YEARS_OF_EVENTS)
+    yield from _write(folder, branches, update.posterior, curves, _YEARS_OF_EVENTS)
 
 
 def _kinds(

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from toppling.models.errors import refusals
 from toppling.results.hazard.sites import EARTH_RADIUS_KM
 
-NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
+_NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
 """Properties that may hold a fault's name, in this order."""
 
-MAGNITUDES = ("magnitude", "mag", "Mw", "mw", "max_mag", "mag_max", "maximum_magnitude")
+_MAGNITUDES = ("magnitude", "mag", "Mw", "mw", "max_mag", "mag_max", "maximum_magnitude")
 """Properties that may hold the magnitude of its earthquake."""
 
-STEP_DEG = 0.05
+_STEP_DEG = 0.05
 """Longest piece of a line that is drawn straight on the map."""
 
 
@@ -126,7 +126,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
 
 def _straight(points_deg: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points of lines that are straight in longitude and latitude, as GeoJSON has them, close enough to be mapped."""
-    steps = np.maximum(np.ceil(np.abs(np.diff(points_deg, axis=0)).max(axis=1) / STEP_DEG).astype(int), 1)
+    steps = np.maximum(np.ceil(np.abs(np.diff(points_deg, axis=0)).max(axis=1) / _STEP_DEG).astype(int), 1)
     places = np.concatenate([number + np.arange(count) / count for number, count in enumerate(steps)])
     places = np.append(places, len(points_deg) - 1.0)
     corners = np.arange(len(points_deg))
@@ -159,13 +159,13 @@ def _least_distance(line: NDArray[np.float64]) -> float:
 
 def _name(properties: Mapping[str, Any], feature: Mapping[str, Any], number: int) -> str:
     found = next(
-        (properties[name] for name in NAMES if properties.get(name) not in (None, "")), feature.get("id")
+        (properties[name] for name in _NAMES if properties.get(name) not in (None, "")), feature.get("id")
     )
     return str(found) if found not in (None, "") else f"fault {number + 1}"
 
 
 def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
-    found = next((properties[name] for name in MAGNITUDES if properties.get(name) not in (None, "")), None)
+    found = next((properties[name] for name in _MAGNITUDES if properties.get(name) not in (None, "")), None)
     if found is None:
         return None
     try:

@@ -43,8 +43,8 @@ MECHANISMS = ("SS", "NS", "RS", "U")
 MEASURES = {"pga_m_s2": None, "pgv_m_s": None, "sa_1s_m_s2": 1.0, "sa_2s_m_s2": 2.0}
 """Measures that models give, and the period of a spectral one."""
 
-MAGNITUDES = (4.5, 8.5)
-DISTANCES_KM = (1.0, 300.0)
+_MAGNITUDES = (4.5, 8.5)
+_DISTANCES_KM = (1.0, 300.0)
 """Widest range that is asked for; each model has its own within it."""
 
 
@@ -121,13 +121,13 @@ class GroundMotionModel:
     @property
     def magnitudes(self) -> tuple[float, float]:
         """Range that the model is for."""
-        return self._within("mag", MAGNITUDES)
+        return self._within("mag", _MAGNITUDES)
 
     @property
     def distances_km(self) -> tuple[float, float]:
         """Range that the model is for."""
         name = "dist_jb" if self._limits("dist_rup") is None else "dist_rup"
-        return self._within(name, DISTANCES_KM)
+        return self._within(name, _DISTANCES_KM)
 
     @property
     def has_site_term(self) -> bool:

@@ -24,11 +24,11 @@ from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.standing import greatest_rate
 
-MAGNITUDE_STEP = 0.1
-DISTANCES = 40
+_MAGNITUDE_STEP = 0.1
+_DISTANCES = 40
 """In equal steps of the logarithm."""
 
-QUADRATURE = np.linspace(-8.0, 8.0, 2001)
+_QUADRATURE = np.linspace(-8.0, 8.0, 2001)
 """Standard deviations of ln(motion) over which fragilities that are not lognormal are integrated."""
 
 TARGETS = (6.0, 6.5, 7.0, 7.5)
@@ -108,8 +108,8 @@ def toppling_probability(
             if fragility.median < math.inf
             else 0.0 * centre
         )
-    share = np.exp(-(QUADRATURE**2) / 2)
-    motions = np.exp(centre[..., None] + spread[..., None] * QUADRATURE)
+    share = np.exp(-(_QUADRATURE**2) / 2)
+    motions = np.exp(centre[..., None] + spread[..., None] * _QUADRATURE)
     return fragility(motions) @ (share / share.sum())
 
 
@@ -135,8 +135,8 @@ def motion_grid(
         (max(one.magnitudes[0] for one in models), min(one.magnitudes[1] for one in models)),
         (max(one.distances_km[0] for one in models), min(one.distances_km[1] for one in models)),
     )
-    magnitude = np.linspace(*low, 1 + round((low[1] - low[0]) / MAGNITUDE_STEP))
-    distance = np.geomspace(*high, DISTANCES) if distances_km is None else np.clip(distances_km, *high)
+    magnitude = np.linspace(*low, 1 + round((low[1] - low[0]) / _MAGNITUDE_STEP))
+    distance = np.geomspace(*high, _DISTANCES) if distances_km is None else np.clip(distances_km, *high)
     found = [one.motion(magnitude[:, None], distance) for one in models]
     mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
     return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights))

@@ -16,13 +16,13 @@ from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.hazard.draws import Draws, exponents
 from toppling.results.hazard.standing import Standing, epochs, greatest_rate
 
-FURTHEST = 1e3
+_FURTHEST = 1e3
 """Largest factor of motions that is looked for, and the inverse of the least."""
 
-GROUP = 128
+_GROUP = 128
 """Curves at a time, so that a tree of thousands needs no more memory than one of these."""
 
-STEP = 1.05
+_STEP = 1.05
 """Between factors of motions at which draws are computed; rates are power laws between them."""
 
 
@@ -38,7 +38,7 @@ def motion_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float)
         exponent = sum(years * toppling_rate(standing, stronger) for standing, years in spans)
         return float(np.exp(-np.asarray(exponent)).mean()) - chance
 
-    far = math.log(FURTHEST)
+    far = math.log(_FURTHEST)
     if above(far) > 0:
         return math.inf
     if above(-far) < 0:
@@ -61,10 +61,12 @@ def drawn_factors(
     """
     finite = [factor for factor in central if 0 < factor < math.inf] or [1.0]
     low, high = math.log(min(*finite, 1.0) / 8), math.log(max(*finite, 1.0) * 8)
-    grid = np.arange(math.floor(low / math.log(STEP)), math.ceil(high / math.log(STEP)) + 1) * math.log(STEP)
+    grid = np.arange(math.floor(low / math.log(_STEP)), math.ceil(high / math.log(_STEP)) + 1) * math.log(
+        _STEP
+    )
     found = [
-        _of_group(draws, curves[first : first + GROUP], grid, chance)
-        for first in range(0, len(curves), GROUP)
+        _of_group(draws, curves[first : first + _GROUP], grid, chance)
+        for first in range(0, len(curves), _GROUP)
     ]
     motions, rates, survivals = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
     return motions, rates, survivals

@@ -14,7 +14,7 @@ A node of a grid of 0.3 degrees is within 24 km of every place, and published gr
 another place: nearer to a fault or beyond it, with another curve.
 """
 
-SAME_SITE_KM = 0.2
+_SAME_SITE_KM = 0.2
 """Files of one site print its place with five decimals, some with two: nearer than this they mean the same."""
 
 EARTH_RADIUS_KM = 6371.0
@@ -66,5 +66,5 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
 
 
 def same_place(one: Place | None, other: Place | None) -> bool:
-    """Whether two places may be one: nearer than `SAME_SITE_KM`, or one of them unknown."""
-    return one is None or other is None or bool(distance_km(*one, other) <= SAME_SITE_KM)
+    """Whether two places may be one: nearer than `_SAME_SITE_KM`, or one of them unknown."""
+    return one is None or other is None or bool(distance_km(*one, other) <= _SAME_SITE_KM)

@@ -16,7 +16,7 @@ from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of
 from toppling.results.hazard.sites import Place
 
-WEIGHT_TOLERANCE = 1e-3
+_WEIGHT_TOLERANCE = 1e-3
 """By which weights may miss a sum of 1: files print them in single precision, analysts with three decimals."""
 
 FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
@@ -71,7 +71,7 @@ class HazardTree:
 
     def __post_init__(self) -> None:
         total = math.fsum(branch.weight for branch in self.branches)
-        if not abs(total - 1.0) <= WEIGHT_TOLERANCE:
+        if not abs(total - 1.0) <= _WEIGHT_TOLERANCE:
             raise InputError(
                 what=f"the weights of {len(self.branches)} branches sum to {total:.6g}",
                 where=self.weights_from,

@@ -27,7 +27,7 @@ from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import EventBranch
 
-CORRELATIONS = {("pga_m_s2", "pgv_m_s"): 0.733, ("sa_1s_m_s2", "pgv_m_s"): 0.786}
+_CORRELATIONS = {("pga_m_s2", "pgv_m_s"): 0.733, ("sa_1s_m_s2", "pgv_m_s"): 0.786}
 """Of residuals of two measures of one earthquake: Bradley (2012)."""
 
 SIGMA = 0.65
@@ -39,20 +39,20 @@ SCATTERS = 0.36, 0.62
 READINGS = 5
 """Scatters between these, both included, that intervals are over."""
 
-BINS_PER_E_FOLD = 30
-EXTENDED = 3.0
+_BINS_PER_E_FOLD = 30
+_EXTENDED = 3.0
 """Logarithm of the intensity by which curves go on as power laws where the coupling is sought."""
 
-NODES = 16
+_NODES = 16
 """Of Gauss-Hermite integration over the second measure, given the first."""
 
-END_SCATTERS = 4.0
-SATURATED = 0.98
+_END_SCATTERS = 4.0
+_SATURATED = 0.98
 """Of the largest rate: a curve is flat above it, and has no level of a rate."""
 
-LEVELS = 320
-STEPS = 60
-CLOSE = 1e-4
+_LEVELS = 320
+_STEPS = 60
+_CLOSE = 1e-4
 """Shift of ln(intensity) at which the search for g ends."""
 
 
@@ -75,14 +75,14 @@ class Joint:
 
 def correlation_of(first: str, second: str) -> float | None:
     """Correlation of residuals that is known of two measures."""
-    return CORRELATIONS.get((first, second), CORRELATIONS.get((second, first)))
+    return _CORRELATIONS.get((first, second), _CORRELATIONS.get((second, first)))
 
 
 def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint:
     """Joint rate of two measures from their curves.
 
     Rates of the first measure below its curve's first point are not counted, and those above its last point are
-    continued as a power law over a factor of e^`EXTENDED`.
+    continued as a power law over a factor of e^`_EXTENDED`.
 
     Parameters
     ----------
@@ -100,21 +100,21 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint
         raise _vector_error(f"two curves over {first.measure}", "curves of two measures")
     if not 0 <= scatter < 5:
         raise _vector_error(f"a scatter of {scatter:g}", "a scatter near 0.45")
-    low, high = math.log(first.intensity[0]) - EXTENDED, math.log(first.intensity[-1]) + EXTENDED
-    edges = np.linspace(low, high, math.ceil((high - low) * BINS_PER_E_FOLD) + 1)
+    low, high = math.log(first.intensity[0]) - _EXTENDED, math.log(first.intensity[-1]) + _EXTENDED
+    edges = np.linspace(low, high, math.ceil((high - low) * _BINS_PER_E_FOLD) + 1)
     rates = np.exp(_log_rate(first, edges))
     x = np.append((edges[1:] + edges[:-1]) / 2, edges[-1])
     part = np.append(-np.diff(rates), rates[-1])
     reached = np.append((rates[1:] + rates[:-1]) / 2, rates[-1] / 2)
     centre, misfit = _coupled(second, part, reached, scatter)
     stated = (x >= math.log(first.intensity[0])) & (part > 0)
-    nodes, shares = np.polynomial.hermite_e.hermegauss(NODES)
+    nodes, shares = np.polynomial.hermite_e.hermegauss(_NODES)
     values = np.exp(centre[stated, None] + scatter * nodes)
     events = EventBranch(
         f"{first.name} with {second.name}",
         (part[stated, None] * shares / shares.sum()).ravel(),
         {
-            first.measure: np.repeat(np.exp(x[stated]), NODES)[:, None],
+            first.measure: np.repeat(np.exp(x[stated]), _NODES)[:, None],
             second.measure: values.reshape(-1, 1),
         },
     )
@@ -133,25 +133,25 @@ def _coupled(
     second: HazardCurve, part: NDArray[np.float64], reached: NDArray[np.float64], scatter: float
 ) -> tuple[NDArray[np.float64], float]:
     """Medians (logarithms) of the second measure in the bins of the first, and the misfit of its rates."""
-    low, high = math.log(second.intensity[0]) - 3 * EXTENDED, math.log(second.intensity[-1]) + 3 * EXTENDED
-    y = np.linspace(low, high, LEVELS)
+    low, high = math.log(second.intensity[0]) - 3 * _EXTENDED, math.log(second.intensity[-1]) + 3 * _EXTENDED
+    y = np.linspace(low, high, _LEVELS)
     falling = _log_rate(second, y) - 1e-9 * np.arange(len(y))  # a flat curve has no level of a rate
     wanted = np.interp(-np.log(reached), -falling, y)
     centre = wanted.copy()
     # Near its ends the sum lacks what lies beyond them: there the shift is that of the nearest bin inside.
-    away = END_SCATTERS * scatter
+    away = _END_SCATTERS * scatter
     inside = np.flatnonzero(
-        (wanted > wanted[0] + away) & (wanted < wanted[-1] - away) & (reached < SATURATED * reached.max())
+        (wanted > wanted[0] + away) & (wanted < wanted[-1] - away) & (reached < _SATURATED * reached.max())
     )
     if scatter > 0 and len(inside):
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             modelled = ndtr((centre - y[:, None]) / scatter) @ part
             at = np.interp(
                 -np.log(reached), -np.log(np.maximum(modelled, 1e-300)) + 1e-9 * np.arange(len(y)), y
             )
             shift = np.interp(np.arange(len(part)), inside, (at - wanted)[inside])
             centre = np.minimum.accumulate((centre - shift)[::-1])[::-1]
-            if np.abs(shift).max() < CLOSE:
+            if np.abs(shift).max() < _CLOSE:
                 break
     if not scatter > 0 or not len(inside):
         return centre, 0.0

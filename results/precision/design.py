@@ -23,24 +23,24 @@ from toppling.results.precision.target import Estimate, Target, estimate
 Numbers = NDArray[np.int64]
 
 FIRST_ROUND = 32
-GROWTH = (0.3, 1.0)
+_GROWTH = (0.3, 1.0)
 """Least and largest next round, of the jobs so far: whoever looks often ends on a curve that happens to look steep."""
-RANDOM_SHARE = 0.15
+_RANDOM_SHARE = 0.15
 """Of the jobs at random levels."""
-OUTSIDE = 1.0 / 3.0
+_OUTSIDE = 1.0 / 3.0
 """Of the shares outside the range that tells most, up to which a record is shaken for the curve's sake: one that no
 level of the campaign brings there has only jobs at random levels."""
-LEAST_JOBS, LEAST_OF_EACH = 48, 5
+_LEAST_JOBS, _LEAST_OF_EACH = 48, 5
 """Jobs, and jobs of each answer, before a statement may end a run."""
-SLOPE_VARIANCE, SHARP_JOBS = 0.05, 300
+_SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300
 """Relative variance of the slope above which a narrow interval may be that of a curve which only looks steep, and jobs
 after which it is: of a sharp threshold the slope is never known."""
-ONE_SIDED_JOBS = 120
+_ONE_SIDED_JOBS = 120
 """Jobs of one answer that show that the levels do not reach the curve."""
-MEASURE_JOBS, CLEARLY_BETTER = 60, 5.0
+_MEASURE_JOBS, _CLEARLY_BETTER = 60, 5.0
 """Jobs after which the measure stays, as the best of several at every round would be the one that looks best by chance;
 and the logarithm of the likelihood's ratio by which another than the usual one has to be better."""
-RECORDS_BOUND = 0.3
+_RECORDS_BOUND = 0.3
 """Share of the records' part of the variance that jobs still add, when more of them cannot help."""
 
 
@@ -97,7 +97,7 @@ def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> st
     """
     likelihood = {name: fit_curve(answers).log_likelihood for name, answers in observed.items()}
     best = max(likelihood, key=lambda name: likelihood[name])
-    close = usual in likelihood and likelihood[best] < likelihood[usual] + CLEARLY_BETTER
+    close = usual in likelihood and likelihood[best] < likelihood[usual] + _CLEARLY_BETTER
     return usual if close else best
 
 
@@ -117,9 +117,9 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     toppled = observed[any_measure].toppled
     jobs, count = len(toppled), int(toppled.sum())
     least = min(count, jobs - count)
-    unknown = Verdict(any_measure, None, None, ended=False, reason="", jobs_needed=max(2 * jobs, LEAST_JOBS))
+    unknown = Verdict(any_measure, None, None, ended=False, reason="", jobs_needed=max(2 * jobs, _LEAST_JOBS))
     if least == 0:
-        if jobs < ONE_SIDED_JOBS:
+        if jobs < _ONE_SIDED_JOBS:
             return unknown
         side = "weaker levels are needed" if count else "stronger levels are needed"
         reason = f"{'every job' if count else 'no job'} of {jobs} topples: {side}"
@@ -128,15 +128,15 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     curve = fit_curve(observed[measure])
     found = estimate(curve, target, len(pool.rows))
     known = replace(unknown, measure=measure, curve=curve, estimate=found)
-    steep = curve.slope_variance / SLOPE_VARIANCE
-    if jobs < LEAST_JOBS or least < LEAST_OF_EACH or (steep > 1.0 and jobs < SHARP_JOBS):
+    steep = curve.slope_variance / _SLOPE_VARIANCE
+    if jobs < _LEAST_JOBS or least < _LEAST_OF_EACH or (steep > 1.0 and jobs < _SHARP_JOBS):
         return replace(known, jobs_needed=math.ceil(jobs * max(min(steep, 2.0), 1.0)))
     known = replace(known, departure=departure(curve, observed[measure]))
     if found.precision <= precision and _reaches(pool, curve, measure, target):
         return replace(known, ended=True, jobs_needed=jobs)
     # A part of the variance falls with the number of jobs, the other with that of records alone.
     allowed = (precision / found.scale / curve.student(math.inf)) ** 2
-    if allowed < found.pairs and found.independent <= RECORDS_BOUND * found.pairs:
+    if allowed < found.pairs and found.independent <= _RECORDS_BOUND * found.pairs:
         more = math.ceil(len(pool.rows) * (found.pairs / allowed - 1.0))
         bear = f"{len(pool.rows)} records bear {100 * found.bearable:.1f} %"
         reason = f"{bear}; some {_rounded(more)} more would be needed"
@@ -149,7 +149,7 @@ def _needed(jobs: int, curve: Curve, found: Estimate, precision: float) -> int:
     for times in 1.05 ** np.arange(1, 120):
         left = found.independent / times
         half = found.scale * curve.student(times) * math.sqrt(left + found.pairs)
-        if half <= precision or left <= RECORDS_BOUND * found.pairs:
+        if half <= precision or left <= _RECORDS_BOUND * found.pairs:
             break
     return math.ceil(times * jobs)
 
@@ -181,7 +181,7 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
     """
     if number == 0:
         return FIRST_ROUND
-    least, most = (math.ceil(share * jobs) for share in GROWTH)
+    least, most = (math.ceil(share * jobs) for share in _GROWTH)
     return min(max(needed - jobs, least), most)
 
 
@@ -206,12 +206,12 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
     low, high = target.shares
     # Stratified, so that each round covers the range evenly.
     shares = low + (high - low) * (random.permutation(size) + random.random(size)) / size
-    at_random = random.random(size) < RANDOM_SHARE
+    at_random = random.random(size) < _RANDOM_SHARE
     curve, log_x = verdict.curve, pool.log_x[verdict.measure]
     tells = np.ones(log_x.shape, bool)
     if curve is not None:
         expected = ndtr(curve.coefficients[0] + curve.coefficients[1] * log_x)
-        tells = (expected > OUTSIDE * low) & (expected < 1.0 - OUTSIDE * (1.0 - high))
+        tells = (expected > _OUTSIDE * low) & (expected < 1.0 - _OUTSIDE * (1.0 - high))
     found: list[int] = []
     for place, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
         open_records = np.asarray(free.any(axis=(1, 2)))
@@ -302,7 +302,7 @@ class Rounds:
         """
         if observed is not None:
             self.verdict, self.judged = self._judged(observed), len(self.chosen)
-            if self.verdict.curve and self.judged >= MEASURE_JOBS:
+            if self.verdict.curve and self.judged >= _MEASURE_JOBS:
                 self.target = replace(self.target, measure=self.verdict.measure)
             if self.ended:
                 return

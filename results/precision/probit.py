@@ -17,9 +17,9 @@ from scipy.stats import t
 
 from toppling.models.arrays import Array
 
-STEPS, SMALL_STEP = 200, 1e-9
+_STEPS, _SMALL_STEP = 200, 1e-9
 LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
-DIFFERENCE = 1e-4
+_DIFFERENCE = 1e-4
 """Share of a coefficient's standard error over which a target's slope is taken."""
 
 
@@ -125,7 +125,7 @@ class Curve:
         target : callable
             Of the coefficients (2,).
         """
-        step = DIFFERENCE * np.sqrt(np.diag(self.independent))
+        step = _DIFFERENCE * np.sqrt(np.diag(self.independent))
         shifts = np.diag(step)
         slope = np.array(
             [
@@ -177,13 +177,13 @@ def _maximise(design: Array, answers: Answers) -> Array:
     """Coefficients at which likelihood times Jeffreys' prior is largest, by damped scoring; the slope is positive."""
     found = np.array([0.0, 1.0])
     value = _penalised(design, answers, found)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         eta = design @ found
         information, score, _ = _terms(design, answers, eta)
         total = information.sum(axis=0)
         step = np.linalg.solve(total, score.sum(axis=0) + _prior_slope(design, answers, found))
         size = 1.0
-        while size > SMALL_STEP:
+        while size > _SMALL_STEP:
             tried = found + size * step
             if tried[1] > 0.0 and (better := _penalised(design, answers, tried)) >= value:
                 break
@@ -191,7 +191,7 @@ def _maximise(design: Array, answers: Answers) -> Array:
         else:
             return found
         found, value = tried, better
-        if np.abs(size * step).max() < SMALL_STEP * (1.0 + np.abs(found).max()):
+        if np.abs(size * step).max() < _SMALL_STEP * (1.0 + np.abs(found).max()):
             return found
     return found
 
@@ -211,9 +211,9 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
             np.linalg.slogdet((_information_weight(answers, design @ at) * design.T) @ design)[1]
         )
 
-    shifts = DIFFERENCE * np.eye(2)
+    shifts = _DIFFERENCE * np.eye(2)
     ends = [(log_det(coefficients + one), log_det(coefficients - one)) for one in shifts]
-    return np.array([(high - low) / (2.0 * DIFFERENCE) for high, low in ends])
+    return np.array([(high - low) / (2.0 * _DIFFERENCE) for high, low in ends])
 
 
 def _information_weight(answers: Answers, eta: Array) -> Array:

@@ -13,12 +13,12 @@ from scipy.stats import f
 from toppling.models.arrays import Array
 from toppling.results.precision.probit import LOG_ROOT_2_PI, Answers, Curve
 
-LEVEL = 0.02
+_LEVEL = 0.02
 """Of the test. The answers chose the jobs, which can double the share of false alarms: they stay below 5 %."""
-LEAST_RECORDS, LEAST_P = 20, 1e-3
-EDGES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+_LEAST_RECORDS, _LEAST_P = 20, 1e-3
+_EDGES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Probabilities of the curve between which its words are compared with the answers."""
-LEAST_JOBS_BETWEEN = 10
+_LEAST_JOBS_BETWEEN = 10
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Departure:
     def words(self) -> str:
         """For the statement."""
         shares = f"{100 * self.observed:.0f} % of {self.jobs} jobs topple where it says {100 * self.expected:.0f} %"
-        p = f"p = {self.p_value:.1g}" if self.p_value >= LEAST_P else f"p below {LEAST_P:g}"
+        p = f"p = {self.p_value:.1g}" if self.p_value >= _LEAST_P else f"p below {_LEAST_P:g}"
         return f"the curve is no lognormal: {shares} ({p})"
 
 
@@ -59,7 +59,7 @@ def p_value(curve: Curve, answers: Answers) -> float:
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape
-    if records < LEAST_RECORDS:
+    if records < _LEAST_RECORDS:
         return 1.0
     total = of_record.sum(axis=0)
     covariance = records * np.cov(of_record.T)
@@ -95,10 +95,10 @@ def departure(curve: Curve, answers: Answers) -> Departure | None:
     answers : Answers
     """
     p = p_value(curve, answers)
-    if p >= LEVEL:
+    if p >= _LEVEL:
         return None
     probability = ndtr(curve.coefficients[0] + curve.coefficients[1] * answers.log_x)
-    place = np.searchsorted(EDGES, probability)
+    place = np.searchsorted(_EDGES, probability)
 
     def clarity(part: int) -> float:
         there = place == part
@@ -107,7 +107,7 @@ def departure(curve: Curve, answers: Answers) -> Departure | None:
         # Half a job more, so that the first surprise where all is certain does not count as the clearest.
         return abs(float(weight @ (answers.toppled[there] - expected))) / (variance + 0.5) ** 0.5
 
-    parts = [part for part in range(len(EDGES) + 1) if (place == part).sum() >= LEAST_JOBS_BETWEEN]
+    parts = [part for part in range(len(_EDGES) + 1) if (place == part).sum() >= _LEAST_JOBS_BETWEEN]
     if not parts:
         return None
     there = place == max(parts, key=clarity)

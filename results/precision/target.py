@@ -12,10 +12,10 @@ from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.precision.probit import Curve
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
-SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
+_SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 """Targets that are intensities, by the share that topples there."""
 
-USUAL_CORRELATION, USUAL_PAIRS = 0.5, 30.0
+_USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
 """Of jobs of one record, with as many pairs' weight: it only foretells what more jobs would bring."""
 
 
@@ -26,7 +26,7 @@ class Target:
     Parameters
     ----------
     name : str
-        One of `SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
+        One of `_SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
     measure : str or None
         Column of the results; None for whichever predicts best. Stated with a probability and a rate.
     intensity : float or None
@@ -65,7 +65,7 @@ class Target:
             assert self.hazard is not None
             curve = Lognormal(self.hazard.measure, math.exp(-a / b), 1.0 / b)
             return math.log(max(toppling_rate([curve], self.hazard), 1e-300))
-        return float((ndtri(SHARES[self.name]) - a) / b)
+        return float((ndtri(_SHARES[self.name]) - a) / b)
 
     def value(self, score: float) -> float:
         """Target in its own unit."""
@@ -122,9 +122,9 @@ def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
     """Correlation of two jobs of one record in what they say of a target; about half, where hardly any pair tells."""
     count = 0.5 * curve.pairs_share * curve.jobs**2
     if not count:
-        return USUAL_CORRELATION
+        return _USUAL_CORRELATION
     seen = min(pairs / (independent * curve.pairs_share * curve.jobs), 1.0)
-    return (count * seen + USUAL_PAIRS * USUAL_CORRELATION) / (count + USUAL_PAIRS)
+    return (count * seen + _USUAL_PAIRS * _USUAL_CORRELATION) / (count + _USUAL_PAIRS)
 
 
 def estimate(curve: Curve, target: Target, records: int) -> Estimate:

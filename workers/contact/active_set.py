@@ -40,16 +40,16 @@ from toppling.workers.simulation import (
 
 MOST_ACTIVE = 3
 
-ROUNDS = 16
+_ROUNDS = 16
 """Of pivoting; blocks and scanned rocks took up to six."""
 
-LOOSE = 1e4
+_LOOSE = 1e4
 """Times what is allowed otherwise: a fourth point may come nearer than three that hold the rock let it."""
 
-SLIDING_SHARE = 0.05
+_SLIDING_SHARE = 0.05
 """Of the whole load, up to which the friction of points that slide is left out."""
 
-SINGULAR = 1e-12
+_SINGULAR = 1e-12
 """Share of a diagonal element that must be left, or the points are too close to each other."""
 
 
@@ -68,14 +68,14 @@ def solve(sim: Simulation, count: int) -> tuple[bool, float]:
     for k in range(count):
         i = sim.near[k]
         flags[SLIDES, i] = flags[DROPPED, i] = False
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         pulled, pulls, near, comes_near = _try(sim, count)
         active = _active(sim, count)
         if pulled < -1e-3 * allowed_m_s:
             if pulled == -np.inf:
                 return False, np.inf
             flags[TRIED, pulls], flags[DROPPED, pulls] = False, True
-        elif near < allowed_m_s * (LOOSE if active == MOST_ACTIVE else 1.0):
+        elif near < allowed_m_s * (_LOOSE if active == MOST_ACTIVE else 1.0):
             if not _extend(sim, count, active):
                 return True, _friction(sim, count)
         elif active == MOST_ACTIVE:
@@ -150,7 +150,7 @@ def _extend(sim: Simulation, count: int, active: int) -> bool:
             flags[TRIED, i] = tried = True
             pulled, _, near, _ = _try(sim, count)
             flags[TRIED, i] = False
-            loose = LOOSE if active + 1 == MOST_ACTIVE else 1.0
+            loose = _LOOSE if active + 1 == MOST_ACTIVE else 1.0
             if pulled > most and near < sim.fixed[0].allowed_m_s * loose:
                 most, best = pulled, i
     if best < 0:
@@ -259,7 +259,7 @@ def _solve_symmetric(sim: Simulation, count: int) -> bool:
                 rest -= work[GRAM + i, k] * work[GRAM + j, k]
             if i > j:
                 work[GRAM + i, j] = rest * work[GRAM + j, j]
-            elif rest > SINGULAR * work[GRAM + i, i]:
+            elif rest > _SINGULAR * work[GRAM + i, i]:
                 work[GRAM + i, i] = 1.0 / math.sqrt(rest)
             else:
                 return False
@@ -294,7 +294,7 @@ def _friction(sim: Simulation, count: int) -> float:
         total += normal
         x += normal * candidates[ARM_X, chosen[k]]
         y += normal * candidates[ARM_Y, chosen[k]]
-    if sliding > SLIDING_SHARE * total:
+    if sliding > _SLIDING_SHARE * total:
         return np.inf
     if total <= 0.0:
         return 0.0

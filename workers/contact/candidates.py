@@ -33,20 +33,20 @@ REACH_DEG = (1.0, 3.0, 8.0, 25.0, LARGEST_OPEN_TILT_DEG)
 """Tilts up to which sets of points serve: a rock that rattles needs twenty points, one that falls hundreds."""
 
 
-AT_A_TIME = 1024
+_AT_A_TIME = 1024
 """Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""
 
-POINT_RADIUS_SHARE = 1e-5
+_POINT_RADIUS_SHARE = 1e-5
 """Radius of a contact point over R: a fillet."""
 
-NEIGHBOURS, NEIGHBOURS_LOOKED_AT = 12, 40
+_NEIGHBOURS, _NEIGHBOURS_LOOKED_AT = 12, 40
 """Of a corner that is compared with the facets around it, and of those that may be none by then."""
 
-CORE_SHARE = 5e-6
+_CORE_SHARE = 5e-6
 """Contact points are left out while the hull of the others stays within this share of R of the whole. Ten times as much
 takes every second corner from an arc of 32, over which the rock then rolls with too great a loss of energy."""
 
-FALLING_FROM_DEG, FALLING_CORE_SHARE = 25.0, 2e-3
+_FALLING_FROM_DEG, _FALLING_CORE_SHARE = 25.0, 2e-3
 """Of points that touch only beyond this tilt, where a rock that may still come back turns on few of them, so many are
 enough that the hull stays within the larger share: of a scanned rock a hundred instead of a thousand."""
 
@@ -87,7 +87,7 @@ class ContactModel:
     @cached_property
     def radius_m(self) -> float:
         """Radius of the contact points' spheres."""
-        return POINT_RADIUS_SHARE * self.half_diagonal_m
+        return _POINT_RADIUS_SHARE * self.half_diagonal_m
 
     @cached_property
     def centres_body_m(self) -> Array:
@@ -198,13 +198,13 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Arr
     onset[points_m[:, 2].argmin()] = 0.0
     order = np.argsort(onset, kind="stable")
     order = order[onset[order] <= LARGEST_OPEN_TILT_DEG]
-    rocking = onset[order] <= FALLING_FROM_DEG
+    rocking = onset[order] <= _FALLING_FROM_DEG
     near, far = order[rocking], order[~rocking]
     near = near[_extreme(points_m[near])]
     directions = _open_directions(hull)
-    near = near[_core(points_m[near], directions, CORE_SHARE * size_m)]
+    near = near[_core(points_m[near], directions, _CORE_SHARE * size_m)]
     both = np.concatenate([near, far])
-    falling = _core(points_m[both], directions, FALLING_CORE_SHARE * size_m, len(near))
+    falling = _core(points_m[both], directions, _FALLING_CORE_SHARE * size_m, len(near))
     return points_m[both[falling]], onset[both[falling]]
 
 
@@ -228,8 +228,8 @@ def _core(points_m: Array, directions: Array, tolerance_m: float, first: int = 0
 def _farthest(points_m: Array, directions: Array) -> tuple[NDArray[np.intp], Array]:
     """Which of the points is farthest in each direction, and how far."""
     point, far = np.empty(len(directions), np.intp), np.empty(len(directions))
-    for begin in range(0, len(directions), AT_A_TIME):
-        block = slice(begin, begin + AT_A_TIME)
+    for begin in range(0, len(directions), _AT_A_TIME):
+        block = slice(begin, begin + _AT_A_TIME)
         reach = directions[block] @ points_m.T
         point[block], far[block] = reach.argmax(axis=1), reach.max(axis=1)
     return point, far
@@ -279,13 +279,13 @@ def _extreme(corners: Array) -> Flags:
     if len(corners) < 4:
         return keep
     scale = float(np.ptp(corners, axis=0).max())
-    around = cKDTree(corners).query(corners, k=min(NEIGHBOURS_LOOKED_AT, len(corners)))[1]
+    around = cKDTree(corners).query(corners, k=min(_NEIGHBOURS_LOOKED_AT, len(corners)))[1]
     for i in range(len(corners)):
         rest = around[i][keep[around[i]] & (around[i] != i)]
-        if len(rest) < min(NEIGHBOURS, keep.sum() - 1):
+        if len(rest) < min(_NEIGHBOURS, keep.sum() - 1):
             rest = np.flatnonzero(keep & (np.arange(len(corners)) != i))
             rest = rest[np.argsort(np.linalg.norm(corners[rest] - corners[i], axis=1), kind="stable")]
-        near = corners[rest[:NEIGHBOURS]]
+        near = corners[rest[:_NEIGHBOURS]]
         keep[i] = not _inside_flat(corners[i], near, 1e-7 * scale)
     return keep
 

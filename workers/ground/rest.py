@@ -19,16 +19,16 @@ from toppling.workers import quaternion as quat
 TOUCHING_SHARE = 1e-3
 """Of R: contacts of a rock that has come to rest are so near; one that creeps to rest ends with less than touching."""
 
-SURE_SHARE = 0.9
+_SURE_SHARE = 0.9
 """Of friction: with as much a rock is held that certainly rests."""
 
-SETTLING_STEPS, SETTLING_ROUNDS = 100, 5
+_SETTLING_STEPS, _SETTLING_ROUNDS = 100, 5
 """In which a rock that is let down from its present pose must come to stand."""
 
-UNMOVED_SHARE = 0.02
+_UNMOVED_SHARE = 0.02
 """Of R: way of a rock that has hardly moved."""
 
-WAYS, TILT_STEP_DEG, FARTHEST_DEG = 8, 2.0, 40.0
+_WAYS, _TILT_STEP_DEG, _FARTHEST_DEG = 8, 2.0, 40.0
 """In which a rock is tipped to find the least energy that overturns it, and by how much at a time, and at most."""
 
 
@@ -40,7 +40,7 @@ def holds(body: GroundedBody, pose: Array, loads_m_s2: Array) -> bool:
     if (loads_m_s2[:, 2] >= 0.0).any():
         return False
     near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
-    columns = wrenches(near["arm_m"], near["normal"], SURE_SHARE * body.friction[0])
+    columns = wrenches(near["arm_m"], near["normal"], _SURE_SHARE * body.friction[0])
     weight = body.load_m_s2()
     if not is_held(columns, weight, body.size_m):
         return False
@@ -63,10 +63,10 @@ def let_down(body: GroundedBody, pose: Array) -> Array | None:
     """The pose in which a rock comes to stand from another one without gathering speed; None if it does not soon."""
     sim = body.clockless(pose, 0.05 * math.sqrt(body.size_m / body.gravity_m_s2))
     load = body.load_m_s2()
-    for _ in range(SETTLING_ROUNDS):
+    for _ in range(_SETTLING_ROUNDS):
         if holds(body, sim.pose[0], load[None]):
             return sim.pose[0].copy()
-        settle(sim, load, SETTLING_STEPS, 1e-7 * body.size_m)
+        settle(sim, load, _SETTLING_STEPS, 1e-7 * body.size_m)
     return None
 
 
@@ -86,7 +86,7 @@ def least_overturning_j_kg(body: GroundedBody, rest: Array) -> float:
     start = body.resting_pose
     half_turn = math.acos(min(abs(float(start[3:] @ rest[3:])), 1.0))
     moved_m = float(np.linalg.norm(rest[:3] - start[:3])) + 2.0 * half_turn * body.farthest_m
-    if moved_m < UNMOVED_SHARE * body.size_m:
+    if moved_m < _UNMOVED_SHARE * body.size_m:
         return _least_where_it_stood_j_kg(body)
     return _least_j_kg(body, rest)
 
@@ -101,7 +101,7 @@ def _least_j_kg(body: GroundedBody, rest: Array) -> float:
     east, north = body.scene_from_support[0], body.scene_from_support[1]
     highest = [
         _highest_m(body, rest, math.cos(way) * east + math.sin(way) * north)
-        for way in 2.0 * np.pi * np.arange(WAYS) / WAYS
+        for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS
     ]
     return body.gravity_m_s2 * max(min(highest) - float(rest[:3] @ up), 0.0)
 
@@ -109,9 +109,9 @@ def _least_j_kg(body: GroundedBody, rest: Array) -> float:
 def _highest_m(body: GroundedBody, rest: Array, outward: Array) -> float:
     """Greatest height of the centre of mass of a rock tipped in a direction until it sinks; infinite if it does not."""
     up = body.scene_from_support[2]
-    turn = Rotation.from_rotvec(math.radians(TILT_STEP_DEG) * np.cross(up, outward))
+    turn = Rotation.from_rotvec(math.radians(_TILT_STEP_DEG) * np.cross(up, outward))
     pose, highest = rest, float(rest[:3] @ up)
-    for _ in range(int(FARTHEST_DEG / TILT_STEP_DEG)):
+    for _ in range(int(_FARTHEST_DEG / _TILT_STEP_DEG)):
         near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
         if len(near) == 0:
             return highest

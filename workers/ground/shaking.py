@@ -24,13 +24,13 @@ from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
 
-STEEP = 0.5
+_STEEP = 0.5
 """Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
-LOOKS_AFTER = 10.0
+_LOOKS_AFTER = 10.0
 """Of sqrt(R / g): between two looks at the energy that is left after the motion."""
 
-ROOM = 4096
+_ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
 
 
@@ -75,9 +75,9 @@ class GroundShaking:
             excitation=excitation(acceleration, motion.time_step_s),
             sample_s=motion.time_step_s,
             step_s=problem.time_step_s,
-            time_s=np.zeros(ROOM),
-            pose=np.zeros((ROOM, 7)),
-            velocity=np.zeros((ROOM, 6)),
+            time_s=np.zeros(_ROOM),
+            pose=np.zeros((_ROOM, 7)),
+            velocity=np.zeros((_ROOM, 6)),
         )
         self.sim.pose[0], self.sim.velocity[0] = pose, start
         self.skipped_s, self._deepest_m = 0.0, 0.0
@@ -170,7 +170,7 @@ class GroundShaking:
         gravity = self.body.load_m_s2()
         loads = np.vstack([gravity - self.sim.excitation[first:, :3], gravity])
         held = holds(self.body, self.sim.pose[self.last], loads)
-        self._next_look_s = self.time_s + LOOKS_AFTER * self.problem.unit_s
+        self._next_look_s = self.time_s + _LOOKS_AFTER * self.problem.unit_s
         return held
 
     def _will_stand(self, over_s: float) -> bool:
@@ -180,7 +180,7 @@ class GroundShaking:
         """
         options, last = self.problem.options.termination, self.last
         pose, velocity = self.sim.pose[last], self.sim.velocity[last]
-        self._next_look_s = self.time_s + LOOKS_AFTER * self.problem.unit_s
+        self._next_look_s = self.time_s + _LOOKS_AFTER * self.problem.unit_s
         rest = let_down(self.body, pose)
         if rest is None:
             return False
@@ -228,7 +228,7 @@ class GroundShaking:
         up = self.body.scene_from_support[2]
         over_m = near["place_m"] @ up
         low = over_m < over_m.min(initial=np.inf) + TOPPLED_FALL * self._stood_m
-        below = near[low & (near["normal"] @ up > STEEP)]
+        below = near[low & (near["normal"] @ up > _STEEP)]
         columns = wrenches(below["arm_m"], below["normal"], self.body.friction[0])
         return is_held(columns, self.body.load_m_s2(), self.body.size_m)
 

@@ -18,7 +18,7 @@ from toppling.models.motions.formats.numbers import numbers_in
 from toppling.models.motions.formats.units import known_names, unit_of
 
 NAME = "plain columns"
-COMMENT = ("#", "%", "!", "//", ";")
+_COMMENT = ("#", "%", "!", "//", ";")
 _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
@@ -36,18 +36,18 @@ _TIME = re.compile(r"(?:t|times?|s|secs?|seconds?)(?![a-z])", re.IGNORECASE)
 _QUANTITY = re.compile(r"^A(?:CC(?:EL(?:ERATION)?)?)?[\s._-]+")
 _CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
 """SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
-HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
+_HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
 """Names of horizontals that say nothing of their bearing."""
-TIME_WORDS = {"s", "sec", "seconds", "ms", "msec"}
-TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
+_TIME_WORDS = {"s", "sec", "seconds", "ms", "msec"}
+_TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
 """Units of a column of times that is not in seconds."""
-STEP_TOLERANCE = 0.01
+_STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
-REGULAR_SHARE = 0.95
-COARSE, COARSE_RANGE, COARSE_WINDOW = 0.1, 1.3, 50
+_REGULAR_SHARE = 0.95
+_COARSE, _COARSE_RANGE, _COARSE_WINDOW = 0.1, 1.3, 50
 """Times whose last digit is more than this share of the step leave their line by this many digits where rows are lost;
 the place is found by the means of so many times on both sides."""
-WIDTHS = (1, 2, 4)
+_WIDTHS = (1, 2, 4)
 
 
 def recognises(head: str) -> bool:
@@ -62,7 +62,7 @@ def recognises(head: str) -> bool:
 
 def _are_numbers(rows: list[list[str]]) -> bool:
     """Whether rows hold as many numbers each as this format has columns, or twice as many without a point."""
-    if len(rows[0]) not in WIDTHS and not (len(rows[0]) == 2 * WIDTHS[-1] and "." not in "".join(rows[0])):
+    if len(rows[0]) not in _WIDTHS and not (len(rows[0]) == 2 * _WIDTHS[-1] and "." not in "".join(rows[0])):
         return False
     return all(len(row) == len(rows[0]) and all(map(_NUMBER.match, row)) for row in rows)
 
@@ -85,7 +85,7 @@ def read(path: Path, text: str) -> list[Component]:
             )
     _refuse_two_commas(lines[first], width, rows, path, first + 1)
     values = numbers_in(rows, path, first + 1).reshape(-1, max(width, 1))
-    if len(values) < 2 or width not in WIDTHS:
+    if len(values) < 2 or width not in _WIDTHS:
         refuse(
             f"{len(values)} rows of {width} numbers",
             path,
@@ -100,7 +100,9 @@ def read(path: Path, text: str) -> list[Component]:
     step = math.nan
     if width > 1:
         times = [row.split()[0] for row in rows if row.strip()]
-        step = _time_step(values[:, 0], times, path, first + 1) * TIME_UNITS_S.get(named[0].unit.lower(), 1.0)
+        step = _time_step(values[:, 0], times, path, first + 1) * _TIME_UNITS_S.get(
+            named[0].unit.lower(), 1.0
+        )
     return [
         _component(values[:, place], step, label, named[place], path, first + 1)
         for place, label in enumerate(labels, max(width - len(labels), 0))
@@ -167,18 +169,18 @@ def _units_below(names: str, units: str) -> list["_Column"] | None:
     if len(below) != width or not width:
         return None
     words = [part.unit or part.name for part in below]
-    if any(unit_of(word) is None and word.lower() not in TIME_WORDS for word in words):
+    if any(unit_of(word) is None and word.lower() not in _TIME_WORDS for word in words):
         return None
     return [_Column(column.name, word) for column, word in zip(_columns(names, width), words, strict=True)]
 
 
 def _columns(line: str, width: int) -> list[_Column]:
     """Columns as a line names them; none if it is a comment of another number of words, which is no header."""
-    text = line.strip().lstrip("".join(COMMENT)).strip(f" {SEPARATORS}")
+    text = line.strip().lstrip("".join(_COMMENT)).strip(f" {SEPARATORS}")
     between = next((separator for separator in SEPARATORS if separator in text), None)
     parts = text.split(between) if between else _WORD.findall(text)
     found = [_Column(_BRACKETS.sub("", part).strip(" \"'_:."), _unit(part)) for part in parts]
-    return [] if len(found) != width and line.lstrip().startswith(COMMENT) else found
+    return [] if len(found) != width and line.lstrip().startswith(_COMMENT) else found
 
 
 def _unit(part: str) -> str:
@@ -211,7 +213,7 @@ def _labels(columns: list[_Column], width: int, path: Path, line: int) -> list[s
 def _label(name: str) -> str:
     """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
     bare = _QUANTITY.sub("", name.upper())
-    if bearing(bare) is not None or bare in HORIZONTALS or re.fullmatch("[1-9]", bare):
+    if bearing(bare) is not None or bare in _HORIZONTALS or re.fullmatch("[1-9]", bare):
         return bare.lower()
     return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""
 
@@ -224,10 +226,12 @@ def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: 
     steps = np.diff(time)
     mean = positive(float((time[-1] - time[0]) / len(steps)), "time step", path, line)
     usual, digit = float(np.median(steps)), _print_error(printed)
-    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= REGULAR_SHARE
+    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_SHARE
     step = usual if regular or usual > digit else mean
-    wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, digit / 2 if regular else digit))
-    if not len(wrong) and digit > COARSE * step:
+    wrong = np.flatnonzero(
+        np.abs(steps - step) > max(_STEP_TOLERANCE * step, digit / 2 if regular else digit)
+    )
+    if not len(wrong) and digit > _COARSE * step:
         wrong = _jump_of_coarse_times(time, digit)
     if len(wrong):
         refuse(
@@ -245,10 +249,10 @@ def _jump_of_coarse_times(time: NDArray[np.float64], digit: float) -> NDArray[np
     number = np.arange(len(time))
     slope, start = np.polyfit(number, time, 1)
     off = time - start - slope * number
-    if np.ptp(off) <= COARSE_RANGE * digit:
+    if np.ptp(off) <= _COARSE_RANGE * digit:
         return np.empty(0, np.int64)
     sums = np.concatenate([[0.0], np.cumsum(off)])
-    beside = min(COARSE_WINDOW, len(time) // 2)
+    beside = min(_COARSE_WINDOW, len(time) // 2)
     middle = sums[beside:-beside]
     return np.array([np.argmax(sums[2 * beside :] + sums[: -2 * beside] - 2 * middle) + beside - 1])
 
@@ -295,7 +299,7 @@ def _is_decimal_comma(lines: list[str]) -> bool:
 
 
 def _is_body(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith(COMMENT)
+    return bool(line.strip()) and not line.lstrip().startswith(_COMMENT)
 
 
 def _separated(line: str, decimal_comma: bool) -> str:
@@ -314,7 +318,7 @@ def _refuse_two_commas(example: str, width: int, rows: list[str], path: Path, li
     firsts = [row.split()[0] for row in rows[:20] if row.strip()]
     if "," not in example or "." in example or not all(map(str.isdigit, firsts)):
         return
-    if width in WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
+    if width in _WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
         return
     refuse(
         f"{example.strip()[:60]!r} has commas, which may stand between its numbers or within them",

@@ -13,11 +13,11 @@ from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
 from toppling.models.motions.formats.units import unit_of
 
 NAME = "COSMOS V0/V1/V2"
-UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
+_UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
 COUNTS = 50
-LEAST_BIT, SENSITIVITY, GAIN = 22, 42, 47
+_LEAST_BIT, _SENSITIVITY, _GAIN = 22, 42, 47
 """Numbers of the real header values that make volts of counts, and acceleration of volts."""
-UNKNOWN = -999
+_UNKNOWN = -999
 _VERSION = re.compile(r"\(Format\s+v\s*([\d.]+)\s+with\s+(\d+)\s+text lines\)", re.IGNORECASE)
 _BLOCK = re.compile(
     r"^\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)\s+lines?,\s*"
@@ -130,13 +130,13 @@ def _header(lines: list[str], at: int, path: Path, *, whole: bool) -> tuple[NDAr
 
 def _real(reals: NDArray[np.float64], number: int) -> float:
     """Real header value by its number in the format's tables, from 1."""
-    return float(reals[number - 1]) if len(reals) >= number else UNKNOWN
+    return float(reals[number - 1]) if len(reals) >= number else _UNKNOWN
 
 
 def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: int) -> tuple[float, str]:
     """One unit of the samples in m/s2; counts by the recorder's least bit, the sensor's volts per g and gain."""
     named = unit_of(unit)
-    coded = UNIT_CODES_M_S2.get(code)
+    coded = _UNIT_CODES_M_S2.get(code)
     if coded and named and not (named.quantity == "acceleration" and math.isclose(named.factor, coded)):
         refuse(
             f"the unit is {unit!r} by its name, and {coded:g} m/s2 by its code {code:02d}",
@@ -147,7 +147,7 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
         )
     if coded:
         return coded, ""
-    bit, sensitivity = _real(reals, LEAST_BIT), _real(reals, SENSITIVITY)
+    bit, sensitivity = _real(reals, _LEAST_BIT), _real(reals, _SENSITIVITY)
     if code != COUNTS or not (bit > 0 and sensitivity > 0):
         refuse(
             f"unit {unit!r} with code {code}",
@@ -156,8 +156,8 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
             expected="g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header",
             remedy="fetch the file in g or cm/sec2",
         )
-    stated = _real(reals, GAIN)
-    gain = 1.0 if stated == UNKNOWN else positive(stated, f"sensor gain (real header {GAIN})", path, line)
+    stated = _real(reals, _GAIN)
+    gain = 1.0 if stated == _UNKNOWN else positive(stated, f"sensor gain (real header {_GAIN})", path, line)
     factor = bit * 1e-6 / sensitivity / gain * 9.80665
     source = f"{bit:g} microvolt, {sensitivity:g} V/g, gain {gain:g} in the header"
     return factor, f"{factor:.6g} m/s2 per count: {source}"
@@ -176,7 +176,7 @@ def _direction(label: str, integers: NDArray[np.float64], scnl: str) -> float | 
     parts = scnl.split(".")
     if len(parts) > 1 and parts[1].endswith("Z"):
         return UP
-    code = int(integers[53]) if len(integers) > 53 else UNKNOWN
+    code = int(integers[53]) if len(integers) > 53 else _UNKNOWN
     if code in (400, 401):
         return UP if code == 400 else DOWN
     return float(code % 360) if 0 < code <= 360 else None

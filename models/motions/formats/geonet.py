@@ -7,9 +7,9 @@ from toppling.models.motions.formats.component import Component, bearing, positi
 from toppling.models.motions.formats.numbers import exactly, numbers_in
 
 NAME = "GeoNet V1A/V2A"
-TEXT_LINES, NUMBER_LINES = 16, 10
-ACROSS, WIDTH = 10, 8
-COUNTS_AT = 33
+_TEXT_LINES, _NUMBER_LINES = 16, 10
+_ACROSS, _WIDTH = 10, 8
+_COUNTS_AT = 33
 """Where, from 0, the integers count the samples of acceleration, velocity and displacement."""
 _FIRST = re.compile(r"^\s*(Uncorrected|Corrected) accelerogram \d{8}_\d{6}", re.IGNORECASE)
 
@@ -32,8 +32,8 @@ def read(path: Path, text: str) -> list[Component]:
 
 def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
     kind = _FIRST.match(lines[start])
-    title = lines[start : start + TEXT_LINES]
-    if not kind or len(title) < TEXT_LINES:
+    title = lines[start : start + _TEXT_LINES]
+    if not kind or len(title) < _TEXT_LINES:
         refuse(
             f"{lines[start].strip()[:60]!r} where a component should begin",
             path,
@@ -41,9 +41,9 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
             expected="'Corrected accelerogram' or 'Uncorrected accelerogram' and its header",
             remedy="the file is damaged or truncated before: fetch it again",
         )
-    at = start + TEXT_LINES
-    integers = exactly(numbers_in(lines[at : at + 4], path, at + 1, WIDTH), 40, path, at + 1).astype(int)
-    counts = [int(n) for n in integers[COUNTS_AT : COUNTS_AT + 3]]
+    at = start + _TEXT_LINES
+    integers = exactly(numbers_in(lines[at : at + 4], path, at + 1, _WIDTH), 40, path, at + 1).astype(int)
+    counts = [int(n) for n in integers[_COUNTS_AT : _COUNTS_AT + 3]]
     if min(counts) < 0:  # the next component would be looked for before this one
         refuse(
             f"the header counts {', '.join(map(str, counts))} samples",
@@ -51,9 +51,9 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
             at + 1,
             expected="counts of acceleration, velocity and displacement",
         )
-    at += NUMBER_LINES
-    rows = [-(-count // ACROSS) for count in counts]
-    values = exactly(numbers_in(lines[at : at + rows[0]], path, at + 1, WIDTH), counts[0], path, start + 10)
+    at += _NUMBER_LINES
+    rows = [-(-count // _ACROSS) for count in counts]
+    values = exactly(numbers_in(lines[at : at + rows[0]], path, at + 1, _WIDTH), counts[0], path, start + 10)
     step = re.search(r"(?:at intervals of|data at)\s+([\d.]+)\s*s", "\n".join(title))
     unit = re.search(r"readings in units of\s+([\d.]+)\s+mm/s/s", "\n".join(title))
     component = next((text.split()[1] for text in title if text.startswith("Component ")), "")

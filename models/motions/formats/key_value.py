@@ -10,7 +10,7 @@ from toppling.models.motions.formats.component import Component, bearing, code_d
 from toppling.models.motions.formats.numbers import counted, numbers_in
 from toppling.models.motions.formats.units import acceleration_m_s2
 
-PRINTED_TIME_S = 0.0015
+_PRINTED_TIME_S = 0.0015
 """Of CWB's times, with three decimals."""
 
 
@@ -208,7 +208,7 @@ class cwb:  # noqa: N801
 
 def _refuse_gap(time: NDArray[np.float64], step: float, path: Path, line: int) -> None:
     """Refuse rows whose times do not go on by the step: printed to a millisecond, they are off by as much."""
-    wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(PRINTED_TIME_S, 0.5 * step))
+    wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(_PRINTED_TIME_S, 0.5 * step))
     if len(wrong):
         refuse(
             f"the time goes from {time[wrong[0]]:g} to {time[wrong[0] + 1]:g} s where the step is {step:g} s",

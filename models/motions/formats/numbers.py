@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import refuse
 
-SURPLUS_SHARE, ROWS_OFF = 0.01, 2
+_SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
 """Of its samples, and rows: so far is a count off by a program's mistake; beyond that something is missing."""
-JUMP_RATIO, NEAR = 4.0, 200
+_JUMP_RATIO, NEAR = 4.0, 200
 """A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
 _FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
@@ -139,9 +139,9 @@ def counted(
         return Counted(values)
     lengths = np.array([len(_tokens(text, width)) for text in body if text.strip()])
     ends = np.cumsum(lengths)
-    few = ROWS_OFF * int(lengths.max(initial=1))
+    few = _ROWS_OFF * int(lengths.max(initial=1))
     if surplus > 0:
-        whole = surplus <= max(few, SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
+        whole = surplus <= max(few, _SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
     else:
         whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
     if count < 1 or not whole or _jumps(values[:count], ends):
@@ -166,7 +166,7 @@ def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:
     for place in np.argsort(np.where(between, bend, 0.0))[-20:]:
         beside = slice(max(place - NEAR, 0), place + NEAR)
         within = bend[beside][~between[beside]]
-        if len(within) and bend[place] > JUMP_RATIO * within.max():
+        if len(within) and bend[place] > _JUMP_RATIO * within.max():
             return True
     return False
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import check_time_step, refuse
 
-PRINTED_TIME_S = 0.001
-GAP_STEPS, GAP_S = 5.0, 0.02
+_PRINTED_TIME_S = 0.001
+_GAP_STEPS, _GAP_S = 5.0, 0.02
 """A time so many mean steps, and so long, after the one before is a gap: curves are digitised where they bend."""
 
 
@@ -44,7 +44,7 @@ def evenly(
         refuse("fewer than two samples", path, line, expected="a record")
     steps = np.diff(time)
     step = (time[-1] - time[0]) / len(steps)
-    wrong = np.flatnonzero((steps < 0) | (steps > max(GAP_STEPS * step, GAP_S) + PRINTED_TIME_S))
+    wrong = np.flatnonzero((steps < 0) | (steps > max(_GAP_STEPS * step, _GAP_S) + _PRINTED_TIME_S))
     if not step > 0 or len(wrong):
         where = int(wrong[0]) if len(wrong) else 0
         refuse(
@@ -56,8 +56,8 @@ def evenly(
         )
     check_time_step(step, path, line)  # before the record is interpolated
     nice = round(step, 3)
-    nice = nice if nice and abs(nice * len(steps) - (time[-1] - time[0])) <= 1.5 * PRINTED_TIME_S else step
-    if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * PRINTED_TIME_S:
+    nice = nice if nice and abs(nice * len(steps) - (time[-1] - time[0])) <= 1.5 * _PRINTED_TIME_S else step
+    if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * _PRINTED_TIME_S:
         return values, float(round(nice, 9)), ()
     even = np.arange(time[0], time[-1] + 1e-9, uneven_step_s)
     note = f"uneven times, mean step {step:.4g} s, interpolated to {uneven_step_s:g} s"

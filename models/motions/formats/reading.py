@@ -25,12 +25,12 @@ class Reader(Protocol):
         """Read all channels of acceleration."""
 
 
-TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
+_TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried."""
-LARGEST_BYTES = 500_000_000
-LONGEST_LINE = 5000
+_LARGEST_BYTES = 500_000_000
+_LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
-LARGEST_SAMPLE = 1e12
+_LARGEST_SAMPLE = 1e12
 """In the file's own unit: above the counts of any instrument, and a record's squares stay far from overflow."""
 
 
@@ -50,24 +50,24 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     """
     if not path.is_file():
         refuse("is no file", path, expected="a record", remedy="check the path")
-    if path.stat().st_size > LARGEST_BYTES:
+    if path.stat().st_size > _LARGEST_BYTES:
         refuse(
             f"the file has {path.stat().st_size / 1e6:.0f} MB",
             path,
-            expected=f"a record of at most {LARGEST_BYTES / 1e6:.0f} MB",
+            expected=f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB",
             remedy="cut the shaking out of it first",
         )
     content = path.read_bytes()
     if not content.strip(b"\0\x1a \t\r\n"):
         refuse("the file is empty", path, expected="a record")
     text = text_of(content)
-    reader = next((reader for reader in TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
+    reader = next((reader for reader in _TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
         return _checked(_read_text(reader, path, text), path)
     del content, text
     found = seismic.read(path, inventory)
     if found is None:
-        names = ", ".join(reader.NAME for reader in TEXT_FORMATS)
+        names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         refuse(
             "the format is not known",
             path,
@@ -80,12 +80,12 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
 def _read_text(reader: Reader, path: Path, text: str) -> list[Component]:
     """Read by a reader that may meet anything: what it did not foresee is a damaged file too."""
     longest = max(enumerate(text.splitlines(), 1), key=lambda line: len(line[1]))
-    if len(longest[1]) > LONGEST_LINE:
+    if len(longest[1]) > _LONGEST_LINE:
         refuse(
             f"the line has {len(longest[1])} characters",
             path,
             longest[0],
-            expected=f"{reader.NAME}, with lines of at most {LONGEST_LINE} characters",
+            expected=f"{reader.NAME}, with lines of at most {_LONGEST_LINE} characters",
         )
     try:
         return reader.read(path, text)
@@ -104,9 +104,9 @@ def _checked(components: list[Component], path: Path) -> list[Component]:
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
             refuse(f"{len(a)} samples", path, component.line, expected="at least two samples")
-        if not np.isfinite(a).all() or np.abs(a).max() > LARGEST_SAMPLE:
+        if not np.isfinite(a).all() or np.abs(a).max() > _LARGEST_SAMPLE:
             refuse(
-                f"a sample is {a[~(np.abs(a) <= LARGEST_SAMPLE)][0]:g}",
+                f"a sample is {a[~(np.abs(a) <= _LARGEST_SAMPLE)][0]:g}",
                 path,
                 component.line,
                 expected="finite samples of a record",

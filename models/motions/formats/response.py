@@ -19,13 +19,13 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.motions.formats.component import refuse
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 
-FLATNESS_BAND_HZ = (0.1, 20.0)
-FLATNESS = 0.05
+_FLATNESS_BAND_HZ = (0.1, 20.0)
+_FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
-SAME_GAIN = 1.25
+_SAME_GAIN = 1.25
 """Factor by which the stated sensitivity and the product of the stages may differ before neither is believed."""
-OBSPY_NAMES: dict[Quantity, str] = {"acceleration": "M/S**2", "velocity": "M/S", "displacement": "M"}
-OBSPY_OUTPUTS: dict[Quantity, str] = {"acceleration": "ACC", "velocity": "VEL", "displacement": "DISP"}
+_OBSPY_NAMES: dict[Quantity, str] = {"acceleration": "M/S**2", "velocity": "M/S", "displacement": "M"}
+_OBSPY_OUTPUTS: dict[Quantity, str] = {"acceleration": "ACC", "velocity": "VEL", "displacement": "DISP"}
 """ObsPy only warns of units that it does not know and scales some of those it knows: it is given these alone."""
 _MOST_SAID = 300
 
@@ -111,7 +111,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
     _refuse_what_is_not_evaluated(response, unit, trace.id, path)
     known = _in_si(response)
     sensitivity, said = _checked_sensitivity(known, unit, trace, path)
-    top = min(FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
+    top = min(_FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
     if unit.quantity == "acceleration" and sensitivity is not None:
         flat = _is_flat(known, sensitivity, top)
         if flat is not False:
@@ -245,7 +245,7 @@ def _in_si(response: Any) -> Any:
         for end in ("input_units", "output_units"):
             name = getattr(part, end)
             unit = unit_of(name) if name else None
-            setattr(part, end, OBSPY_NAMES[unit.quantity] if unit else name and name.strip().upper())
+            setattr(part, end, _OBSPY_NAMES[unit.quantity] if unit else name and name.strip().upper())
     if stages and not stages[0].input_units and known.instrument_sensitivity:
         stages[0].input_units = known.instrument_sensitivity.input_units
     return known
@@ -270,23 +270,23 @@ def _checked_sensitivity(
     frequency = (
         stated.frequency if stated.frequency and 0 < stated.frequency < 0.5 / trace.stats.delta else 1.0
     )
-    gain = _gain(response, np.array([float(frequency)]), OBSPY_OUTPUTS[unit.quantity])
+    gain = _gain(response, np.array([float(frequency)]), _OBSPY_OUTPUTS[unit.quantity])
     if gain is None or not np.isfinite(gain[0]) or gain[0] == 0:
         return value, ()
     ratio = float(gain[0] / abs(value))
     stages = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz"
     difference = f"{stages}, its sensitivity is {value:.6g}"
-    if not 1 / SAME_GAIN <= ratio <= SAME_GAIN:
+    if not 1 / _SAME_GAIN <= ratio <= _SAME_GAIN:
         _refuse_response(
-            difference, path, f"a sensitivity within a factor of {SAME_GAIN:g} of what the stages make"
+            difference, path, f"a sensitivity within a factor of {_SAME_GAIN:g} of what the stages make"
         )
-    return value, () if abs(ratio - 1) <= FLATNESS else (difference,)
+    return value, () if abs(ratio - 1) <= _FLATNESS else (difference,)
 
 
 def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
     """Whether a response is its sensitivity in the band of earthquakes; None where it cannot be evaluated."""
-    gain = _gain(response, np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12), "ACC")
-    return None if gain is None else bool(np.abs(gain / abs(sensitivity) - 1).max() <= FLATNESS)
+    gain = _gain(response, np.geomspace(_FLATNESS_BAND_HZ[0], top_hz, 12), "ACC")
+    return None if gain is None else bool(np.abs(gain / abs(sensitivity) - 1).max() <= _FLATNESS)
 
 
 def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> NDArray[np.float64] | None:

@@ -18,19 +18,19 @@ from toppling.models.motions.formats.numbers import exactly
 from toppling.models.motions.formats.response import Converted, in_m_s2
 from toppling.models.motions.formats.text import text_of
 
-NAME = "ObsPy"
+_NAME = "ObsPy"
 FORMATS = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "SLIST", "TSPAIR", "WIN", "AH", "KINEMETRICS_EVT", "GCF",
     "KNET", "REFTEK130",
 )  # fmt: skip
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
-TEXT_FORMATS = {"GSE2", "SACXY", "GSE1", "SLIST", "TSPAIR", "KNET"}
-KNET_DURATION_LINE = 12
-MOST_SAMPLES = 10**9
-SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
+_TEXT_FORMATS = {"GSE2", "SACXY", "GSE1", "SLIST", "TSPAIR", "KNET"}
+_KNET_DURATION_LINE = 12
+_MOST_SAMPLES = 10**9
+_SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """By SAC's `idep`."""
-SAME_STEP = 1e-6
+_SAME_STEP = 1e-6
 _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
 """ObsPy takes the factor for one of gal, whatever is said."""
 
@@ -69,7 +69,7 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         try:
             text = text_of(content)
             plain = content if text is None else text.encode()
-            of = {name: plain if name in TEXT_FORMATS else content for name in FORMATS}
+            of = {name: plain if name in _TEXT_FORMATS else content for name in FORMATS}
             file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(of[name]))), None)
             if file_format is None:
                 return None, []
@@ -152,7 +152,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
 def _append(whole: Any, piece: Any, path: Path) -> str:
     """Append a piece to the trace that begins before it; what is to be told, nothing where it fits."""
     step = whole.stats.delta
-    if abs(piece.stats.delta / step - 1) > SAME_STEP:
+    if abs(piece.stats.delta / step - 1) > _SAME_STEP:
         refuse(
             f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s",
             path,
@@ -190,7 +190,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
     step = positive(float(stats.delta), "time step", path, 0)
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
-        exactly(values, _counted(float(own["duration"]), step, path), path, KNET_DURATION_LINE)
+        exactly(values, _counted(float(own["duration"]), step, path), path, _KNET_DURATION_LINE)
     found = _in_m_s2(trace, values, inventory, path)
     direction, contradiction = _direction(stats, inventory)
     return Component(
@@ -199,7 +199,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
         direction=direction,
         path=path,
         line=0,
-        file_format=stats.get("_format", NAME),
+        file_format=stats.get("_format", _NAME),
         corrected=False,
         unit_known=found.known,
         event=f"{own['evot']}" if "evot" in own else "",
@@ -217,11 +217,11 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
 def _counted(duration_s: float, step_s: float, path: Path) -> int:
     """Samples that K-NET's header announces: its files lack the end, or lines in between, where there are others."""
     count = duration_s / step_s
-    if not 0 < count < MOST_SAMPLES:
+    if not 0 < count < _MOST_SAMPLES:
         refuse(
             f"the header's duration is {duration_s:g} s",
             path,
-            KNET_DURATION_LINE,
+            _KNET_DURATION_LINE,
             expected="the duration of the samples",
         )
     return round(count)
@@ -241,7 +241,7 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
         return Converted(values * stats.calib, True, (f"calibration {stats.calib:.6g} m/s2 per count",))
     if kind != "SAC":
         return Converted(values) if inventory is None else in_m_s2(trace, inventory, path)
-    quantity = SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
+    quantity = _SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
     if quantity not in {"acceleration", "unknown"}:
         refuse(
             f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration",

@@ -11,11 +11,11 @@ from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
 from toppling.models.motions.formats.pairs import evenly
 
 NAME = "USGS SMC"
-TEXT_LINES, INTEGER_LINES, REAL_LINES = 11, 6, 10
-INTEGER_WIDTH, REAL_WIDTH, SAMPLE_WIDTH = 10, 15, 10
-NO_INTEGER, NO_REAL = -32768, 1.6e38
-PAIRS_A_LINE = 4
-UNEVEN_STEPS_S = (0.005, 0.002, 0.001)
+_TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10
+_INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
+_NO_INTEGER, _NO_REAL = -32768, 1.6e38
+_PAIRS_A_LINE = 4
+_UNEVEN_STEPS_S = (0.005, 0.002, 0.001)
 """Steps to which unevenly digitised samples are interpolated: the first that is no longer than their mean step."""
 _KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
 _EVENT = re.compile(r"^\s*(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s*(.*)$")
@@ -38,25 +38,27 @@ def read(path: Path, text: str) -> list[Component]:
             expected="an uncorrected (1) or corrected (2) accelerogram",
             remedy="give the file of acceleration",
         )
-    after_integers = TEXT_LINES + INTEGER_LINES
+    after_integers = _TEXT_LINES + _INTEGER_LINES
     integers = exactly(
-        numbers_in(lines[TEXT_LINES:after_integers], path, TEXT_LINES + 1, INTEGER_WIDTH),
+        numbers_in(lines[_TEXT_LINES:after_integers], path, _TEXT_LINES + 1, _INTEGER_WIDTH),
         48,
         path,
-        TEXT_LINES + 1,
+        _TEXT_LINES + 1,
     ).astype(int)
     reals = exactly(
-        numbers_in(lines[after_integers : after_integers + REAL_LINES], path, after_integers + 1, REAL_WIDTH),
+        numbers_in(
+            lines[after_integers : after_integers + _REAL_LINES], path, after_integers + 1, _REAL_WIDTH
+        ),
         50,
         path,
         after_integers + 1,
     )
-    first = after_integers + REAL_LINES + max(int(integers[15]), 0)
+    first = after_integers + _REAL_LINES + max(int(integers[15]), 0)
     body = lines[first:]
-    samples = numbers_in(body, path, first + 1, SAMPLE_WIDTH)
-    found = counted(samples, int(integers[16]), body, path, TEXT_LINES + 3, SAMPLE_WIDTH)
+    samples = numbers_in(body, path, first + 1, _SAMPLE_WIDTH)
+    found = counted(samples, int(integers[16]), body, path, _TEXT_LINES + 3, _SAMPLE_WIDTH)
     values, step, notes = _equally_spaced(found.values, float(reals[1]), path, first + 1)
-    station = next((text for text in lines[:TEXT_LINES] if text.lower().startswith("station")), "")
+    station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
     return [
@@ -72,7 +74,7 @@ def read(path: Path, text: str) -> list[Component]:
             station=match[1] if match else "",
             label=label,
             magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
-            distance_km=float(reals[16]) if 0 <= reals[16] < NO_REAL else None,
+            distance_km=float(reals[16]) if 0 <= reals[16] < _NO_REAL else None,
             notes=notes,
             warnings=found.warnings,
             missing=found.missing,
@@ -84,8 +86,8 @@ def _equally_spaced(
     values: NDArray[np.float64], rate_hz: float, path: Path, line: int
 ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
     """Samples at the header's rate; where it has none, they are pairs of time and acceleration."""
-    if rate_hz < NO_REAL:
-        return values, 1 / positive(rate_hz, "sampling rate", path, TEXT_LINES + INTEGER_LINES + 1), ()
+    if rate_hz < _NO_REAL:
+        return values, 1 / positive(rate_hz, "sampling rate", path, _TEXT_LINES + _INTEGER_LINES + 1), ()
     if len(values) < 4 or len(values) % 2:
         refuse(
             f"no sampling rate in the header, and {len(values)} numbers",
@@ -95,8 +97,8 @@ def _equally_spaced(
         )
     pairs = values.reshape(-1, 2)
     mean = abs(float(pairs[-1, 0] - pairs[0, 0])) / (len(pairs) - 1)
-    step = next((step for step in UNEVEN_STEPS_S if step <= mean), UNEVEN_STEPS_S[-1])
-    return evenly(pairs, path, line, PAIRS_A_LINE, step)
+    step = next((step for step in _UNEVEN_STEPS_S if step <= mean), _UNEVEN_STEPS_S[-1])
+    return evenly(pairs, path, line, _PAIRS_A_LINE, step)
 
 
 def _event(line: str) -> str:
@@ -115,4 +117,4 @@ def _direction(label: str, from_vertical_deg: int, bearing_deg: int) -> float | 
         return found
     if from_vertical_deg in (0, 180):
         return UP if from_vertical_deg == 0 else DOWN
-    return float(bearing_deg % 360) if bearing_deg != NO_INTEGER else None
+    return float(bearing_deg % 360) if bearing_deg != _NO_INTEGER else None

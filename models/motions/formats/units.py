@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
-G_M_S2 = 9.80665
+_G_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ UNITS_M_S2 = {
     **{f"{length}/s2": factor for length, factor in _LENGTHS_M.items()},
     "gal": 0.01,
     "mgal": 1e-5,
-    "g": G_M_S2,
-    "g/10": 0.1 * G_M_S2,
-    "%g": 0.01 * G_M_S2,
-    "mg": 1e-3 * G_M_S2,
+    "g": _G_M_S2,
+    "g/10": 0.1 * _G_M_S2,
+    "%g": 0.01 * _G_M_S2,
+    "mg": 1e-3 * _G_M_S2,
 }
 """Accelerations by their folded names."""
 UNITS: dict[str, Unit] = {

@@ -15,10 +15,10 @@ from toppling.models.motions.formats.pairs import evenly
 from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
-HEADER_LINES = 27
-PAIRS_A_LINE, PAIR_WIDTH = 5, 7
-BHRC_WIDTH = 13
-UNEVEN_STEP_S = 0.005
+_HEADER_LINES = 27
+_PAIRS_A_LINE, _PAIR_WIDTH = 5, 7
+_BHRC_WIDTH = 13
+_UNEVEN_STEP_S = 0.005
 """Step to which unevenly digitised samples are interpolated."""
 _EQUAL = re.compile(
     r"^\s*(\d+)\s+(?:points\s+of\s+accel\w*\s+data|accelerogram\s+points)\b(.*)$", re.IGNORECASE
@@ -78,7 +78,7 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         first = heading + 1
         notes: tuple[str, ...] = ()
     else:
-        first = HEADER_LINES
+        first = _HEADER_LINES
         found, step, notes = _headed_by_count(lines, path, line)
     label = _label(lines, path, line)
     dialect = _dialect(lines, corrected)
@@ -133,8 +133,8 @@ def _body(lines: list[str], first: int) -> list[str]:
 
 def _headed_by_count(lines: list[str], path: Path, line: int) -> tuple[Counted, float, tuple[str, ...]]:
     """Read samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
-    at = next((i for i, text in enumerate(lines[:HEADER_LINES]) if _COUNT.search(text)), None)
-    unit = next((text for text in lines[:HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
+    at = next((i for i, text in enumerate(lines[:_HEADER_LINES]) if _COUNT.search(text)), None)
+    unit = next((text for text in lines[:_HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
     if at is None or "G/10" not in unit.upper().replace(" ", ""):
         refuse(
             "no 'NO. OF POINTS' and 'UNITS ARE SEC AND G/10' in the header",
@@ -143,25 +143,25 @@ def _headed_by_count(lines: list[str], path: Path, line: int) -> tuple[Counted, 
             expected="the header of a volume 1 channel",
         )
     count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
-    body = lines[HEADER_LINES:]
+    body = lines[_HEADER_LINES:]
     if body and re.search("[EeDd]", body[0]):
         length = _LENGTH.search(lines[at])
-        values = numbers_in(body, path, line + HEADER_LINES, BHRC_WIDTH)
-        found = counted(values, count, body, path, line + at, BHRC_WIDTH)
+        values = numbers_in(body, path, line + _HEADER_LINES, _BHRC_WIDTH)
+        found = counted(values, count, body, path, line + at, _BHRC_WIDTH)
         step = positive(float(length[1]) / max(count, 1) if length else 0.0, "time step", path, line + at)
         return replace(found, values=found.values * UNITS_M_S2["g/10"]), round(step, 6), ()
-    body = _uncontrolled(body, path, line + HEADER_LINES)
-    numbers = numbers_in(body, path, line + HEADER_LINES, PAIR_WIDTH)
+    body = _uncontrolled(body, path, line + _HEADER_LINES)
+    numbers = numbers_in(body, path, line + _HEADER_LINES, _PAIR_WIDTH)
     if len(numbers) % 2:
         refuse(
             "a time without an acceleration at the end: the file is truncated",
             path,
-            line + HEADER_LINES + len(body) - 1,
+            line + _HEADER_LINES + len(body) - 1,
             expected="pairs of time and acceleration",
         )
-    found = counted(numbers, 2 * count, body, path, line + at, PAIR_WIDTH)
+    found = counted(numbers, 2 * count, body, path, line + at, _PAIR_WIDTH)
     pairs = found.values.reshape(-1, 2)
-    values, step, notes = evenly(pairs, path, line + HEADER_LINES, PAIRS_A_LINE, UNEVEN_STEP_S)
+    values, step, notes = evenly(pairs, path, line + _HEADER_LINES, _PAIRS_A_LINE, _UNEVEN_STEP_S)
     return replace(found, values=values * UNITS_M_S2["g/10"]), step, notes
 
 
@@ -171,7 +171,8 @@ def _uncontrolled(body: list[str], path: Path, line: int) -> list[str]:
         refuse("no samples after the header", path, line, expected="samples")
     filled = body[0].rstrip()
     offset = next(
-        (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), PAIR_WIDTH))), 0
+        (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), _PAIR_WIDTH))),
+        0,
     )
     return [text[offset:] for text in body if text.strip()]
 

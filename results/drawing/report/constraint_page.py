@@ -14,7 +14,7 @@ from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name
 
-MOST_BRANCHES = 15
+_MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
 
 
@@ -38,7 +38,7 @@ def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
         ("Rates rejected", _rejected(constraint, document)),
         ("Rocks", _rocks(statement, document)),
         ("In words", "".join(map(paragraph, all_words(statement).splitlines()))),
-        ("Method", METHOD if constraint.update else ""),
+        ("Method", _METHOD if constraint.update else ""),
         ("Choices and files", choices_part(statement)),
     ]
     return page(
@@ -62,7 +62,7 @@ def choices_part(statement: dict[str, Any]) -> str:
     return f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"
 
 
-METHOD = (
+_METHOD = (
     "<p>A rock topples at the annual rate &nu; = &int; F(x) |d&lambda;(x)|, with its fragility F and the hazard curve "
     "&lambda;, a power law between its points; Poisson events leave it standing for A years with the probability "
     "exp(&minus;&nu;A), averaged over the age. Branches are weighted by Bayes' rule, w' &prop; w P(survival). Mean and "
@@ -127,7 +127,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
     if "branches" not in statement:
         return ""
     heaviest = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[
-        :MOST_BRANCHES
+        :_MOST_BRANCHES
     ]
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([

@@ -11,17 +11,17 @@ from matplotlib.figure import Figure
 
 from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, png_bytes
 
-SCREEN_PX_PER_IN = 132
+_SCREEN_PX_PER_IN = 132
 """At this scale a page-wide figure fills the page, and its letters match the surrounding text."""
 
 
-LEAST_BROKEN = 12
+_LEAST_BROKEN = 12
 """Length of a cell in letters; shorter text breaks only at blanks."""
 
-BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{40})(?=\S)")
+_BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{40})(?=\S)")
 """Places within a word where a line may break: within an id too, which is wider than a column on a narrow screen."""
 
-MOST_BESIDE = 4
+_MOST_BESIDE = 4
 """Columns that stand beside each other also on a narrow screen."""
 
 
@@ -65,7 +65,7 @@ class Document:
             if narrow is not None
             else ""
         )
-        image = f'<img alt="{safe(caption)}" style="width: {round(SCREEN_PX_PER_IN * width_in)}px" src="{_data(png)}">'
+        image = f'<img alt="{safe(caption)}" style="width: {round(_SCREEN_PX_PER_IN * width_in)}px" src="{_data(png)}">'
         return (
             f'<figure id="figure-{self.figures}"><picture>{source}{image}</picture>'
             f"<figcaption><b>Figure {self.figures}.</b> {safe(caption)}</figcaption></figure>"
@@ -81,7 +81,7 @@ class Document:
         names = [str(name) for name in frame.columns]
         head = "".join(f"<th>{safe(name)}</th>" for name in names)
         rows = "".join(f"<tr>{_cells(names, row)}</tr>" for row in frame.itertuples(index=False))
-        kind = ' class="stacks"' if len(names) > MOST_BESIDE else ""
+        kind = ' class="stacks"' if len(names) > _MOST_BESIDE else ""
         return (
             f"<table{kind}><caption><b>Table {self.tables}.</b> {safe(caption)}</caption>"
             f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
@@ -141,9 +141,9 @@ def _cells(names: list[str], row: Iterable[object]) -> str:
 
 def _breakable(text: str) -> str:
     """Text that may break after an underscore, slash or point, and within very long words."""
-    if len(text) < LEAST_BROKEN:
+    if len(text) < _LEAST_BROKEN:
         return safe(text)
-    return "<wbr>".join(map(safe, BREAKS.split(text)))
+    return "<wbr>".join(map(safe, _BREAKS.split(text)))
 
 
 def _data(png: bytes) -> str:

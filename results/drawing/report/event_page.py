@@ -18,7 +18,7 @@ from toppling.results.drawing.report.constraint_page import (
 from toppling.results.drawing.report.document import Document, page, paragraph
 from toppling.results.drawing.style import short_name
 
-METHOD = (
+_METHOD = (
     "<p>An event of annual rate r topples at least one of the rocks with P = 1 &minus; &prod;(1 &minus; F<sub>i</sub>)"
     ", where F<sub>i</sub> is rock i's fragility at the event's motion at its site: rocks feel the same events. Such "
     "events have the rate &nu; = &Sigma; r P, and Poisson events leave all rocks standing for A years with the "
@@ -48,7 +48,7 @@ def event_page(statement: dict[str, Any], tables: dict[str, pd.DataFrame]) -> st
         ("Ground-motion models", _models(statement, document)),
         ("Rocks", _rocks(statement, document)),
         ("In words", "".join(map(paragraph, event_words(statement).splitlines()))),
-        ("Method", METHOD),
+        ("Method", _METHOD),
         ("Choices and files", choices_part(statement)),
     ]
     return page(

@@ -15,7 +15,7 @@ from toppling.results.drawing.style import png_bytes, printed_unit, short_name
 from toppling.results.reader import Run
 
 REPORT = "report.html"
-COLUMNS = {
+_COLUMNS = {
     "rock": "rock",
     "site": "site",
     "median": "half topple at",
@@ -145,7 +145,7 @@ def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Doc
         "its 95 % interval over records."
     )
     figure = document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
-    frame = pd.DataFrame([rock.row for rock in rocks])[list(COLUMNS)].rename(columns=COLUMNS)
+    frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
     over = f"{short_name(measure)} ({printed_unit(measure)})"
     numbers = f"Fragility over {over} and statics of each rock. {shared.sentence}"
     return figure + document.table(frame.dropna(axis="columns", how="all"), numbers)

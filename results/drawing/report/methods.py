@@ -12,7 +12,7 @@ from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, paragraph, safe
 from toppling.results.weights import records_weight
 
-REFERENCES = (
+_REFERENCES = (
     "Baker, J. W. (2015). Efficient analytical fragility function fitting using dynamic structural analysis. "
     "Earthquake Spectra 31, 579-599.",
     "Veeraraghavan, S., Hudnut, K. W., and Krishnan, S. (2017). Toppling analysis of the Echo Cliffs precariously "
@@ -25,7 +25,7 @@ REFERENCES = (
 def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
     """Methods to copy, and references."""
     engine = content.run.provenance().get("engine")
-    references = sorted((*REFERENCES, engine["reference"]) if engine else REFERENCES)
+    references = sorted((*_REFERENCES, engine["reference"]) if engine else _REFERENCES)
     cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *references))
     return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
 

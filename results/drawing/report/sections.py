@@ -39,11 +39,11 @@ from toppling.results.drawing.scene import scene_picture
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
 from toppling.results.weights import records_weight, sentences
 
-MOST_RECORDS = 150
+_MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
 
 
-MOST_BRANCHES = 15
+_MOST_BRANCHES = 15
 """Largest number of hazard curves in a table; those with the most weight are shown."""
 
 
@@ -124,8 +124,8 @@ def _records_section(content: Content, document: Document) -> str:
     if motions is not None:
         counts = counts.merge(_as_recorded(motions.to_pandas()), how="left")
     counts = counts.sort_values(["toppled", "record_id"], ascending=[False, True])
-    some = f", the {MOST_RECORDS} that topple the rock most often" if len(counts) > MOST_RECORDS else ""
-    shown = counts.head(MOST_RECORDS)
+    some = f", the {_MOST_RECORDS} that topple the rock most often" if len(counts) > _MOST_RECORDS else ""
+    shown = counts.head(_MOST_RECORDS)
     order = [name for name in shown.columns if name not in ("jobs", "toppled")]
     shown = shown[[*order, "jobs", "toppled"]].rename(columns={"record_id": "record"})
     caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."
@@ -300,8 +300,8 @@ def constraint_section(content: Content, document: Document) -> str:
     )
     parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
     if verdicts is not None:
-        left = len(verdicts) - MOST_BRANCHES
-        verdicts = verdicts.sort_values("posterior_weight", ascending=False).head(MOST_BRANCHES)
+        left = len(verdicts) - _MOST_BRANCHES
+        verdicts = verdicts.sort_values("posterior_weight", ascending=False).head(_MOST_BRANCHES)
         shown = pd.DataFrame({
             "hazard curve": verdicts["name"],
             "survival": [_digits(value, 3) for value in verdicts["survival"]],

@@ -13,7 +13,7 @@ from toppling.results.drawing.report.document import Document, page
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS
 
-BROWSERS = (
+_BROWSERS = (
     "chromium",
     "chromium-browser",
     "google-chrome",
@@ -22,7 +22,7 @@ BROWSERS = (
     "msedge",
     "microsoft-edge",
 )
-PRINTING_S = 300.0
+_PRINTING_S = 300.0
 """Time limit for a browser to print."""
 
 
@@ -80,7 +80,7 @@ def write_pdf(text: str, target: Path) -> Path:
 
 
 def _printed_by_browser(text: str, target: Path) -> Path:
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if browser is None:
         raise InputError(
             "no program that prints to PDF is installed",
@@ -97,7 +97,7 @@ def _printed_by_browser(text: str, target: Path) -> Path:
         ]  # fmt: skip
         if _is_root():
             command.insert(1, "--no-sandbox")  # Chromium has no sandbox for root
-        subprocess.run(command, check=True, capture_output=True, timeout=PRINTING_S)
+        subprocess.run(command, check=True, capture_output=True, timeout=_PRINTING_S)
         shutil.copyfile(printed, hidden)
     return target
 

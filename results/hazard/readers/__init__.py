@@ -9,13 +9,13 @@ from toppling.results.hazard.readers.assembly import combined, trees_of
 from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
 
-MOST_FILES = 20_000
+_MOST_FILES = 20_000
 """Of a folder."""
 
-MOST_BYTES = 200_000_000
+_MOST_BYTES = 200_000_000
 """Of a file."""
 
-MOST_HEAD_LINES = 30
+_MOST_HEAD_LINES = 30
 """Of a file of a folder, among which its header is looked for."""
 
 _EXPORT = "export its curves as text: oq export hcurves --export-type csv"
@@ -80,7 +80,7 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
         return [_read(path, hints)]
     found = []
     files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
-    if len(files) > MOST_FILES:
+    if len(files) > _MOST_FILES:
         refuse(path, f"holds {len(files):,} files", "give the folder of one calculation")
     for one in files:
         if any(part.startswith(".") for part in one.relative_to(path).parts) or not _is_hazard(one):
@@ -94,8 +94,8 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 
 
 def _text(path: Path) -> str:
-    if path.stat().st_size > MOST_BYTES:
-        refuse(path, f"is larger than {MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
+    if path.stat().st_size > _MOST_BYTES:
+        refuse(path, f"is larger than {_MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
     content = path.read_bytes()
     if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
         refuse(path, *binary)
@@ -117,7 +117,7 @@ def _is_hazard(path: Path) -> bool:
     """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(MOST_HEAD_LINES)]
+            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(_MOST_HEAD_LINES)]
     except OSError:
         return False
     if not lines[0] or any("\0" in line for line in lines):

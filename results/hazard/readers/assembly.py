@@ -9,7 +9,7 @@ from toppling.results.hazard.readers.statement import Realisations, Stated, Stat
 from toppling.results.hazard.sites import Place, nearest, same_place
 from toppling.results.hazard.tree import Branch, HazardTree
 
-LISTED = 12
+_LISTED = 12
 """Names that a message lists, of many."""
 
 
@@ -231,7 +231,7 @@ def place_words(tree: HazardTree) -> str:
 
 
 def _named(names: Sequence[str]) -> str:
-    return listed(names, LISTED)
+    return listed(names, _LISTED)
 
 
 def _refuse(

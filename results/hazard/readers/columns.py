@@ -26,12 +26,12 @@ _PROBABILITY = re.compile(
 )
 _RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri")
 _TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
-COMMENTS = ("#", "%", "//")
+_COMMENTS = ("#", "%", "//")
 
 
 def matches(lines: Sequence[str]) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
-    bare = [line for line in lines if line and not line.startswith(COMMENTS)]
+    bare = [line for line in lines if line and not line.startswith(_COMMENTS)]
     if not bare:
         return False
     header = ",".join(_cells(bare[:1])[0]).split(",")
@@ -47,7 +47,7 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     InputError
         If the header does not name a measure, or not what the values are.
     """
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not lines:
         refuse(path, "holds no table")
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(lines)])) or [(0, [])]

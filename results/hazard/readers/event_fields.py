@@ -18,7 +18,7 @@ from toppling.results.hazard.readers.event_tables import (
     only_one,
 )
 
-SITE_BYTES = 8
+_SITE_BYTES = 8
 """Length to which OpenQuake cuts a site's own name."""
 
 
@@ -97,11 +97,11 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
         return {name: EventSite(name) for name in used}
     places = mesh.frame().set_index(SITE)
     # The engine cuts names, so that the fields' name may be the beginning of the mesh's.
-    cut = {name.encode()[:SITE_BYTES].decode(errors="ignore"): name for name in places.index}
+    cut = {name.encode()[:_SITE_BYTES].decode(errors="ignore"): name for name in places.index}
     sites = {
         name: EventSite(full, (float(places.loc[full, "lon"]), float(places.loc[full, "lat"])))
         for full in places.index
-        for name in [full if full in used else full.encode()[:SITE_BYTES].decode(errors="ignore")]
+        for name in [full if full in used else full.encode()[:_SITE_BYTES].decode(errors="ignore")]
     }
     strangers = [name for name in used if name not in sites and name not in cut]
     if strangers or len(sites) < len(places):

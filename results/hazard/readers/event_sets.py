@@ -24,16 +24,16 @@ from toppling.results.hazard.readers.event_tables import (
     opened,
 )
 
-BEARING = ("fields", "cybershake", "plain")
+_BEARING = ("fields", "cybershake", "plain")
 """Kinds of tables that hold motions."""
 
-CM_S2 = ("cm per sec squared", "cm/s^2", "cm/s2", "cm/sec^2")
+_CM_S2 = ("cm per sec squared", "cm/s^2", "cm/s2", "cm/sec^2")
 
 
 def is_event_set(path: Path) -> bool:
     """Whether a file, or a folder, holds events with their motions."""
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-    return any(kind_of(table) in BEARING for file in files if (table := opened(file)))
+    return any(kind_of(table) in _BEARING for file in files if (table := opened(file)))
 
 
 def read_events(
@@ -66,7 +66,7 @@ def read_events(
     if path.is_file() and path not in files:
         files.append(path)
     tables = [table for file in files if (table := opened(file))]
-    bearing = [table for table in tables if kind_of(table) in BEARING]
+    bearing = [table for table in tables if kind_of(table) in _BEARING]
     chosen = [table for table in bearing if path.is_dir() or table.path.samefile(path)]
     if len(chosen) != 1:
         what = f"holds {len(chosen)} event sets: {', '.join(one.path.name for one in chosen)}" if chosen else (
@@ -91,7 +91,7 @@ def read_events(
 def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
     rows, counts = table.frame(), only_one("variations", beside)
     components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
-    if len(components) > 1 or any(unit not in CM_S2 for unit in units):
+    if len(components) > 1 or any(unit not in _CM_S2 for unit in units):
         raise event_error(
             f"has the components {', '.join(components)} in {', '.join(units)}, not one in cm/s²", table.path
         )

@@ -15,11 +15,11 @@ from toppling.results.hazard.measures import UNSCALED, measure_with_unit
 from toppling.results.hazard.readers.openquake import header_values
 
 EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
-ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}
+_ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}
 """Names of earlier versions of OpenQuake, and what they mean."""
 
-CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
-MOST_COMMENTS = 30
+_CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
+_MOST_COMMENTS = 30
 """Lines above the columns."""
 
 RUPTURE = ["Source_ID", "Rupture_ID"]
@@ -64,14 +64,14 @@ class Table:
             )
         except (ValueError, pd.errors.ParserError) as error:
             raise event_error(f"cannot be read ({error})", self.path) from error
-        return frame.rename(columns=lambda name: ALIASES.get(name.strip(), name.strip()))
+        return frame.rename(columns=lambda name: _ALIASES.get(name.strip(), name.strip()))
 
 
 def opened(path: Path) -> Table | None:
     """Table of a file, of which the first lines are read; None where it is no text."""
     try:
         with path.open(encoding="utf-8-sig") as lines:
-            head = [lines.readline() for _ in range(MOST_COMMENTS)]
+            head = [lines.readline() for _ in range(_MOST_COMMENTS)]
     except (OSError, UnicodeDecodeError):
         return None
     skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
@@ -79,7 +79,7 @@ def opened(path: Path) -> Table | None:
     separator = next((sign for sign in ",\t;" if sign in header), ",")
     names = [name.strip().strip('"') for name in header.split(separator)]
     keys = header_values(head[0]) if skipped else {}
-    return Table(path, tuple(ALIASES.get(name, name) for name in names), keys, skipped, separator)
+    return Table(path, tuple(_ALIASES.get(name, name) for name in names), keys, skipped, separator)
 
 
 def kind_of(table: Table) -> str:
@@ -87,7 +87,7 @@ def kind_of(table: Table) -> str:
     columns = set(table.header)
     if any(name.startswith("gmv_") for name in columns):
         return "fields"
-    if columns.issuperset(CYBERSHAKE):
+    if columns.issuperset(_CYBERSHAKE):
         return "cybershake"
     if {"rup_id", "multiplicity"} <= columns:
         return "ruptures"

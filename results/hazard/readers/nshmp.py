@@ -22,7 +22,7 @@ from toppling.results.hazard.readers.statement import (
     years_of_values,
 )
 
-DEPTH = 5
+_DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
 
 _FORMATS = {"ANNUAL_RATE": 0.0, "POISSON_PROBABILITY": 1.0}
@@ -103,7 +103,7 @@ def _part(path: Path, level: int) -> str:
 
 def _root(path: Path) -> Path | None:
     """Folder with the configuration of the calculation that wrote a file."""
-    return next((folder for folder in path.parents[:DEPTH] if (folder / "config.json").is_file()), None)
+    return next((folder for folder in path.parents[:_DEPTH] if (folder / "config.json").is_file()), None)
 
 
 def _years(path: Path, hints: Hints, old: bool) -> float | None:

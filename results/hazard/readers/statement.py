@@ -12,7 +12,7 @@ from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.sites import Place, distance_km
 
-EXPECTED = (
+_EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "
     "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
     "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
@@ -82,7 +82,9 @@ def refuse(
     path: Path, what: str, remedy: str = "export one site's curve as annual rates of exceedance"
 ) -> NoReturn:
     """Refuse a file of hazard."""
-    raise InputError(what, where=str(path), expected=f"annual rates of exceedance: {EXPECTED}", remedy=remedy)
+    raise InputError(
+        what, where=str(path), expected=f"annual rates of exceedance: {_EXPECTED}", remedy=remedy
+    )
 
 
 def rows_of(path: Path, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:

@@ -68,14 +68,14 @@ from toppling.workers.termination import unwatched
 
 __all__ = ["advance", "integrator", "let_down", "process_pool"]
 
-DONE, NEEDS_WORLD, NEEDS_ROOM, UNLIKE = 0, 1, 2, 3
+_DONE, _NEEDS_WORLD, _NEEDS_ROOM, _UNLIKE = 0, 1, 2, 3
 """Why :func:`advance` came back: it is there; `state.set` has no world yet; the trajectory's arrays are full; the
 engine has repeated an own step and moved the rock elsewhere."""
 
-SOON = 0.02
+_SOON = 0.02
 """Share of a step: the engine is given no shorter one before an impact of points that slip."""
 
-LATER = 2.0
+_LATER = 2.0
 """Times the time to a contact: where the velocity that was found for it meets the contact later, it is not yet met."""
 
 
@@ -85,7 +85,7 @@ def advance(sim: Simulation, worlds: Worlds, watch: Watch, steps: int) -> int:
     state = sim.state[0]
     while True:
         why = _take_steps(sim, worlds)
-        if why != DONE or calls_for_look(sim, watch, state.since):
+        if why != _DONE or calls_for_look(sim, watch, state.since):
             return why
         state.since, state.goal = state.last, state.grid + steps
 
@@ -97,16 +97,16 @@ def _take_steps(sim: Simulation, worlds: Worlds) -> int:
     while state.grid < state.goal:
         _choose_set(sim)
         if worlds.records[state.set].client == 0:
-            return NEEDS_WORLD
+            return _NEEDS_WORLD
         if state.last + ROOM > len(sim.time_s):
-            return NEEDS_ROOM
+            return _NEEDS_ROOM
         if not sim.fixed[0].own_steps:
             hand_over(sim, worlds)
         if not (state.rests and _stays(sim, worlds)):
             _step_over(sim, worlds)
         if state.unlike > 0.0:
-            return UNLIKE
-    return DONE
+            return _UNLIKE
+    return _DONE
 
 
 @inner
@@ -179,7 +179,7 @@ def _move(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -
         # Once more with the velocity up to the contact, which it meets a little sooner or later.
         before_s = contact_s
         held, contact_s = velocity_over_step(sim, before_s, left_s, resolved_m_s)
-        lands = contact_s < LATER * before_s
+        lands = contact_s < _LATER * before_s
         contact_s = contact_s if lands else before_s
         since_s = sim.time_s[state.last] - sim.velocity_time_s[state.last] + 0.5 * before_s
         share = 0.5 * (contact_s - before_s) / since_s
@@ -209,7 +209,7 @@ def _slide(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) 
     forget_slip(sim)
     contact_s, nearest_m, needed_m = _next_contact(sim, left_s, resolved_m_s)
     if contact_s < left_s:
-        if contact_s > SOON * fixed.step_s:
+        if contact_s > _SOON * fixed.step_s:
             near = min(world.near_share, fixed.left_out * nearest_m / fixed.half_diagonal_m)
             terminal_s = fixed.terminal_share * contact_s
             solved_step(sim, worlds, contact_s - terminal_s, 0.5, near)
@@ -312,10 +312,10 @@ class BulletIntegrator:
         """
         state, watch = self.history.sim.state, watch or unwatched(self._problem)
         state["since"], state["goal"] = self.history.last, self.history.grid + steps
-        while (why := advance(self.history.sim, self._worlds, watch, steps)) != DONE:
-            if why == NEEDS_ROOM:
+        while (why := advance(self.history.sim, self._worlds, watch, steps)) != _DONE:
+            if why == _NEEDS_ROOM:
                 self.history.make_room()
-            elif why == NEEDS_WORLD:
+            elif why == _NEEDS_WORLD:
                 self._make_world(int(self.history.sim.state["set"][0]))
             else:
                 unlike = float(self.history.sim.state["unlike"][0])

@@ -18,15 +18,15 @@ from toppling.workers.simulation import copy
 
 OPTIONS = PRESETS["standard"]
 
-PREPARED_STEPS, PREPARED_SHARE = OPTIONS.contact.prepared_steps, 2e-5
+_PREPARED_STEPS, _PREPARED_SHARE = OPTIONS.contact.prepared_steps, 2e-5
 """Contacts are prepared within the one times g (step)^2, and within the other share of R."""
 
-SOLVER = SolverOptions(iterations=200, residual_share=1e-3)
+_SOLVER = SolverOptions(iterations=200, residual_share=1e-3)
 
-STOPPED_SHARE = 1e-5
+_STOPPED_SHARE = 1e-5
 """Way in a look, over R, below which a rock that settles is no longer stopped: each stop costs it its contacts."""
 
-STEPS_IN_A_LOOK = 4
+_STEPS_IN_A_LOOK = 4
 
 
 def let_down(scene: Scene, pool: EnginePool) -> tuple[Array, float]:
@@ -36,7 +36,7 @@ def let_down(scene: Scene, pool: EnginePool) -> tuple[Array, float]:
     step_s = OPTIONS.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     world = pool.world(contact, len(contact.points_body_m))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
-    configure_for(world, surface, SOLVER)
+    configure_for(world, surface, _SOLVER)
     pose = contact.touching(contact.start_pose)
     size_m, g_m_s2 = contact.half_diagonal_m, scene.gravity_m_s2
     still = _swing_out(world[0], contact.points_body_m, size_m, g_m_s2, gravity, step_s, pose)
@@ -57,7 +57,7 @@ def _swing_out(
     """Let a rock swing, and go at rest from the lowest point of each swing; its last speed, m/s, or 0 at rest."""
     impulse, still = gravity_m_s2 * step_s, np.zeros(6)
     force = (force_m_s2[0], force_m_s2[1], force_m_s2[2])
-    near = max(PREPARED_STEPS * (impulse * step_s) / half_diagonal_m, PREPARED_SHARE)
+    near = max(_PREPARED_STEPS * (impulse * step_s) / half_diagonal_m, _PREPARED_SHARE)
     bullet.configure(world, impulse, near, 0.0)
     bullet.place(world, pose, still, near, 0.0)
     strict = 3e-7 * half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
@@ -65,12 +65,12 @@ def _swing_out(
     for look in range(5000):
         # A base that rolls may swing on by a millionth of its size for ever.
         limit = strict if look < 1000 else 10.0 * strict
-        for _ in range(STEPS_IN_A_LOOK):
+        for _ in range(_STEPS_IN_A_LOOK):
             copy(pose, before)
             bullet.step(world, points_m, step_s, force, pose, velocity)
         travel = travel_m(before, pose, half_diagonal_m)
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
-        if travel < previous and travel > STOPPED_SHARE * half_diagonal_m:
+        if travel < previous and travel > _STOPPED_SHARE * half_diagonal_m:
             bullet.place(world, pose, still, near, 0.0)
         if max(travel, previous) < limit:
             return 0.0

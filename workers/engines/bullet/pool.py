@@ -57,10 +57,10 @@ class _Bullet:
     set_activation = _called("b3ChangeDynamicsInfoSetActivationState", K, P, K, K)
 
 
-USE_INERTIA_FROM_FILE = 2
+_USE_INERTIA_FROM_FILE = 2
 """Of a URDF: else that of the shapes' bounding boxes is taken."""
 
-DISABLE_SLEEPING = 2
+_DISABLE_SLEEPING = 2
 """Of activation states."""
 
 
@@ -114,7 +114,7 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
         file.write(_urdf(contact.centres_body_m[:points], contact.radius_m, contact))
         file.flush()
         command = bullet.load_urdf(client, file.name.encode())
-        bullet.set_urdf_flags(command, USE_INERTIA_FROM_FILE)
+        bullet.set_urdf_flags(command, _USE_INERTIA_FROM_FILE)
         rock = bullet.body_of(bullet.submit(client, command))
     command = bullet.dynamics(client)
     bullet.set_friction(command, rock, -1, 1.0)
@@ -122,7 +122,7 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     bullet.set_linear_damping(command, rock, 0.0)
     bullet.set_angular_damping(command, rock, 0.0)
     bullet.set_largest_speed(command, rock, 1e9)
-    bullet.set_activation(command, rock, DISABLE_SLEEPING)
+    bullet.set_activation(command, rock, _DISABLE_SLEEPING)
     bullet.submit(client, command)
     command = bullet.new_shape(client)
     bullet.add_plane(command, bullet.THREE(0.0, 0.0, 1.0), 0.0)

@@ -25,10 +25,10 @@ from toppling.workers.simulation import (
     points_in_use,
 )
 
-SUNK_SHARE = 0.1
+_SUNK_SHARE = 0.1
 """Of the height by which the engine has the rock higher: a point that sinks farther in an own step is the engine's."""
 
-RAISED_OVER = 1.2
+_RAISED_OVER = 1.2
 """Times the depth of a point on its tangent."""
 
 ALLOWED = 1e-9
@@ -87,7 +87,7 @@ def _take_own_step(sim: Simulation, last: int, new: int, step_s: float) -> bool:
     for k in range(6):
         sim.velocity[new, k] = velocity[k]
     fixed = sim.fixed[0]
-    lowest_m = min(lowest_looked_at_m(sim), 0.0) - SUNK_SHARE * fixed.raised_share * fixed.half_diagonal_m
+    lowest_m = min(lowest_looked_at_m(sim), 0.0) - _SUNK_SHARE * fixed.raised_share * fixed.half_diagonal_m
     look(sim, new)
     if lowest_looked_at_m(sim) >= lowest_m:
         return True
@@ -111,7 +111,7 @@ def _raised_times(sim: Simulation, step_s: float) -> float:
         below_m = max(below_m, min(-candidates[GAP, i] - step_s * candidates[RATE, i], arc_m))
     below_m += fixed.radius_m - sphere_height_m(sim, sim.pose[sim.state[0].last])
     times = 1.0
-    while times * fixed.raised_share * fixed.half_diagonal_m < RAISED_OVER * below_m:
+    while times * fixed.raised_share * fixed.half_diagonal_m < _RAISED_OVER * below_m:
         times *= 2.0
     return times
 

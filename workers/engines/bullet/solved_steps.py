@@ -24,7 +24,7 @@ from toppling.workers.simulation import (
     velocity_increment_m_s,
 )
 
-AHEAD = 1.5
+_AHEAD = 1.5
 """Around an impact the engine is told of points this many times as far as the rock's speed takes them."""
 
 
@@ -87,7 +87,7 @@ def solved_impact(sim: Simulation, worlds: Worlds) -> None:
     step_s = fixed.engine_step * fixed.step_s
     contact, world = state.last, worlds.records[state.world]
     set_normal_offset(sim, step_s)
-    near = max(AHEAD * step_s * approach_1_s(sim), world.near_share)
+    near = max(_AHEAD * step_s * approach_1_s(sim), world.near_share)
     points = _points_within(sim, near)
     axes_rad = _axes_rad(sim, worlds, near)
     for _ in range(fixed.engine_tries):

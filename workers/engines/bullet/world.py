@@ -18,11 +18,11 @@ from toppling.workers.engines.bullet import binding
 from toppling.workers.quaternion import to_body, to_world
 from toppling.workers.simulation import copy
 
-STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
+_STARTS_TO_SLIP, _STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
 the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
 
-STILL_MOVES = 1e-2
+_STILL_MOVES = 1e-2
 """Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
 much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
 
@@ -330,7 +330,7 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     turned = x * before[0] + y * before[1] + z * before[2] < 0.0  # slip came to a halt on the way
     before[0], before[1], before[2] = x, y, z
     sticks = world.friction == world.friction_static
-    share = STARTS_TO_SLIP if sticks else STILL_SLIPS
+    share = _STARTS_TO_SLIP if sticks else _STILL_SLIPS
     if turned or math.sqrt(x * x + y * y + z * z) < share * world.friction * pressing:
         return False
     if sticks:
@@ -340,7 +340,7 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     for contact in contacts:
         if contact[_NORMAL_FORCE] > 0.0:
             x, y, z = contact[_PLACE_A : _PLACE_A + 3] - start
-            if slip_m_s(state[7:], (x, y, z)) > STILL_MOVES * world.impulse_m_s:
+            if slip_m_s(state[7:], (x, y, z)) > _STILL_MOVES * world.impulse_m_s:
                 return True
     return False
 

@@ -27,10 +27,10 @@ from toppling.workers.problem import Problem
 
 __all__ = ["MujocoIntegrator", "ground_steps", "integrator"]
 
-MARGIN_SHARE = 1e-6
+_MARGIN_SHARE = 1e-6
 """Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
 
-SEATED_WITHIN_DEG = 0.5
+_SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
 
 
@@ -88,7 +88,7 @@ class MujocoIntegrator:
         yaw = quat.yaw_between(seat, pose)
         turned = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
         between = quat.matrix(quat.product(pose[3:], quat.inverse(turned)))
-        if between[2, 2] > math.cos(math.radians(SEATED_WITHIN_DEG)):
+        if between[2, 2] > math.cos(math.radians(_SEATED_WITHIN_DEG)):
             pose[2], pose[3:] = seat[2], turned
             sim.velocity[last] = 0.0
 
@@ -101,7 +101,7 @@ def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     contact = contact_of(scene)
     spec, body = world(step_s, contact.com_m, contact.principal_inertia_m2)
     ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 1.0])
-    ground.margin = MARGIN_SHARE * contact.half_diagonal_m
+    ground.margin = _MARGIN_SHARE * contact.half_diagonal_m
     feet_m = (contact_feet_m(scene.rock, scene.pedestal) - scene.rock.com_m) @ contact.scene_from_support
     for geom in (ground, body.add_geom(**_shape(spec, feet_m @ contact.support_from_body))):
         touch(geom, step_s, scene.contact.friction_static)

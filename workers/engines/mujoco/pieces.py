@@ -11,10 +11,10 @@ from scipy.spatial import ConvexHull, QhullError
 from toppling.models.compiled import Array, Indices
 from toppling.models.ground.mesh import ContactMesh
 
-FILLED_SHARE = 1e-3
+_FILLED_SHARE = 1e-3
 """Of a piece's volume: cells join while their hull is larger than they are by less."""
 
-STEEP = 0.1
+_STEEP = 0.1
 """Upward part of a triangle's normal up to which the ground lies behind it, not below it."""
 
 
@@ -30,7 +30,7 @@ def ground_pieces(ground: ContactMesh, depth_m: float) -> list[Array]:
     """
     corners = ground.vertices_m[ground.faces]
     below = corners.copy()
-    rises = ground.normals[:, 2] > STEEP
+    rises = ground.normals[:, 2] > _STEEP
     below[..., 2] = corners[..., 2].min() - depth_m
     below[~rises] = corners[~rises] - 0.1 * depth_m * ground.normals[~rises, None, :]
     # A plate has the sign of no group but its own plane's.
@@ -122,7 +122,7 @@ class _Piece(NamedTuple):
         """Both as one, if that is convex."""
         points = np.unique(np.vstack([self.points, other.points]), axis=0)
         volume = self.volume + other.volume
-        if _volume(points) > (1.0 + FILLED_SHARE) * volume:
+        if _volume(points) > (1.0 + _FILLED_SHARE) * volume:
             return None
         return _Piece(points, volume, self.neighbours + other.neighbours)
 

@@ -12,7 +12,7 @@ from toppling.models.compiled import Array
 from toppling.models.motions.motion import Motion
 from toppling.workers import quaternion as quat
 
-STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
+_STIFFNESS_STEPS, _DAMPING_RATIO, _IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
 
 
@@ -68,8 +68,8 @@ def world(step_s: float, pose: Array, inertia_m2: Array) -> tuple[Any, Any]:
 def touch(geom: Any, step_s: float, friction: float) -> None:
     """Give a geometry the contact of this program."""
     geom.condim, geom.friction = 3, [friction, 0.0, 0.0]
-    geom.solref = [STIFFNESS_STEPS * step_s, DAMPING_RATIO]
-    geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
+    geom.solref = [_STIFFNESS_STEPS * step_s, _DAMPING_RATIO]
+    geom.solimp = [_IMPEDANCE, _IMPEDANCE, 1e-3, 0.5, 2.0]
 
 
 def hull(spec: Any, name: str, points_m: Array) -> dict[str, Any]:

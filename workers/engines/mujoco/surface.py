@@ -17,7 +17,7 @@ from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_
 from toppling.workers.engines.protocol import GroundSteps
 from toppling.workers.problem import Problem
 
-MOST_PIECES = {"rock": 100, "ground": 3000}
+_MOST_PIECES = {"rock": 100, "ground": 3000}
 """Of what is to be collided: more take minutes to prepare, and seconds a step."""
 
 
@@ -67,15 +67,15 @@ def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
         rock = [grounded.rock.vertices_m]
     else:
         wedges = rock_pieces(grounded.rock)
-        if wedges is None or len(wedges) > MOST_PIECES["rock"]:
+        if wedges is None or len(wedges) > _MOST_PIECES["rock"]:
             raise _too_hollow(hollow / scene.rock.height_m, wedges)
         rock = wedges
     ground = ground_pieces(grounded.ground, 2.0 * grounded.size_m)
-    if len(ground) > MOST_PIECES["ground"]:
+    if len(ground) > _MOST_PIECES["ground"]:
         raise InputError(
             f"the pedestal's surface is of {len(ground)} convex pieces",
             where="engine mujoco",
-            expected=f"at most {MOST_PIECES['ground']} near the rock",
+            expected=f"at most {_MOST_PIECES['ground']} near the rock",
             remedy="leave the engine out, or give a surface of fewer triangles",
         )
     for where, pieces in ((body, rock), (spec.worldbody, ground)):
@@ -91,6 +91,6 @@ def _too_hollow(share: float, wedges: list[Any] | None) -> InputError:
     return InputError(
         f"the rock is hollow by {share:.2g} of its height, and {what}",
         where="engine mujoco",
-        expected=f"a convex rock, or one of at most {MOST_PIECES['rock']} convex pieces that meet in a point",
+        expected=f"a convex rock, or one of at most {_MOST_PIECES['rock']} convex pieces that meet in a point",
         remedy="leave the engine out: the default knows any closed mesh",
     )

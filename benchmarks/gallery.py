@@ -63,16 +63,16 @@ def main() -> None:
                 f"{pgv},{rate * (0.2 / pgv) ** 2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
             ]
             (demo / name).write_text("pgv_m_s,annual_rate\n" + "".join(rows), encoding="utf-8")
-        parts, out, shown = [HEAD], Path(folder) / "out", ""
+        parts, out = [HEAD], Path(folder) / "out"
         for command, drawn, name, caption in DRAWN:
             if command:
                 shutil.rmtree(out, ignore_errors=True)
                 out.mkdir()
                 words = [word.format(demo=demo, out=out) for word in command.split()]
                 subprocess.run([*TOPPLING, *words], check=True, stdout=subprocess.DEVNULL)
-                shown = f"toppling {command.format(demo='demo', out='pictures')}"
+                parts.append(f"From `toppling {command.format(demo='demo', out='pictures')}`:\n")
             shutil.copy(out / drawn, FIGURES / name)
-            parts.append(f"## {caption}\n\n![{caption}](figures/{name})\n\nFrom `{shown}`.\n")
+            parts.append(f"![{caption}](figures/{name})\n")
     (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
 
 

@@ -83,28 +83,26 @@ _DRAWN = (
 KEYS = (
     Key("scene", path, "a folder, relative to the file", "the rock on its pedestal"),
     Key("scenes", texts, "a list of folders, with wildcards, relative to the file",
-        "instead of scene: many rocks, each shaken as if alone", (), page="guide/atlas.md"),
+        "instead of scene: many rocks", (), page="guide/atlas.md"),
     Key("sites", lambda given, place: read_sites(path(given, place)), "a CSV or TOML file, relative to the file",
-        "instead of scene, or besides scenes: a table of rocks with their sites", (), page="guide/atlas.md"),
+        "instead of scene, or with scenes: a table of rocks", (), page="guide/atlas.md"),
     Key("ensemble", path, "a folder, relative to the file", "the records"),
     Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, _AS_RECORDED),
         f"above 0, up to {LARGEST_PGA_M_S2:g}; a list, or {{ start, stop, step }} with the stop included; or "
         f'"{_AS_RECORDED}", each record as strong as it is',
-        "levels that each record's peak ground acceleration (PGA, of the horizontal vector) is scaled to, in m/s2"),
+        "levels that the PGA (of the horizontal vector) of each record is scaled to, m/s2"),
     Key("azimuth_deg", axis(lambda azimuth: 0 <= azimuth < 360, _AS_RECORDED),
         f'0 to below 360; a list or a table as above; or "{_AS_RECORDED}", each record\'s components as they pointed',
-        "azimuths that the stronger horizontal component of each record is turned to, degrees counter-clockwise from "
-        "east"),
+        "azimuths that the stronger horizontal component is turned to, degrees counter-clockwise from east"),
     Key("friction", _friction, "a list of numbers, or of [static, kinetic]",
         "coefficients of friction, of rock on rock 0.6 to 1.0"),
     Key("restitution", axis(lambda one: 0 <= one <= 1), "a list of numbers, 0 to 1",
-        "how much of the speed of an impact comes back", (0.0,), "[0.0]", "[0.0]"),
+        "coefficients of restitution", (0.0,), "[0.0]", "[0.0]"),
     Key("realisations", _count(1, _MOST_REALISATIONS), f"a whole number from 1 to {_MOST_REALISATIONS}",
-        "jobs for each point: the first on the scene as it is, the others draw centre of mass, base and friction", 1,
+        "jobs for each point: one on the scene as it is, others with draws of base and friction", 1,
         "1", "25"),
     Key("first_realisation", _count(0), "a whole number from 0",
-        "number that the realisations begin with, so that a campaign adds to another", 0, "0, the scene as it is",
-        "1"),
+        "number of the first realisation, to add to another campaign", 0, "0, the scene as it is", "1"),
     Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(one.name for one in _DRAWN)}",
         "what realisations draw besides", None, "none", "{ friction = [0.5, 1.0], yaw_deg = 5.0 }",
         "conventions.md#realisations"),
@@ -117,19 +115,19 @@ KEYS = (
     Key("audit", _count(0),
         "a whole number of jobs, 0 for none", "jobs that are done again when the run is complete",
         None, "as many as cost less than a tenth of the run", "100", "audit.md"),
-    Key("stood", _files, "a list of files of records (those of a record's components together), or folders of "
+    Key("stood", _files, "a list of files of records (components together), or folders of "
         "ensembles, relative to the file",
-        "recorded motions that the rock is known to have stood: draws of its base count by how likely they do", (),
+        "recorded motions that the rock survived, by which draws of its base are weighted", (),
         "none", '["quake.AT2"]', "guide/standing.md"),
     Key("precision", lambda given, place: read_precision(given, place.where), "0.005 to 0.5",
-        "half of the interval of 95 % at which the run ends", None, "all jobs", "0.05", "precision.md"),
+        "half of the 95 % interval at which the run ends", None, "all jobs", "0.05", "precision.md"),
     Key("target", lambda given, place: read_target(given, place.folder, place.where),
         '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
     Key("peak_displacement_m", number(lambda one: 0 < one <= _LARGEST_DISPLACEMENT_M),
         f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
-        "largest horizontal displacement of the ground: motions beyond it are high-passed (corners up to 5 Hz), a job "
-        "where that does not suffice fails", None, "none", "1.0"),
+        "largest horizontal displacement of the ground, to which motions are high-passed (corners up to 5 Hz, else "
+        "the job fails)", None, "none", "1.0"),
 )
 """Keys of a campaign file."""
 # fmt: on

@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeVar
 import pyarrow as pa
 from distributed import Worker, get_worker
 
-import toppling.models.motions
+import toppling.models
 import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
@@ -41,6 +41,10 @@ _ONE_AT_A_TIME = threading.Lock()
 Row = dict[str, Any]
 
 
+_DECIDING_MODELS = (".", "ground", "motions")
+"""Rooms of models/. How scans and files of records become scenes and ensembles decides those, not their shakes."""
+
+
 class _Identified(Protocol):
     @property
     def id(self) -> str: ...
@@ -55,14 +59,18 @@ def _code() -> str:
     Comments and docstrings decide nothing, and their change must not strand the runs that go on.
     """
     source = hashlib.blake2b(digest_size=8)
-    for package, pattern in (
-        (toppling.models, "*.py"),
-        (toppling.models.motions, "*.py"),
-        (toppling.workers, "**/*.py"),
-    ):
-        for path in sorted(Path(package.__path__[0]).glob(pattern)):
-            source.update(decisive(path.read_bytes()).encode())
+    for path in deciding_files():
+        source.update(decisive(path.read_bytes()).encode())
     return source.hexdigest()
+
+
+def deciding_files() -> list[Path]:
+    """The modules of which a shake is made: a job's answer is no other unless one of them is."""
+    models, workers = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
+    return [
+        *(path for room in _DECIDING_MODELS for path in sorted((models / room).glob("*.py"))),
+        *sorted(workers.glob("**/*.py")),
+    ]
 
 
 def decisive(source: bytes) -> str:

@@ -1,11 +1,15 @@
 """What makes a run refuse to go on: code that decides answers, not what is said about it."""
 
+import json
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from toppling.orchestrator import task
-from toppling.orchestrator.task import decisive
+from toppling.orchestrator.task import deciding_files, decisive
 
 MODULE = b'''"""What it knows."""
 import math
@@ -55,3 +59,22 @@ def test_the_identity_of_the_code_is_that_of_this_process_and_quickly_told():
     began = time.process_time()
     assert task._code() == task.CODE
     assert time.process_time() - began < 5.0
+
+
+LOADED = """
+import json, sys
+import toppling.models.motions.ensemble, toppling.models.scene, toppling.workers.job
+from toppling.workers import engines
+for engine in engines.ENGINES.values():
+    __import__(engine.module)
+print(json.dumps([module.__file__ for name, module in sys.modules.items() if name.startswith("toppling.")]))
+"""
+
+
+def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
+    """Options of a scan aside, whose names the reader of scenes knows."""
+    loaded = json.loads(
+        subprocess.run([sys.executable, "-c", LOADED], check=True, capture_output=True).stdout
+    )
+    missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in deciding_files()}
+    assert {path.name for path in missing if path.name != "__init__.py"} <= {"hints_file.py"}

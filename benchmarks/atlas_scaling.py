@@ -24,7 +24,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from toppling.orchestrator.execution import ATLAS_BUDGET_S, Tally, budget_s, room_for
+from toppling.orchestrator.execution import ATLAS_BUDGET_S, RunProgress, budget_s, room_for
 from toppling.orchestrator.order import taking_turns
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.task import ROCKS_KEPT
@@ -47,14 +47,14 @@ def client_s() -> float:
         rows = planned.pending(set())[:TIMED_JOBS]
         answers = [pretended_row(planned.spec(int(row))) for row in rows]
         sent = [pickle.dumps(answers[at : at + 60]) for at in range(0, len(rows), 60)]
-        tally, unstored = Tally(len(rows), 0), []
+        progress, unstored = RunProgress(len(rows), 0), []
         (Path(name) / "run").mkdir()
         began = time.process_time()
         for at, message in zip(range(0, len(rows), 60), sent, strict=True):
             specs = [planned.spec(int(row)) for row in rows[at : at + 60]]
             pickle.dumps(specs)
             found = checked([planned.spec(int(row)) for row in rows[at : at + 60]], pickle.loads(message))
-            tally.count(found)
+            progress.count(found)
             unstored += [{**row, "rock": None, "attempt": 1} for row in found]
         write_part(Path(name) / "run", unstored)
         return (time.process_time() - began) / len(rows)

@@ -15,7 +15,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.context import Tally
+from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.estimate import estimate
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
@@ -30,7 +30,7 @@ CAMPAIGNS = {
 """Axes, and every which record is taken."""
 
 
-def silent(tally: Tally) -> None:
+def silent(progress: RunProgress) -> None:
     """Watch nothing."""
 
 
@@ -54,12 +54,12 @@ def main() -> None:
         planned = plan(campaign, rock, motions)
         expected = estimate(planned, rock, motions)
         with tempfile.TemporaryDirectory() as folder:
-            tally = run(planned, Path(folder) / "run", local(workers), silent)
+            progress = run(planned, Path(folder) / "run", local(workers), silent)
         if expected is not None:
             rows.append({
-                "campaign": name, "jobs": len(planned), "expected_work_s": expected.work_s, "work_s": tally.work_s,
-                "ratio": expected.work_s / tally.work_s, "expected_s": expected.wall_s(workers),
-                "took_s": tally.elapsed_s,
+                "campaign": name, "jobs": len(planned), "expected_work_s": expected.work_s, "work_s": progress.work_s,
+                "ratio": expected.work_s / progress.work_s, "expected_s": expected.wall_s(workers),
+                "took_s": progress.elapsed_s,
             })  # fmt: skip
             print(rows[-1], flush=True)
     print(pd.DataFrame(rows).to_string(index=False, float_format=lambda value: f"{value:.2f}"))

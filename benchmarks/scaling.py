@@ -36,13 +36,13 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
-from toppling.orchestrator.context import Tally, Work
+from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
 from toppling.orchestrator.execution import Execution, budget_s, room_for
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.plan import Plan, plan
-from toppling.orchestrator.task import Order, Row, lost_row, versions
+from toppling.orchestrator.task import Row, RunKey, lost_row, versions
 from toppling.results.store import compact, finished_ids, write_part
 from toppling.workers.job import JobSpec
 
@@ -104,11 +104,11 @@ def million() -> dict[str, float]:
         prepare(run, planned, {})
         pending = planned.pending(set())
         dispatch = Dispatch(pending, planned.durations_s)
-        tally = Tally(len(planned), 0)
+        progress = RunProgress(len(planned), 0)
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):
             rows = [pretended_row(planned.spec(job)) for job in batch.jobs]
-            tally.count(rows)
+            progress.count(rows)
             unstored += rows
             if len(unstored) > 20_000:
                 write_part(run, unstored)
@@ -154,7 +154,7 @@ class Pretend:
     def __init__(self, seconds_per_job: float) -> None:
         self.seconds_per_job = seconds_per_job
 
-    def __call__(self, order: Order, specs: Sequence[JobSpec], budget: float) -> list[Row]:  # noqa: ARG002
+    def __call__(self, order: RunKey, specs: Sequence[JobSpec], budget: float) -> list[Row]:  # noqa: ARG002
         """Do what fits into the budget, as the true task does."""
         if not self.seconds_per_job:
             return [pretended_row(specs[0], budget)]  # one job a task, as if it took the task's whole time
@@ -233,13 +233,13 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         planned = planned_in(folder, 40, max(1, round(workers * per_worker / 40 / LEVELS)))
         run = folder / "run"
         prepare(run, planned, {})
-        order = Order(str(run), planned.scene_id, planned.ensemble_id, versions())
+        order = RunKey(str(run), planned.scene_id, planned.ensemble_id, versions())
         seen: list[tuple[float, int]] = []
         before, began = {who: cpu_s(theirs) for who, theirs in processes.items()}, time.perf_counter()
         pending = planned.pending(set())
         work = Work(
             planned, run, order, client,
-            lambda tally: seen.append((time.perf_counter(), tally.done)), Tally(len(planned), 0),
+            lambda progress: seen.append((time.perf_counter(), progress.done)), RunProgress(len(planned), 0),
         )  # fmt: skip
         execution = Execution(work, pending, Pretend(seconds_per_job))
         execution()

@@ -45,7 +45,7 @@ from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.orchestrator.settling_told import Settled
+from toppling.orchestrator.settling_notes import Settled
 from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PRESETS
 

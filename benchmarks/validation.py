@@ -24,7 +24,7 @@ from toppling.models.mesh_files import read_triangles
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.studies.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
+from toppling.orchestrator.studies.validation import Sampling, Shaken, ensemble_of, shake_tests, specimen
 from toppling.results.analysis.prediction_scores import learnt, scores, share
 
 PAGE = Path(__file__).parent / "reports" / "validation.md"
@@ -36,24 +36,26 @@ def finer(mesh: Path) -> tuple[np.ndarray, np.ndarray]:
     return trimesh.remesh.subdivide(*read_triangles(mesh))
 
 
-def variants(mesh: Path, wanted: Wanted) -> Iterator[tuple[str, Scene, Wanted]]:
+def variants(mesh: Path, sampling: Sampling) -> Iterator[tuple[str, Scene, Sampling]]:
     """Name, scene and settings of each."""
-    usual = specimen(mesh, wanted)
-    yield "as `toppling validate` does it", usual, wanted
-    yield "preset `fast`", usual, replace(wanted, preset="fast")
-    yield "preset `standard`", usual, replace(wanted, preset="standard")
-    yield "MuJoCo `draft`, no restitution", usual, replace(wanted, engine="mujoco")
-    yield "contact points to a fifth of the noise", specimen(mesh, wanted, tolerance_share=0.2), wanted
-    yield "mesh four times as fine", specimen(finer(mesh), wanted), wanted
+    usual = specimen(mesh, sampling)
+    yield "as `toppling validate` does it", usual, sampling
+    yield "preset `fast`", usual, replace(sampling, preset="fast")
+    yield "preset `standard`", usual, replace(sampling, preset="standard")
+    yield "MuJoCo `draft`, no restitution", usual, replace(sampling, engine="mujoco")
+    yield "contact points to a fifth of the noise", specimen(mesh, sampling, tolerance_share=0.2), sampling
+    yield "mesh four times as fine", specimen(finer(mesh), sampling), sampling
 
 
-def shaken(experiment: Experiment, scene: Scene, wanted: Wanted) -> Shaken:
+def shaken(experiment: Experiment, scene: Scene, sampling: Sampling) -> Shaken:
     """All tests on all draws."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         ensemble_of(folder, experiment)
         scene.save(folder / "scene")
-        return shake_tests(folder, experiment, wanted, partial(local, 2), lambda: nullcontext(lambda _: None))
+        return shake_tests(
+            folder, experiment, sampling, partial(local, 2), lambda: nullcontext(lambda _: None)
+        )
 
 
 def row(experiment: Experiment, said: Shaken) -> str:
@@ -76,10 +78,10 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=12)
     given = parser.parse_args()
     experiment = read_experiment(given.folder, given.outcome)
-    wanted = Wanted("pybullet", "draft", given.draws, 0.0)
+    sampling = Sampling("pybullet", "draft", given.draws, 0.0)
     names = "accuracy | balanced | Brier | slope"
     lines = [f"| | {names} | learnt: {names} |", "|---" * 9 + "|"]
-    for name, scene, asked in variants(given.folder / given.mesh, wanted):
+    for name, scene, asked in variants(given.folder / given.mesh, sampling):
         lines.append(f"| {name} | {row(experiment, shaken(experiment, scene, asked))} |")
         print(lines[-1], flush=True)
     put(PAGE, "invariance", "\n".join(lines))

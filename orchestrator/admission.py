@@ -9,12 +9,12 @@ from pathlib import Path
 from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import NotDeliveredError, offer
 from toppling.orchestrator.leaving import BACK_WITHIN_S, let_leave_in_order
 from toppling.orchestrator.processor import unlike
-from toppling.orchestrator.task import Order, check
-from toppling.orchestrator.upkeep import Upkeep
+from toppling.orchestrator.task import RunKey, check
 
 log = logging.getLogger(__name__)
 
@@ -28,8 +28,8 @@ NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
 
 
-def make_ready(client: Client, *orders: Order) -> None:
-    """Have a cluster ready for jobs of orders: :func:`check_workers`, and workers that leave in order.
+def make_ready(client: Client, *run_keys: RunKey) -> None:
+    """Have a cluster ready for the jobs of runs: :func:`check_workers`, and workers that leave in order.
 
     Of a scheduler of somebody else that is gone, the next at its address is waited for.
 
@@ -43,7 +43,7 @@ def make_ready(client: Client, *orders: Order) -> None:
         try:
             if client.status == "running":
                 let_leave_in_order(client)
-                return check_workers(client, *orders)
+                return check_workers(client, *run_keys)
         except (
             OSError
         ) as error:  # a worker that leaves while all are asked ends the call too: then the client runs on
@@ -60,8 +60,8 @@ def make_ready(client: Client, *orders: Order) -> None:
     raise RunError(msg)
 
 
-def check_workers(client: Client, *orders: Order) -> None:
-    """Let every worker present load the assets of the first order, and offer all to workers that do not see them.
+def check_workers(client: Client, *run_keys: RunKey) -> None:
+    """Let every worker present load the assets of the first run key, and offer all to workers that do not see them.
 
     Raises
     ------
@@ -71,10 +71,10 @@ def check_workers(client: Client, *orders: Order) -> None:
         If the workers of a local cluster die whenever they start.
     """
     _wait_for_a_worker(client)
-    answers = client.run(check, orders[0], on_error="return")
+    answers = client.run(check, run_keys[0], on_error="return")
     if blind := [worker for worker, answer in answers.items() if isinstance(answer, NotDeliveredError)]:
-        offer_assets(client, orders)
-        answers |= client.run(check, orders[0], on_error="return", workers=blind)
+        offer_assets(client, run_keys)
+        answers |= client.run(check, run_keys[0], on_error="return", workers=blind)
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
     unfit = (
@@ -94,7 +94,7 @@ def check_workers(client: Client, *orders: Order) -> None:
         log.warning("%s", remark)
 
 
-def offer_assets(client: Client, orders: Iterable[Order]) -> None:
+def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
     """Put the scenes and ensembles of orders at the scheduler, for workers that do not see the run's folder.
 
     Raises
@@ -103,7 +103,7 @@ def offer_assets(client: Client, orders: Iterable[Order]) -> None:
         If they are not in that folder any more.
     """
     places: dict[str, Path] = {}
-    for one in orders:
+    for one in run_keys:
         places[one.scene_id] = Path(one.folder) / one.scene_place
         places[one.ensemble_id] = Path(one.folder) / one.ensemble_place
     if gone := [str(place) for place in places.values() if not place.is_dir()]:
@@ -114,15 +114,15 @@ def offer_assets(client: Client, orders: Iterable[Order]) -> None:
 
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first: for ever where somebody else starts it, such as a batch system."""
-    began, told, upkeep = time.monotonic(), False, Upkeep(client)
+    began, waiting_said, supervisor = time.monotonic(), False, ClusterSupervisor(client)
     while not client.nthreads():
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
             return
-        if not told:
+        if not waiting_said:
             log.warning("no worker has come yet: waiting")
-            told = True
-        if upkeep.gone():
+            waiting_said = True
+        if supervisor.gone():
             if isinstance(client.cluster, LocalCluster) and time.monotonic() - began > NOBODY_AFTER_S:
                 raise RunError(NOBODY)
-            upkeep.replace()
+            supervisor.replace()

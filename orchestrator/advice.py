@@ -15,7 +15,7 @@ from toppling.models.motions.plausible import LARGEST_FACTOR, LARGEST_PGD_M, is_
 from toppling.models.motions.quality import TOLD_PGV_M_S
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.trial import Statics, statics_of
+from toppling.orchestrator.pilot import Statics, statics_of
 
 _LARGEST_FRICTION = 1.5
 """Of rock on rock; above it a coefficient is more likely an angle."""
@@ -61,7 +61,7 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
-            f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_told(scene)}"
+            f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_sentence(scene)}"
             f"'realisations = {REALISATIONS}' shakes others too"
         )
     highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
@@ -127,7 +127,7 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     ]
 
 
-def _width_told(scene: Scene) -> str:
+def _width_sentence(scene: Scene) -> str:
     said = scene.report.get("unseen_base", {}).get("toppling")
     if not said:
         return ""
@@ -140,7 +140,7 @@ def _of_statics(campaign: Campaign, highest: float, statics: Statics, scene: Sce
     found, least = [], statics.least_m_s2
     if highest <= least:
         found.append(
-            f"all levels are below the least constant acceleration that topples the rock ({told(statics)}): "
+            f"all levels are below the least constant acceleration that topples the rock ({least_static(statics)}): "
             "hardly any job will topple it; 'toppling init' writes levels that suit it"
         )
     slips = [static for static, _ in campaign.friction if static * scene.gravity_m_s2 < least]
@@ -151,7 +151,7 @@ def _of_statics(campaign: Campaign, highest: float, statics: Statics, scene: Sce
     return found
 
 
-def told(statics: Statics) -> str:
+def least_static(statics: Statics) -> str:
     """The least static toppling acceleration in words."""
     azimuth = statics.azimuth_deg
     return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"

@@ -14,9 +14,9 @@ from toppling.models.contact import ContactProperties
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import local
-from toppling.orchestrator.asked import Asked, read_precision, read_target
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.sites import Site, ensemble_folder, joined, read_sites, scenes_matching
+from toppling.orchestrator.target_spec import TargetSpec, read_precision, read_target
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -159,7 +159,7 @@ class Campaign:
     unmeasured: Unmeasured | None = None
     stood: tuple[Path, ...] = ()
     precision: float | None = None
-    target: Asked | None = None
+    target: TargetSpec | None = None
     sites: tuple[Site, ...] = ()
 
     @property

@@ -14,7 +14,7 @@ from toppling.models.folder import local
 from toppling.models.lease import WRITERS
 from toppling.models.store_address import is_store
 from toppling.models.stores import at_hand, carry_back
-from toppling.orchestrator.interrupt import as_program, told_as_stop
+from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.spelling import Verbs
 
 VERBS = {
@@ -118,7 +118,7 @@ def call() -> None:
     """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
     try:
         sys.argv[1:] = [_at_hand(word) for word in sys.argv[1:]]
-        with told_as_stop():
+        with signals_as_stop():
             try:
                 cli.main(prog_name="toppling", standalone_mode=False)
             finally:

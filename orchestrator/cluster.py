@@ -17,11 +17,11 @@ from distributed import Client, LocalCluster, performance_report
 from distributed.security import Security
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.interrupt import Whole, kept_from_children
+from toppling.orchestrator.cluster_supervisor import let_resize
+from toppling.orchestrator.interrupt import Uninterrupted, kept_from_children
 from toppling.orchestrator.leaving import BACK_WITHIN_S
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
-from toppling.orchestrator.upkeep import let_resize
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -80,7 +80,7 @@ def local(workers: int, most: int | None = None) -> Iterator[Client]:
     safe_for_children()
     compile_apart()
     load_defaults()
-    with Whole(_local_session()) as (cluster, client):
+    with Uninterrupted(_local_session()) as (cluster, client):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
         let_resize(cluster, workers, most or workers)
         yield client
@@ -191,7 +191,7 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
             what = "the address asks for TLS, and no certificates are given"
         raise _unreachable(where, what) from None
     client._timeout = BACK_WITHIN_S  # for a scheduler that is started again
-    with Whole(client):
+    with Uninterrupted(client):
         with contextlib.suppress(OSError):  # who asks for workers next will tell
             _check_scheduler(client)
         _warn_of_open_door(str(client.scheduler_info()["address"]))
@@ -216,7 +216,7 @@ def queue(kind: str, jobs: int, secrets: Path, most: int | None = None) -> Itera
     most : int or None
         Batch jobs that there may be where there is work for them; None for no more.
     """
-    with Whole(_queue_session(kind, secrets)) as (cluster, client):
+    with Uninterrupted(_queue_session(kind, secrets)) as (cluster, client):
         cluster.scale(jobs=jobs)
         let_resize(cluster, jobs, most or jobs)
         yield client

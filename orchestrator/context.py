@@ -11,22 +11,22 @@ from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, PlannedScene
-from toppling.orchestrator.task import Order, Row
+from toppling.orchestrator.task import Row, RunKey
 
 
 class RunError(RuntimeError):
     """The run cannot go on; what is stored stays, and the same command resumes."""
 
 
-class Watcher(Protocol):
+class ProgressCallback(Protocol):
     """Who wants to see a run go on."""
 
-    def __call__(self, tally: "Tally") -> None:
+    def __call__(self, progress: "RunProgress") -> None:
         """Take note of the state; called often, must return at once."""
 
 
 @dataclass
-class Tally:
+class RunProgress:
     """How far a run has come.
 
     Parameters
@@ -82,7 +82,7 @@ class Tally:
         """Jobs of this session that have no answer."""
         return self.done - self.status["ok"]
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """State in words that a program reads."""
         return {
             "done": self.done,
@@ -114,11 +114,11 @@ class Work:
     planned : Plan
     folder : Path
         The run's.
-    order : Order
+    run_key : RunKey
         What workers must find.
     client : Client
-    watch : Watcher
-    tally : Tally
+    watch : ProgressCallback
+    progress : RunProgress
         Of the jobs of the plan; counted on.
     limits : Limits
     redo : mapping
@@ -129,18 +129,18 @@ class Work:
 
     planned: Plan
     folder: Path
-    order: Order
+    run_key: RunKey
     client: Client
-    watch: Watcher
-    tally: Tally
+    watch: ProgressCallback
+    progress: RunProgress
     limits: Limits = USUAL_LIMITS
     redo: Mapping[str, int] = field(default_factory=dict)
     store: Path | None = None
 
 
-def order_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> Order:
+def run_key_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> RunKey:
     """What a worker must find before it does jobs of one scene."""
-    return Order(
+    return RunKey(
         str(folder), scene.scene_id, scene.ensemble_id, here, scene.scene_place, scene.ensemble_place
     )
 

@@ -95,10 +95,10 @@ def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]
     return pending[np.lexsort((turn * duration, level))][spread(len(pending), timed_jobs(len(pending)))]
 
 
-def words_of(told: TimeEstimate | None, jobs: int, workers: int | None) -> str:
+def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
     """How long jobs are expected to take, or why that is not known."""
-    if told is not None:
-        return told.words(jobs, workers)
+    if estimated is not None:
+        return estimated.words(jobs, workers)
     return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
 
 
@@ -160,12 +160,12 @@ def estimate_atlas(planned: Plan) -> TimeEstimate | None:
         alone = plan(campaign, scene, ensemble)
         with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
             check_stands(campaign, scene)
-            if (told := estimate(alone, scene, ensemble)) is not None:
-                found.append((told, len(alone)))
+            if (estimated := estimate(alone, scene, ensemble)) is not None:
+                found.append((estimated, len(alone)))
     if not found:
         return None
-    job_s = sum(told.work_s for told, _ in found) / sum(jobs for _, jobs in found)
-    return TimeEstimate(job_s * len(planned), sum(told.timed for told, _ in found))
+    job_s = sum(estimated.work_s for estimated, _ in found) / sum(jobs for _, jobs in found)
+    return TimeEstimate(job_s * len(planned), sum(estimated.timed for estimated, _ in found))
 
 
 _ASSETS: list[Assets] = []

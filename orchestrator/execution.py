@@ -25,14 +25,14 @@ from toppling.orchestrator.admission import (
     offer_assets,
 )
 from toppling.orchestrator.answers import checked
-from toppling.orchestrator.context import RunError, Tally, Work, order_of
+from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.context import RunError, RunProgress, Work, run_key_of
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.leaving import was_told_to_leave
-from toppling.orchestrator.task import Order, Row, UnfitWorkerError, lost_row, shake_batch
-from toppling.orchestrator.upkeep import Upkeep
+from toppling.orchestrator.task import Row, RunKey, UnfitWorkerError, lost_row, shake_batch
 from toppling.results.store import write_part
 from toppling.workers.job import JobSpec
 
@@ -54,7 +54,7 @@ _LOOK_S = 2.0
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
-Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
+Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
 
 
 def budget_s(workers: int) -> float:
@@ -74,7 +74,7 @@ class Execution:
     Parameters
     ----------
     work : Work
-        Whose plan, workers and store they have, and whose tally is counted on.
+        Whose plan, workers and store they have, and whose progress is counted on.
     pending : (n,) int array
         Rows of the plan that need work, in the order to start them.
     task : callable
@@ -82,16 +82,16 @@ class Execution:
     """
 
     def __init__(self, work: Work, pending: NDArray[np.int64], task: Task = shake_batch) -> None:
-        self.work, self.plan, self.client, self.tally = work, work.planned, work.client, work.tally
+        self.work, self.plan, self.client, self.progress = work, work.planned, work.client, work.progress
         self.task = task
         self.dispatch = Dispatch(pending, self.plan.durations_s, work.limits.tries, self.plan.scene_of)
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
-        self._orders = [order_of(scene, work.folder, work.order.versions) for scene in self.plan.scenes]
+        self._run_keys = [run_key_of(scene, work.folder, work.run_key.versions) for scene in self.plan.scenes]
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
         self._looked = -math.inf
-        self._upkeep = Upkeep(self.client)
+        self._upkeep = ClusterSupervisor(self.client)
         self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
         self._overdue: set[str] = set()
@@ -99,7 +99,7 @@ class Execution:
         self._unstored: list[Row] = []
         self._flushed = time.monotonic()
 
-    def __call__(self) -> Tally:
+    def __call__(self) -> RunProgress:
         """Work until every job has a row in the store.
 
         Raises
@@ -122,7 +122,7 @@ class Execution:
                     arriving.clear()
                     self._rejoin(error)
                 self._flush()
-                self.work.watch(self.tally)
+                self.work.watch(self.progress)
         finally:
             with held_back():
                 arriving.clear()
@@ -130,15 +130,15 @@ class Execution:
                 if self._flying and self.client.status == "running":
                     with suppress(OSError):
                         self.client.cancel(list(self._flying), force=True)
-                self.work.watch(self.tally)
-        return self.tally
+                self.work.watch(self.progress)
+        return self.progress
 
     def _budget_s(self, workers: int) -> float:
         """Work of one task, which of many rocks begins with a rock that is not at hand."""
         return max(budget_s(workers), ATLAS_BUDGET_S if len(self.plan.scenes) > 1 else 0.0)
 
     def _submit(self, arriving: as_completed) -> None:
-        workers = max(self.tally.workers, 1)
+        workers = max(self.progress.workers, 1)
         batches: list[Batch] = []
         # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
         while len(self._flying) + len(batches) < 2 * workers + 2 and (
@@ -156,7 +156,7 @@ class Execution:
         # In one graph: Dask takes its tasks for one group only if it sees them together.
         futures = self.client.map(
             self.task,
-            [self._orders[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
+            [self._run_keys[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
             specs,
             [self._budget_s(workers)] * len(batches),
             key=keys,
@@ -180,7 +180,7 @@ class Execution:
             self.dispatch.came_back(batch, done=0)
         self._flying.clear()
         tell("scheduler lost", error=repr(error))
-        make_ready(self.client, *self._orders)
+        make_ready(self.client, *self._run_keys)
         tell("scheduler came back")
         self._looked = -math.inf
 
@@ -189,7 +189,7 @@ class Execution:
         if status == "finished":
             rows = checked([self.plan.spec(job) for job in batch.jobs], result)
             self._keep(rows, batch.attempt)
-            self._room = room_for(rows, self._budget_s(self.tally.workers))
+            self._room = room_for(rows, self._budget_s(self.progress.workers))
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
@@ -208,19 +208,19 @@ class Execution:
                 tell("worker left", worker=error.last_worker.address, jobs=len(batch.jobs))
                 self.dispatch.came_back(batch, done=0)
                 return
-            self.tally.deaths += 1
-            told = {"worker": error.last_worker.address, "alone": batch.alone, "attempt": batch.attempt}
+            self.progress.deaths += 1
+            details = {"worker": error.last_worker.address, "alone": batch.alone, "attempt": batch.attempt}
             log.warning(
                 "a worker %s with %d jobs at hand",
                 "hung" if hung else "died",
                 len(batch.jobs),
-                extra={"fields": told},
+                extra={"fields": details},
             )
             lost = self.dispatch.died(batch, hung=hung)
             if lost is not None:
                 self._give_up(lost, batch)
         elif isinstance(error, NotDeliveredError):
-            offer_assets(self.client, self._orders)
+            offer_assets(self.client, self._run_keys)
             self.dispatch.came_back(batch, done=0)
         elif isinstance(error, UnfitWorkerError):
             log.warning("%s; it is sent away", error)
@@ -237,8 +237,8 @@ class Execution:
     def _give_up(self, job: int, batch: Batch) -> None:
         status, message = why_given_up(self.work.limits, self.dispatch.hung[job])
         spec = self.plan.spec(job)
-        told = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
-        log.warning("job %s of record %s: %s, %s", *told.values(), message, extra={"fields": told})
+        details = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
+        log.warning("job %s of record %s: %s, %s", *details.values(), message, extra={"fields": details})
         self._keep([lost_row(spec, status, message)], batch.attempt)
 
     def _look(self) -> None:
@@ -248,24 +248,24 @@ class Execution:
             return
         self._looked = now
         workers = sum(self.client.nthreads().values())
-        if workers != self.tally.workers:
-            tell("workers changed", workers=workers, before=self.tally.workers)
-        self.tally.workers = workers
+        if workers != self.progress.workers:
+            tell("workers changed", workers=workers, before=self.progress.workers)
+        self.progress.workers = workers
         if not self._upkeep.gone():
             self._all_alive = now
-        elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
+        elif now - self._all_alive > NOBODY_AFTER_S and not self.progress.workers:
             raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
             self._upkeep.replace()
         processing = self.client.processing()
-        self._upkeep.grow(self.tally.work_left_s)
+        self._upkeep.grow(self.progress.work_left_s)
         self._upkeep.shrink(processing)
         working = {(worker, str(key)) for worker, keys in processing.items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {
             place
             for place, since in self._since.items()
-            if now - since > self._budget_s(self.tally.workers) + self.work.limits.job_s
+            if now - since > self._budget_s(self.progress.workers) + self.work.limits.job_s
         }
         if late:
             self._overdue |= {key for _, key in late}
@@ -279,7 +279,7 @@ class Execution:
             loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row], attempt: int) -> None:
-        self.tally.count(rows)
+        self.progress.count(rows)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
         self._unstored += [
             {
@@ -292,11 +292,11 @@ class Execution:
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()
-        pause = min(max(self.tally.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
+        pause = min(max(self.progress.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
         if self._unstored and (last or now - self._flushed >= pause):
             write_part(self.work.store or self.work.folder, self._unstored)
-            self.tally.stored += len(self._unstored)
-            self.tally.again -= sum(row["job_id"] in self.work.redo for row in self._unstored)
+            self.progress.stored += len(self._unstored)
+            self.progress.again -= sum(row["job_id"] in self.work.redo for row in self._unstored)
             self._unstored = []
-            tell("rows stored", **self.tally.told())
+            tell("rows stored", **self.progress.summary())
             self._flushed = time.monotonic()

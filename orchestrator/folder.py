@@ -23,9 +23,9 @@ from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
-from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_or_sites, scenes_told, site_in_run
+from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, scene_or_sites, site_in_run
 from toppling.orchestrator.sites import sites_text
-from toppling.results.belonging import (
+from toppling.results.run_integrity import (
     ENSEMBLE_FILES,
     NEEDED,
     SCENE_FILES,
@@ -67,7 +67,10 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     if run.exists() or run.is_symlink():
         _check(run, plan, versions)
         return
-    sites, told = sites_text(map(site_in_run, plan.scenes)) if plan.campaign.sites else "", scenes_told(plan)
+    sites, entries = (
+        sites_text(map(site_in_run, plan.scenes)) if plan.campaign.sites else "",
+        scene_entries(plan),
+    )
     without_stand = list(rows_without_stand(plan))
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
@@ -97,7 +100,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             "files": digests_of(staging),
             "versions": versions,
             "engine": ENGINES[plan.campaign.engine].citation,
-            **told,
+            **entries,
             "created_at": now(),
             "sessions": [],
         }
@@ -148,7 +151,7 @@ def describe(run: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Hold the folder for writing; what the block adds to the session's notes ends up in `run.json`.
 
     Raises
@@ -178,7 +181,7 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": now(), "host": socket.gethostname(), "ended": _GOES_ON, **told}
+        notes = {"started_at": now(), "host": socket.gethostname(), "ended": _GOES_ON, **remarks}
         note(run, notes, new=True)
         try:
             yield notes
@@ -270,14 +273,14 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     _refuse_links(run, [*(run / name for name in written), *below])
     check_files(run)
     # A changed campaign is told first: its versions may differ just because its engine does.
-    told = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
+    difference = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
     differing = [
         f"{name} {there.get(name)}, now {version}"
         for name, version in versions.items()
         if there.get(name) != version
     ]
-    if differing and not told:
+    if differing and not difference:
         raise _error(
             run,
             f"the run was begun with {'; '.join(differing)}",
@@ -287,7 +290,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     if content.get("plan_id") != plan.id:
         raise _error(
             run,
-            f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)}){told}",
+            f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)}){difference}",
             expected="the same campaign, scene and ensemble as when the run was begun",
             remedy="give another --out, or go on with the one that lies in the folder",
         )

@@ -46,7 +46,7 @@ def as_program(work: Callable[[], object]) -> NoReturn:
     code: Any = 0
     try:
         try:
-            with told_as_stop():
+            with signals_as_stop():
                 work()
         except SystemExit as end:
             code = end.code
@@ -114,7 +114,7 @@ def _of_no_interest(what: object) -> None:
 
 
 @contextmanager
-def told_as_stop() -> Iterator[None]:
+def signals_as_stop() -> Iterator[None]:
     """What fails once a stop was asked for is the stop: workers and connections are gone because of it."""
     try:
         yield
@@ -136,7 +136,7 @@ def held_back() -> Iterator[None]:
             _raise_unless_held()
 
 
-class Whole(AbstractContextManager[Entered]):
+class Uninterrupted(AbstractContextManager[Entered]):
     """A context whose beginning and end Ctrl-C does not cut in two, but what is done in it.
 
     Half a beginning leaves processes behind, and half an end threads and pages of errors.

@@ -84,7 +84,7 @@ class _JsonLines(logging.Handler):
                 os.write(self._file, b"\n")
 
     def emit(self, record: logging.LogRecord) -> None:
-        told = {
+        event = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "event": record.getMessage(),
@@ -92,7 +92,7 @@ class _JsonLines(logging.Handler):
         }
         # A full disk stops the run where rows are stored, and says so there.
         with suppress(OSError):
-            os.write(self._file, _with_checksum(json.dumps(told, default=str).encode()) + b"\n")
+            os.write(self._file, _with_checksum(json.dumps(event, default=str).encode()) + b"\n")
 
     def close(self) -> None:
         os.close(self._file)

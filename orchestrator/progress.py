@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 if TYPE_CHECKING:
-    from toppling.orchestrator.context import Tally, Watcher
+    from toppling.orchestrator.context import ProgressCallback, RunProgress
 
 LINE_EVERY_S = 60.0
 
@@ -43,10 +43,10 @@ class Advance:
         counted = f"{self.done:g}" if self.done else ""  # a single piece of work has no parts to count
         of = counted if self.total is None else f"{self.done:g} of {self.total:g}"
         elapsed_s = time.monotonic() - self.began
-        told = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
+        parts = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
         if self.total and 0 < self.done < self.total:
-            told.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
-        return "  ".join(told)
+            parts.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
+        return "  ".join(parts)
 
 
 @contextmanager
@@ -105,7 +105,7 @@ def each(items: Iterable[Item], what: str, total: float | None = None) -> Iterat
 
 
 @contextmanager
-def watcher() -> Iterator[Watcher]:
+def watcher() -> Iterator[ProgressCallback]:
     """Show a run on stderr, in the way that fits where stderr leads."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -115,39 +115,45 @@ def watcher() -> Iterator[Watcher]:
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[pace]}"),
         console=console,
     ) as bar:
-        shown = bar.add_task("shaking", total=None, told="starting workers")
+        shown = bar.add_task("shaking", total=None, pace="starting workers")
 
-        def watch(tally: Tally) -> None:
-            done = tally.before + tally.done
-            bar.update(shown, description=tally.what, total=tally.total, completed=done, told=told(tally))
+        def watch(progress: RunProgress) -> None:
+            done = progress.before + progress.done
+            bar.update(
+                shown,
+                description=progress.what,
+                total=progress.total,
+                completed=done,
+                pace=pace_and_counts(progress),
+            )
 
         yield watch
 
 
-def _lines(console: Console) -> Watcher:
+def _lines(console: Console) -> ProgressCallback:
     last, ended = time.monotonic(), ""
 
-    def watch(tally: Tally) -> None:
+    def watch(progress: RunProgress) -> None:
         nonlocal last, ended
-        complete = tally.before + tally.done == tally.total and tally.what != ended
+        complete = progress.before + progress.done == progress.total and progress.what != ended
         if complete or time.monotonic() - last >= LINE_EVERY_S:
             last = time.monotonic()
-            ended = tally.what if complete else ended
-            what = "" if tally.what == "shaking" else f"{tally.what}: "
-            done = f"{tally.before + tally.done}/{tally.total} jobs"
-            console.print(f"{what}{done}  {told(tally)}", soft_wrap=True)
+            ended = progress.what if complete else ended
+            what = "" if progress.what == "shaking" else f"{progress.what}: "
+            done = f"{progress.before + progress.done}/{progress.total} jobs"
+            console.print(f"{what}{done}  {pace_and_counts(progress)}", soft_wrap=True)
 
     return watch
 
 
-def told(tally: Tally) -> str:
+def pace_and_counts(progress: RunProgress) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
-    parts = [pace(tally.rate), f"{tally.toppled} toppled", f"{tally.failed} failed"]
-    if tally.left_s is not None and tally.before + tally.done < tally.total:
-        parts.insert(1, f"{duration(tally.left_s)} left")
+    parts = [pace(progress.rate), f"{progress.toppled} toppled", f"{progress.failed} failed"]
+    if progress.left_s is not None and progress.before + progress.done < progress.total:
+        parts.insert(1, f"{duration(progress.left_s)} left")
     return "  ".join(parts)
 
 

@@ -10,7 +10,7 @@ from toppling.models.settling import Settling
 from toppling.orchestrator.plan import Plan, PlannedScene, Settled
 from toppling.orchestrator.sites import Site
 from toppling.orchestrator.task import lost_row
-from toppling.results.belonging import SITES_FILE
+from toppling.results.run_integrity import SITES_FILE
 
 
 def scene_or_sites(plan: Plan) -> str:
@@ -35,7 +35,7 @@ def rows_without_stand(plan: Plan) -> Iterator[dict[str, Any]]:
             yield {**lost_row(spec, "failed", why), "rock": names[spec.scene_id], "attempt": 1}
 
 
-def scenes_told(plan: Plan) -> dict[str, Any]:
+def scene_entries(plan: Plan) -> dict[str, Any]:
     """What `run.json` says of how rocks settle, and of each of many."""
 
     def most(scene_id: str) -> dict[str, Any] | None:
@@ -45,15 +45,15 @@ def scenes_told(plan: Plan) -> dict[str, Any]:
 
     if not plan.campaign.sites:
         return {"settling": most(plan.scene_id)}
-    told = [
-        _scene_told(one, plan.settled) | {"jobs": jobs, "settling": most(one.scene_id)}
+    entries = [
+        _scene_entry(one, plan.settled) | {"jobs": jobs, "settling": most(one.scene_id)}
         for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
-    return {"settling": None, "scenes": told, "left_out": left_out}
+    return {"settling": None, "scenes": entries, "left_out": left_out}
 
 
-def _scene_told(scene: PlannedScene, settled: Settled) -> dict[str, Any]:
+def _scene_entry(scene: PlannedScene, settled: Settled) -> dict[str, Any]:
     site, of_scene = scene.site, [one for (name, *_), one in settled.items() if name == scene.scene_id]
     assert site is not None
     problems = "; ".join(str(one) for one in of_scene if isinstance(one, InputError))

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from distributed import Client
 
-from toppling.orchestrator.context import Stage, Tally, Watcher
+from toppling.orchestrator.context import ProgressCallback, RunProgress, Stage
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.session import Session
 from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.studies.conditioning import Weighing
-from toppling.orchestrator.studies.precision import jobs_wanted
+from toppling.orchestrator.studies.precision import select_jobs
 from toppling.workers.engines import ENGINES
 
 
@@ -20,11 +20,11 @@ def run(
     planned: Plan,
     folder: Path,
     cluster: AbstractContextManager[Client],
-    watch: Watcher,
+    watch: ProgressCallback,
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
     stages: Sequence[Stage] = (),
-) -> Tally:
+) -> RunProgress:
     """Carry a plan out, or go on with it, as :meth:`toppling.orchestrator.session.Session.carry_out`.
 
     A new run begins with a look at how its rocks settle, and with a weighing of bases where the campaign asks for it.
@@ -40,5 +40,5 @@ def run(
     if not folder.exists():
         planned = with_settling(planned)
     ENGINES[planned.campaign.engine].require()
-    session = Session(cluster, watch, limits, again, [Weighing(), *stages], jobs_wanted)
+    session = Session(cluster, watch, limits, again, [Weighing(), *stages], select_jobs)
     return session.carry_out(planned, folder)

@@ -12,15 +12,15 @@ from typing import Any
 from distributed import Client
 
 from toppling.orchestrator.admission import make_ready
-from toppling.orchestrator.context import RunError, Stage, Tally, Watcher, Work, order_of
+from toppling.orchestrator.context import ProgressCallback, RunError, RunProgress, Stage, Work, run_key_of
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
 from toppling.orchestrator.folder import note, prepare, remarks, session
+from toppling.orchestrator.job_selection import AllJobs, Choose, JobSelection
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.task import Order, versions
-from toppling.orchestrator.wanted import AllJobs, Choose, Wanted
+from toppling.orchestrator.task import RunKey, versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 
 log = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ class Session:
     ----------
     cluster : context manager of Client
         Entered only if there is work.
-    watch : Watcher
+    watch : ProgressCallback
     limits : Limits
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
@@ -47,13 +47,13 @@ class Session:
     """
 
     cluster: AbstractContextManager[Client]
-    watch: Watcher
+    watch: ProgressCallback
     limits: Limits = USUAL_LIMITS
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
     choose: Choose = AllJobs
 
-    def carry_out(self, planned: Plan, folder: Path) -> Tally:
+    def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
 
         Parameters
@@ -64,7 +64,7 @@ class Session:
 
         Returns
         -------
-        Tally
+        RunProgress
             Of this session.
 
         Raises
@@ -76,7 +76,7 @@ class Session:
         """
         here = versions(planned.campaign.engine)
         prepare(folder, planned, dict(here))
-        orders = [order_of(scene, folder, here) for scene in planned.scenes]
+        run_keys = [run_key_of(scene, folder, here) for scene in planned.scenes]
         with session(folder, {}) as notes, journal(folder):
             tell(
                 "session began",
@@ -88,37 +88,41 @@ class Session:
             for sentence, fields in remarks(folder):
                 log.warning("%s", sentence, extra={"fields": fields})
             try:
-                tally = self._until_complete(_Goal(planned, folder, notes, self.again, self.choose), orders)
+                progress = self._until_complete(
+                    _Goal(planned, folder, notes, self.again, self.choose), run_keys
+                )
             except BaseException as error:
                 tell("session ended", how=type(error).__name__, why=str(error))
                 raise
-            tell("session ended", how="complete", **tally.told())
-        return tally
+            tell("session ended", how="complete", **progress.summary())
+        return progress
 
-    def _until_complete(self, goal: "_Goal", orders: Sequence[Order]) -> Tally:
-        planned, tally = goal.planned, goal.tally
+    def _until_complete(self, goal: "_Goal", run_keys: Sequence[RunKey]) -> RunProgress:
+        planned, progress = goal.planned, goal.progress
         if not self._due(goal, before=True):
-            left = goal.wanted.pending(goal.finished - goal.redo.keys())
+            left = goal.selection.pending(goal.finished - goal.redo.keys())
             if not len(left):
-                left = goal.wanted.pending(goal.merge())
-            tally.total = goal.wanted.total()
+                left = goal.selection.pending(goal.merge())
+            progress.total = goal.selection.total()
             if not len(left) and not self._due(goal, before=False):
-                return tally
-        tell("work began", **tally.told())
+                return progress
+        tell("work began", **progress.summary())
         with ExitStack() as until_done:
             client = until_done.enter_context(self.cluster)
             until_done.enter_context(client.as_current())
             until_done.enter_context(leaving_in_order(client))
-            make_ready(client, *orders)
-            work = Work(planned, goal.folder, orders[0], client, self.watch, tally, self.limits, goal.redo)
-            tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
+            make_ready(client, *run_keys)
+            work = Work(
+                planned, goal.folder, run_keys[0], client, self.watch, progress, self.limits, goal.redo
+            )
+            progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in self._due(goal, before=True):
                 stage.carry_out(work)
-            work_off(goal.wanted, work, goal.merge)
-            tally.ended = time.monotonic()
+            work_off(goal.selection, work, goal.merge)
+            progress.ended = time.monotonic()
             for stage in self._due(goal, before=False):
                 stage.carry_out(work)
-        return tally
+        return progress
 
     def _due(self, goal: "_Goal", *, before: bool) -> list[Stage]:
         return [one for one in self.stages if one.before == before and one.due(goal.planned, goal.folder)]
@@ -133,37 +137,39 @@ class _Goal:
         self.planned, self.folder, self.notes = planned, folder, notes
         self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
         self.redo = attempts_with(folder, again) if again else {}
-        self.wanted = choose(planned, folder)
-        self.tally = Tally(self.wanted.total(), len(self.finished - self.redo.keys()), len(self.redo))
+        self.selection = choose(planned, folder)
+        self.progress = RunProgress(
+            self.selection.total(), len(self.finished - self.redo.keys()), len(self.redo)
+        )
 
     def merge(self) -> set[str]:
         """Merge the parts of a complete run; its finished jobs, of which some lack if a part was cut meanwhile.
 
         The session's notes come first: what `compact` puts into the results tells of this session too.
         """
-        tally, folder = self.tally, self.folder
+        progress, folder = self.progress, self.folder
         ended = {
             "ended": "complete",
-            "done": tally.done,
-            "status": dict(tally.status),
-            "deaths": tally.deaths,
+            "done": progress.done,
+            "status": dict(progress.status),
+            "deaths": progress.deaths,
         }
         note(folder, self.notes | ended)
         if result_files(folder) != [folder / RESULTS_FILE]:
             with suppress(FileNotFoundError):  # no part is left that can be read
                 compact(folder)
         finished = finished_ids(folder, self.planned.ids, self.redo)
-        if not len(self.wanted.pending(finished)):
+        if not len(self.selection.pending(finished)):
             self.notes |= ended
         return finished
 
 
-def work_off(wanted: Wanted, work: Work, merge: Callable[[], set[str]] | None = None) -> None:
+def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] | None = None) -> None:
     """Shake until every job that is wanted has a row.
 
     Parameters
     ----------
-    wanted : Wanted
+    selection : JobSelection
     work : Work
     merge : callable or None
         What is done once all have a row; returns the ids of the jobs that still have one.
@@ -173,12 +179,12 @@ def work_off(wanted: Wanted, work: Work, merge: Callable[[], set[str]] | None = 
     RunError
         If the run cannot go on, or rows are lost again and again.
     """
-    folder, ids, tally, redo = work.folder, work.planned.ids, work.tally, work.redo
+    folder, ids, progress, redo = work.folder, work.planned.ids, work.progress, work.redo
     sent: set[int] = set()
     in_vain = 0
-    pending = wanted.pending(finished_ids(folder, ids, redo))
+    pending = selection.pending(finished_ids(folder, ids, redo))
     if not len(pending) and merge:  # a stage before has done them all
-        pending = wanted.pending(merge())
+        pending = selection.pending(merge())
     while len(pending):
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)
@@ -187,12 +193,12 @@ def work_off(wanted: Wanted, work: Work, merge: Callable[[], set[str]] | None = 
             msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
             raise RunError(msg)
         sent |= set(pending.tolist())
-        tally.total, tally.what = wanted.total(), wanted.what
+        progress.total, progress.what = selection.total(), selection.what
         Execution(work, pending)()
         finished = finished_ids(folder, ids, redo)
-        pending = wanted.pending(finished)
+        pending = selection.pending(finished)
         if not len(pending) and merge:
             finished = merge()
-            pending = wanted.pending(finished)
-        tally.again = len(redo.keys() - finished)
-    tally.total = wanted.total()
+            pending = selection.pending(finished)
+        progress.again = len(redo.keys() - finished)
+    progress.total = selection.total()

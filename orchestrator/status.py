@@ -42,9 +42,9 @@ def state_of(run: Path) -> dict[str, Any]:
         "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
     }  # fmt: skip
-    if running and (told := last(run, "work began", "rows stored")):
-        state["workers"], state["deaths"] = told.get("workers"), told.get("deaths")
-        state["again"] = told.get("again", 0)
+    if running and (summary := last(run, "work began", "rows stored")):
+        state["workers"], state["deaths"] = summary.get("workers"), summary.get("deaths")
+        state["again"] = summary.get("again", 0)
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
     state["failed"] = stored - state["status"].get("ok", 0)
@@ -87,8 +87,8 @@ def _weighted(run: Path) -> tuple[dict[str, Any], list[str]]:
         return {}, ["The bases are not weighted yet"] if are_due(run) else []
     columns = ["job_id", *CONTACT, "base", "attempt"]
     rows = read_steady([run], lambda: newest_rows(result_files(run), columns)).to_pandas()
-    told = Weights.read(run).told(rows)
-    return told, sentences(told)
+    summary = Weights.read(run).summary(rows)
+    return summary, sentences(summary)
 
 
 def shares_of(run: Path) -> list[Share]:
@@ -113,8 +113,8 @@ def words_to_go_on(run: Path, workers: int | None) -> str:
     cost_s, left = pc.mean(rows["wall_s"]).as_py(), jobs - len(rows)
     if left <= 0 or cost_s is None:
         return ""
-    told = TimeEstimate(cost_s * left, len(rows)).words(left, workers)
-    return f"{len(rows):,} of {jobs:,} jobs have run; the other {told}"
+    summary = TimeEstimate(cost_s * left, len(rows)).words(left, workers)
+    return f"{len(rows):,} of {jobs:,} jobs have run; the other {summary}"
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

@@ -121,7 +121,7 @@ class UnfitWorkerError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Order:
+class RunKey:
     """What a worker must find before it does jobs of a run.
 
     Parameters
@@ -168,7 +168,7 @@ ROCKS_KEPT = 2
 
 
 @lru_cache(maxsize=ROCKS_KEPT)
-def assets_of(order: Order) -> Assets:
+def assets_of(run_key: RunKey) -> Assets:
     """Load a scene and its ensemble, verified by their hashes, once as long as the process shakes that rock.
 
     Raises
@@ -178,10 +178,10 @@ def assets_of(order: Order) -> Assets:
     NotDeliveredError
         If this host sees no such folder, and the client has not offered it.
     """
-    _check_versions(order.versions)
-    folder = Path(order.folder)
-    scene = _loaded("scene", Scene.load, order.scene_id, folder / order.scene_place)
-    return Assets(scene, _ensemble(order.ensemble_id, folder / order.ensemble_place))
+    _check_versions(run_key.versions)
+    folder = Path(run_key.folder)
+    scene = _loaded("scene", Scene.load, run_key.scene_id, folder / run_key.scene_place)
+    return Assets(scene, _ensemble(run_key.ensemble_id, folder / run_key.ensemble_place))
 
 
 @lru_cache(maxsize=1)
@@ -209,8 +209,8 @@ def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: P
     try:
         place = delivered(content_id)
     except NotKeptError as error:
-        told = f"{why}; {error}"
-        raise _unfit(told) from None
+        reason = f"{why}; {error}"
+        raise _unfit(reason) from None
     found, why = _tried(what, load, content_id, place)
     if found is None:
         forget(place)
@@ -234,12 +234,12 @@ def _tried(
     )
 
 
-def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:
+def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:
     """Rows of the first jobs of a batch: of one at least, of more until the time is used up.
 
     Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
     """
-    assets = assets_of(order)
+    assets = assets_of(run_key)
     end = time.perf_counter() + budget_s
     rows: list[Row] = []
     for spec in specs:
@@ -250,7 +250,7 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     return rows
 
 
-async def check(order: Order, dask_worker: Worker | None = None) -> str:
+async def check(run_key: RunKey, dask_worker: Worker | None = None) -> str:
     """Load the run's assets, or say why that cannot be done here; returns the kernels that compute here.
 
     In a thread of its own: a worker that compiles, or waits for what is sent to it, stays in touch with its scheduler.
@@ -263,7 +263,7 @@ async def check(order: Order, dask_worker: Worker | None = None) -> str:
     WORKER.set(dask_worker)
     one_blas_thread()
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
-    await asyncio.to_thread(assets_of, order)
+    await asyncio.to_thread(assets_of, run_key)
     return processor()["kernels"]
 
 

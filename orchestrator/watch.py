@@ -50,8 +50,8 @@ def shown(run: Path) -> dict[str, Any]:
     state = state_of(run)
     opened = open_run(run)
     frame = opened.frame()
-    told = {name: state[name] for name in ("state", "jobs", "stored", "failures")}
-    return told | {
+    state_shown = {name: state[name] for name in ("state", "jobs", "stored", "failures")}
+    return state_shown | {
         "name": opened.name,
         "sentence": _sentence(state),
         "counts": _counts(state),
@@ -186,10 +186,10 @@ class Watching(Loopback):
         with self._lock:
             if time.monotonic() - self._answered > _KEPT_S:
                 try:
-                    told = shown(self.run)
+                    state_shown = shown(self.run)
                 except (InputError, OSError) as error:
-                    told = {"error": str(error)}
-                self._answer = json.dumps(told).encode()
+                    state_shown = {"error": str(error)}
+                self._answer = json.dumps(state_shown).encode()
                 self._answered = time.monotonic()
             return self._answer
 
@@ -218,8 +218,8 @@ class _Answers(Answers):
         except InputError as error:
             self.send(str(error).encode(), TEXT)
             return
-        told = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
-        waiting = WAITING.replace("TOLD", told)
+        state_shown = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
+        waiting = WAITING.replace("TOLD", state_shown)
         self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 

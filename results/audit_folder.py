@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from toppling.models.digest import check, read_json
 from toppling.models.folder import new_file
 from toppling.models.tables import read_table, write_table
-from toppling.results.belonging import JOBS_FILE, check_plan_id
+from toppling.results.run_integrity import JOBS_FILE, check_plan_id
 
 AUDIT_FOLDER = "audit"
 """In a run's folder; each engine that did jobs again has a folder of its own there, laid out as a run's results."""

@@ -137,8 +137,8 @@ def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) ->
     if not trusted:
         kinds = [statement.type for statement in connection.extract_statements(query)]
         if kinds != [duckdb.StatementType.SELECT]:
-            told = ", ".join(kind.name for kind in kinds) or "nothing"
-            raise _refused(f"the query holds {told}")
+            named_columns = ", ".join(kind.name for kind in kinds) or "nothing"
+            raise _refused(f"the query holds {named_columns}")
     answer = connection.sql(query)
     return collected(answer, trusted) if answer is not None else pa.table({})
 
@@ -155,11 +155,11 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
         f"select distinct run, rock, {', '.join(_APART)} from results where physics_version is not null order by run"
     ).fetch_df()
     differing = [name for name in _APART if kinds[name].nunique() > 1]
-    told = [name for name in ("run", *differing) if name in named]
-    groups = kinds.groupby(told) if told else [((), kinds)]
+    named_columns = [name for name in ("run", *differing) if name in named]
+    groups = kinds.groupby(named_columns) if named_columns else [((), kinds)]
     if not any(of[name].nunique() > 1 for _, of in groups for name in differing):
         return
-    pooled = [name for name in differing if name not in told]
+    pooled = [name for name in differing if name not in named_columns]
     of_atlas = kinds["rock"].notna().all()
     columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
     values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)

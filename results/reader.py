@@ -19,9 +19,9 @@ from toppling.models.scene_document import read_scene_document
 from toppling.models.stores import at_hand
 from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
-from toppling.results.belonging import SCENES, SITES_FILE, check_files
 from toppling.results.completeness import Completeness
 from toppling.results.queries import answered, ask, rows_where
+from toppling.results.run_integrity import SCENES, SITES_FILE, check_files
 from toppling.results.scene_table import scene_table
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
@@ -79,7 +79,7 @@ class Run:
         return tuple(Run(self.path / SCENES / one["rock"]) for one in self.provenance().get("scenes") or ())
 
     @property
-    def told(self) -> dict[str, Any]:
+    def entry(self) -> dict[str, Any]:
         """What `run.json` says of one rock of an atlas; empty of a run of one rock."""
         if self.root == self.path:
             return {}
@@ -93,7 +93,7 @@ class Run:
     @property
     def ensemble_folder(self) -> Path:
         """Folder of the rock's records."""
-        return self.root / self.told.get("ensemble", "ensemble")
+        return self.root / self.entry.get("ensemble", "ensemble")
 
     @property
     def name(self) -> str:
@@ -133,7 +133,7 @@ class Run:
     @property
     def _own(self) -> pc.Expression:
         """Holds for the rows of one rock of an atlas."""
-        return pc.field("scene_id") == self.told["scene_id"]
+        return pc.field("scene_id") == self.entry["scene_id"]
 
     def dataset(self) -> ds.Dataset:
         """Rows as a pyarrow dataset, read lazily unless a job has several rows.
@@ -175,7 +175,7 @@ class Run:
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
-        jobs = (self.told or self.provenance()).get("jobs")
+        jobs = (self.entry or self.provenance()).get("jobs")
         return None if jobs is None else int(jobs)
 
     def completeness(self) -> Completeness:
@@ -255,7 +255,7 @@ class Run:
         """
         check_files(self.root)
         if self.rocks:
-            own = {one.told["ensemble"]: one.rock for one in self.rocks}
+            own = {one.entry["ensemble"]: one.rock for one in self.rocks}
             tables = [
                 _with_constant(
                     read_table(self.path / folder / CATALOG), "rock", rock if SCENES in folder else None
@@ -274,7 +274,7 @@ class Run:
         path = self.scene_folder / "scene.json"
         if not path.exists():
             return None
-        return scene_table(read_scene_document(path), self.told)
+        return scene_table(read_scene_document(path), self.entry)
 
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
@@ -283,8 +283,8 @@ class Run:
 
     def scene_id(self) -> str | None:
         """Hash of the rock's scene; None where the run does not say."""
-        told = self.told or self.provenance()
-        return str(told["scene_id"]) if told.get("scene_id") else None
+        entry = self.entry or self.provenance()
+        return str(entry["scene_id"]) if entry.get("scene_id") else None
 
     def rock_m(self) -> tuple[float, ...] | None:
         """Centre of mass in metres of the coordinate system of the rock's scan; None where there is no scene."""
@@ -312,8 +312,8 @@ class Run:
         )  # fmt: skip
         for name, table in tables:
             schema = table.schema if isinstance(table, pa.Table) else table
-            told = _as_recorded if name == "motions" else describe
-            rows += [{"table": name, **told(field)} for field in schema or ()]
+            row_of = _as_recorded if name == "motions" else describe
+            rows += [{"table": name, **row_of(field)} for field in schema or ()]
         return rows
 
 

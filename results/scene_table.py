@@ -13,13 +13,13 @@ _SITE_COLUMNS = (
 )
 
 
-def scene_table(told: dict[str, Any], site: dict[str, Any]) -> pa.Table:
+def scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     """One row, of a scene document and of what a table of rocks says of it."""
-    rock, plane, contact = told["rock"], told["interface"], told["contact"]
-    statics = told["quasi_static_toppling_m_s2"]
+    rock, plane, contact = document["rock"], document["interface"], document["contact"]
+    statics = document["quasi_static_toppling_m_s2"]
     finite = [row["value"] for row in statics if row["value"] is not None]
     columns: list[tuple[str, Any, str, str]] = [
-        ("scene_id", told["id"], "", "hash of the scene's content"),
+        ("scene_id", document["id"], "", "hash of the scene's content"),
         *((name, site[name], unit, text) for name, unit, text in _SITE_COLUMNS if site),
         ("height_m", rock["height_m"], "m", "vertical extent of the rock"),
         ("volume_m3", rock["volume_m3"], "m3", "volume of the rock"),
@@ -33,7 +33,7 @@ def scene_table(told: dict[str, Any], site: dict[str, Any]) -> pa.Table:
             "deg",
             "azimuth toward which the plane falls",
         ),
-        ("gravity_m_s2", told["gravity_m_s2"], "m/s2", "gravity"),
+        ("gravity_m_s2", document["gravity_m_s2"], "m/s2", "gravity"),
         (
             "default_friction_static",
             contact["friction_static"],

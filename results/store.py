@@ -2,8 +2,8 @@
 
 One writer (the client of the cluster), any number of readers. A file appears complete or not at all, and is
 verified whole by its digest before it is believed. A part that is damaged, or is not a run's, is named in the log
-and skipped: its jobs are done again. One that cannot be opened, or holds rows of another run (`results.belonging`), is
-refused. Where a job has several rows, its newest attempt counts.
+and skipped: its jobs are done again. One that cannot be opened, or holds rows of another run
+(`results.run_integrity`), is refused. Where a job has several rows, its newest attempt counts.
 """
 
 import logging
@@ -25,7 +25,7 @@ from toppling.models.digest import DamagedError, check, damaged, unopened
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.tables import check_bounds, read_table, write_table
-from toppling.results.belonging import ForeignError, check_files, check_rows
+from toppling.results.run_integrity import ForeignError, check_files, check_rows
 from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
 log = logging.getLogger(__name__)

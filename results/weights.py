@@ -22,7 +22,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
 from toppling.models.shares import effective_number
 from toppling.models.tables import read_table, write_table
-from toppling.results.belonging import CAMPAIGN_FILE, check_plan_id
+from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA
 
 WEIGHTS_FILE = "weights.parquet"
@@ -138,7 +138,7 @@ class Weights:
         except (KeyError, TypeError, ValueError) as error:
             raise _no_weights(f"is not whole ({type(error).__name__}: {error})", path) from None
 
-    def told(self, frame: pd.DataFrame) -> dict[str, Any]:
+    def summary(self, frame: pd.DataFrame) -> dict[str, Any]:
         """What a program reads of the weights of the bases of some rows.
 
         Returns
@@ -218,11 +218,11 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
     return None if (weight.sub(1.0).abs() < _SAME).all() else weight
 
 
-def sentences(told: Mapping[str, Any]) -> list[str]:
-    """What a person should know of weights (:meth:`Weights.told`)."""
-    several = len(told["contacts"]) > 1
-    reason, said = told["reason"], []
-    for one in told["contacts"]:
+def sentences(summary: Mapping[str, Any]) -> list[str]:
+    """What a person should know of weights (:meth:`Weights.summary`)."""
+    several = len(summary["contacts"]) > 1
+    reason, said = summary["reason"], []
+    for one in summary["contacts"]:
         under = f" with friction {one['friction_static']:g}" if several else ""
         if one["bases"] - one["effective_bases"] < 1e-6:
             said.append(
@@ -235,4 +235,4 @@ def sentences(told: Mapping[str, Any]) -> list[str]:
                 f"{under}, say as much as {one['effective_bases']:.1f} equal ones; the heaviest has "
                 f"{100 * heaviest:.0f} % of the weight"
             )
-    return said + list(told["remarks"])
+    return said + list(summary["remarks"])

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
-from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.session import Picking
+from toppling.orchestrator.pick.user_hints import UserHints
 
 LARGEST_BODY = 1 << 18
 """Bytes; hints of a thousand places take a fifth."""
@@ -107,7 +107,7 @@ class _Answers(Answers):
     def _done(self, asked: str, content: Any) -> dict[str, Any]:
         picking = self.server.picking
         if asked == "hints":
-            picking.say(Said.of(content))
+            picking.say(UserHints.of(content))
         elif asked == "pick":
             return picking.pick(*(_place(content, name) for name in ("at_m", "eye_m")))
         elif asked == "save":

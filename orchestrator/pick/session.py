@@ -22,11 +22,11 @@ from toppling.models.scan.view import picked
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.orchestrator.pick import tasks
 from toppling.orchestrator.pick.apart import Apart, EndedError
-from toppling.orchestrator.pick.said import Said
-from toppling.orchestrator.pick.shown import detail, told, tops, view_of
+from toppling.orchestrator.pick.shown import answer_shown, detail, tops, view_of
+from toppling.orchestrator.pick.user_hints import UserHints
 
-Read = Callable[[Said], "Placed"]
-Write = Callable[[Survey, Said], None]
+Read = Callable[[UserHints], "Placed"]
+Write = Callable[[Survey, UserHints], None]
 
 
 class SupersededError(Exception):
@@ -39,7 +39,7 @@ class Answer:
 
     Parameters
     ----------
-    said : Said
+    said : UserHints
     worked : WorkedOut
     label : (n,) int8 array
         0 rock, 1 pedestal, 2 neither.
@@ -48,7 +48,7 @@ class Answer:
         None until the hidden base is drawn.
     """
 
-    said: Said
+    said: UserHints
     worked: WorkedOut
     label: NDArray[np.int8]
     notes: tuple[str, ...]
@@ -100,7 +100,7 @@ class Picking:
         Writes a survey with the hints that it was given.
     target : str
         Where to, for the user.
-    said : Said
+    said : UserHints
         Hints from the start.
     kept : Answer, optional
         What came of these hints before: then the cloud is what was kept of it, and is not split anew.
@@ -113,7 +113,7 @@ class Picking:
         bootstrap: int,
         write: Write,
         target: str,
-        said: Said,
+        said: UserHints,
         kept: Answer | None = None,
     ) -> None:
         self._read, self._bootstrap, self._write, self._target = read, bootstrap, write, target
@@ -130,7 +130,7 @@ class Picking:
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
         self._kept, self._answer = kept, kept
-        self._drawn: dict[Said, Answer] = {}  # of one split, for who takes a hint back
+        self._drawn: dict[UserHints, Answer] = {}  # of one split, for who takes a hint back
         if kept is not None and kept.survey is not None:
             self._drawn[said] = kept
         self._candidates: list[dict[str, Any]] | None = None if kept is None else tops(kept.worked)
@@ -138,7 +138,7 @@ class Picking:
 
     # What a page asks and says, from any thread.
 
-    def say(self, said: Said) -> None:
+    def say(self, said: UserHints) -> None:
         """Take other hints, in place of all former ones."""
         self._set(_said=said, _wanted=self._wanted + 1, _error=None)
 
@@ -186,7 +186,7 @@ class Picking:
                 "answer": None,
             }
         if answer is not None:
-            state["answer"] = told(answer.survey, answer.worked) | {"notes": answer.notes}
+            state["answer"] = answer_shown(answer.survey, answer.worked) | {"notes": answer.notes}
         return state
 
     def wait(self, number: int, seconds: float) -> None:
@@ -218,7 +218,7 @@ class Picking:
                 if self._candidates is None:
                     self._look_around()
 
-    def _follow(self, said: Said) -> None:
+    def _follow(self, said: UserHints) -> None:
         """Work hints out, as far as they change what is known."""
         inspection = said.inspection()
         said.hint()  # what is no interface is refused before anything is done
@@ -234,7 +234,7 @@ class Picking:
             self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[said])
 
-    def _split(self, said: Said) -> Answer:
+    def _split(self, said: UserHints) -> Answer:
         """Split the cloud by hints, and show it."""
         if self._kept is not None:
             raise InputError(
@@ -260,7 +260,7 @@ class Picking:
             self._placed = dataclasses.replace(self._placed, cloud=self._stored.cloud())
         return self._stored
 
-    def _place(self, said: Said) -> None:
+    def _place(self, said: UserHints) -> None:
         """Read the clouds as they are said to lie; nothing that was known of them holds any more."""
         self._note("reading")
         placed = self._read(said)

@@ -93,7 +93,7 @@ def detail(
     return near.spacing_m, drawn(points_m, [near.rows], label)
 
 
-def told(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
+def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
     """What came of hints, in the cloud's frame; `survey` is none while the hidden base is not drawn."""
     rock, plane = worked.closed.rock, worked.interface
     pedestal = worked.pedestal

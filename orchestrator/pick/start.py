@@ -14,9 +14,9 @@ from toppling.models.scan.read import read_clouds
 from toppling.models.scan.survey import Survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
-from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.server import PickServer
 from toppling.orchestrator.pick.session import Answer, Picking, Placed
+from toppling.orchestrator.pick.user_hints import UserHints
 from toppling.orchestrator.public.making import Scanned, written
 from toppling.orchestrator.public.scan_again import written_again
 from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud
@@ -51,7 +51,7 @@ def pick_server(
     refuse_existing(out)
     known = inspection_of(given["contact"], **of_base(given))
     hint = hint_of(outline=given["outline"])
-    said = Said.of({
+    said = UserHints.of({
         "units": given["units"],
         "up": given["up"],
         "length": given["length"] and [list(each) for each in given["length"][:2]] + [given["length"][2]],
@@ -65,7 +65,7 @@ def pick_server(
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
     mine = False
 
-    def write(survey: Survey, said: Said) -> None:
+    def write(survey: Survey, said: UserHints) -> None:
         nonlocal mine
         notes = written(
             survey, out, hints_said({**said.hints(), **surveyed}, said.inspection()), replaces=mine
@@ -73,7 +73,7 @@ def pick_server(
         mine = True
         saved(Scanned(survey.scene, out, notes))
 
-    def read(said: Said) -> Placed:
+    def read(said: UserHints) -> Placed:
         hints = cast(CloudHints, {**said.hints(), **surveyed})
         return Placed(placed_cloud(files, hints), placed_by(hints)[0])
 
@@ -112,14 +112,14 @@ def again_server(
     before = WorkedOut.read(scene)
     looked = inspection_of(given["contact"], **of_base(given))
     kept = before.with_hints(looked)
-    said = Said.of(_said_of_base(kept.inspection))
+    said = UserHints.of(_said_of_base(kept.inspection))
     cloud, label = kept.cloud()
     # What the folder has is what these hints gave, unless others are given beside it.
     nothing_new = looked.says_nothing and not looked.touch_only
     survey = Survey(Scene.load(scene), label, (), before) if nothing_new else None
     mine = False
 
-    def write(survey: Survey, _: Said) -> None:
+    def write(survey: Survey, _: UserHints) -> None:
         nonlocal mine
         assert survey.worked_out is not None
         made = written_again(scene, out, survey.scene, survey.worked_out, replaces=mine)

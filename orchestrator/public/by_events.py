@@ -17,7 +17,12 @@ from toppling.orchestrator.public.felt import (
     place_rocks,
     under_events,
 )
-from toppling.orchestrator.public.hazard_asked import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
+from toppling.orchestrator.public.hazard_question import (
+    DEFAULT_MEASURES,
+    HazardQuestion,
+    read_tree,
+    weighted_paths,
+)
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.hazard.ages import Since
@@ -109,7 +114,7 @@ def check_event_options(options: EventOptions, events: Path | None, measures: tu
 def judged_by_events(
     rocks: Rocks,
     hazard: Sequence[str],
-    asked: Asked,
+    asked: HazardQuestion,
     options: EventOptions,
     confidence: float,
     seen: Callable[[], None],
@@ -143,11 +148,15 @@ def judged_by_events(
 
 
 def _of_curves(
-    rocks: Rocks, hazard: Sequence[str], asked: Asked, options: EventOptions, measures: tuple[str, ...]
+    rocks: Rocks,
+    hazard: Sequence[str],
+    asked: HazardQuestion,
+    options: EventOptions,
+    measures: tuple[str, ...],
 ) -> tuple[EventSet, tuple[str, ...]]:
     if len(measures) > 1:
         first, second = (
-            read_tree(hazard, Asked(asked.site, asked.ratio, one, asked.years)) for one in measures
+            read_tree(hazard, HazardQuestion(asked.site, asked.ratio, one, asked.years)) for one in measures
         )
         return joined(first, second, options.correlation), measures
     tree = read_tree(hazard, asked, measures_shared(rocks.paths))

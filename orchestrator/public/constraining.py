@@ -18,7 +18,7 @@ from toppling.orchestrator.public.by_events import (
 )
 from toppling.orchestrator.public.constraint_options import Dates, Given, check_options, has_factor
 from toppling.orchestrator.public.felt import EventStatement, measures_asked
-from toppling.orchestrator.public.hazard_asked import Asked, read_tree
+from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
 from toppling.orchestrator.public.rocks import (
     Jobs,
     measures_shared,
@@ -121,7 +121,7 @@ def constrain(
     """
     over = "pgv_m_s" if measure is None or "+" in measure else measure
     paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
-    asked = Asked(sites[0] if sites else None, ratio, measure, years)
+    asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
     check_options(paths, age, asked, dates, Given(tuple(hazard), where, tuple(stood), tuple(sites)))
     late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
@@ -147,7 +147,7 @@ class _Question:
     since: list[Since | None]
     dates: Dates
     hazard: tuple[str, ...]
-    asked: Asked
+    asked: HazardQuestion
     confidence: float
     dated: bool
 
@@ -182,7 +182,7 @@ def _by_events(
     felt: EventStatement = judged_by_events(
         named, question.hazard, question.asked, events, question.confidence, advance
     )
-    content = felt.told() | {"hazard_ratio": question.asked.ratio}
+    content = felt.summary() | {"hazard_ratio": question.asked.ratio}
     source = Path(felt.update.events.source)
     files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
 
@@ -212,7 +212,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     refuse_twins(paths, rested)
     update = Update(standing, tree, question.confidence) if tree else None
     statement = Constraint(standing, question.confidence, update, question.dated)
-    content = statement.told(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
+    content = statement.summary(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
     if dates.together:
         content["ages_independent"] = False
     if bases := [

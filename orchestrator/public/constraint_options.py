@@ -8,7 +8,7 @@ from pathlib import Path
 from toppling.models.errors import UsageError
 from toppling.orchestrator.public.by_events import event_set_of
 from toppling.orchestrator.public.felt import measures_asked
-from toppling.orchestrator.public.hazard_asked import Asked
+from toppling.orchestrator.public.hazard_question import HazardQuestion
 from toppling.results.hazard.ages import Since, parse_since
 
 
@@ -47,7 +47,7 @@ class Given:
 
 
 def check_options(
-    rocks: Sequence[Path], age: Sequence[str], asked: Asked, dates: Dates, given: Given
+    rocks: Sequence[Path], age: Sequence[str], asked: HazardQuestion, dates: Dates, given: Given
 ) -> None:
     """Refuse options that do not go together, before anything is read for long.
 

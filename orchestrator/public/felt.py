@@ -252,14 +252,14 @@ class EventStatement:
         }  # fmt: skip
         return {name: table for name, table in found.items() if table is not None and len(table)}
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """The statement, for JSON."""
         update, events = self.update, self.update.events
         vary = {
             "event": events.sampled, "fragility": any(rock.drawn for rock in update.rocks),
             "age": update.exposure.years.shape[1] > 1, "joint rate": bool(events.readings),
         }  # fmt: skip
-        told = {
+        summary = {
             "measure": "+".join(self.measures), "confidence": update.confidence, "source": events.source,
             "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
             "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, self.away_km, strict=True)],
@@ -267,7 +267,7 @@ class EventStatement:
             "intervals_carry": [name for name, varies in vary.items() if varies],
             "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
         }  # fmt: skip
-        return plain(told | {name: table.to_dict("records") for name, table in self.tables.items()})
+        return plain(summary | {name: table.to_dict("records") for name, table in self.tables.items()})
 
 
 def under_events(

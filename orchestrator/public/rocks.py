@@ -47,10 +47,10 @@ def of_atlases(
         for rock in of_atlas:
             known = _heard(rock.frame(), measure)
             if len(known) and fit(known, [measure]).lognormal:
-                found.append((rock.path, rock.told["age"]))
+                found.append((rock.path, rock.entry["age"]))
             else:
                 few = f"no fragility over {measure}, as {known['toppled'].sum()} of {len(known)} jobs toppled it"
-                why = rock.told["problem"] or few
+                why = rock.entry["problem"] or few
                 click.echo(f"{rock.rock} is left out: {why}", err=True)
         if not of_atlas:
             found.append((path, None))
@@ -164,11 +164,11 @@ def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
 def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """What the motions that a rock survived say about its base, and the resulting shift of the median."""
     assert jobs.weights is not None
-    told = jobs.weights.told(jobs.frame)
+    summary = jobs.weights.entry(jobs.frame)
     alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
-    (of_contact,) = told.pop("contacts")
+    (of_contact,) = summary.pop("contacts")
     return {
-        **told,
+        **summary,
         **of_contact,
         "median_bases_alike": None if alike is None else alike.median,
         "median_shift_percent": None if alike is None else 100.0 * (curve.median / alike.median - 1.0),

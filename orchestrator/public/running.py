@@ -17,11 +17,11 @@ from toppling.orchestrator import run as carrying_out
 from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.context import Tally, Watcher
+from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.rocks_of_run import scenes_told
+from toppling.orchestrator.rocks_of_run import scene_entries
 from toppling.orchestrator.stands import check_stands, with_settling
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.reader import Run, open_run
@@ -68,9 +68,9 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     chosen = _campaign(campaign)
     planned = plan_of(chosen)
     if chosen.sites:
-        told = scenes_told(with_settling(planned))
-        problems = [f"{one['rock']}: {one['problem']}" for one in told["scenes"] if one["problem"]]
-        problems += [f"{one['rock']} is left out: {one['why']}" for one in told["left_out"]]
+        entries = scene_entries(with_settling(planned))
+        problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
+        problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
         return Planned(chosen, planned, None, problems)
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
     settling = check_stands(chosen, scene)
@@ -86,12 +86,12 @@ class CarriedOut:
     ----------
     folder : Path
         Of a run in a store, its copy on this machine.
-    session : Tally
+    session : RunProgress
         What this session did.
     """
 
     folder: Path
-    session: Tally
+    session: RunProgress
 
     @property
     def run(self) -> Run:
@@ -105,7 +105,7 @@ def run(
     *,
     cluster: AbstractContextManager[Client] | None = None,
     workers: int | None = None,
-    watch: Watcher = unseen,
+    watch: ProgressCallback = unseen,
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
 ) -> CarriedOut:
@@ -124,7 +124,7 @@ def run(
     workers : int or None
         So many processes; one a core unless given.
     watch : callable
-        Shown the session's tally, often.
+        Shown the progress of the session, often.
     limits : Limits
         When a job is given up.
     again : collection of str
@@ -143,9 +143,9 @@ def run(
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
     with kept_up(folder) as check_writer:
 
-        def watching(tally: Tally) -> None:
+        def watching(progress: RunProgress) -> None:
             check_writer()
-            watch(tally)
+            watch(progress)
 
         session = carrying_out.run(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
     return CarriedOut(folder, session)

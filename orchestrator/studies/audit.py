@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import Tally, Work
+from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.execution import Execution
 from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
@@ -129,8 +129,8 @@ def due(planned: Plan, folder: Path) -> int:
     return 0
 
 
-def audit(work: Work, count: int) -> list[Tally]:
-    """Do a random sample of a run's jobs again, or go on with it: one tally an auditor.
+def audit(work: Work, count: int) -> list[RunProgress]:
+    """Do a random sample of a run's jobs again, or go on with it: one progress for each auditor.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def audit(work: Work, count: int) -> list[Tally]:
             remedy="install one: "
             + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra),
         )
-    tallies = []
+    progresses = []
     with _alone(folder) as home:
         rows = drawn(folder)
         chosen = _rows_of(planned, rows["job_id"][:count])
@@ -175,15 +175,15 @@ def audit(work: Work, count: int) -> list[Tally]:
             write_jobs(place, part.jobs, planned.id)
             pending = part.pending(finished_ids(place))
             what = f"auditing with {one.name}"
-            tally = Tally(len(part), len(part) - len(pending), what=what)
-            tell("audit began", by=one.name, jobs=len(part), done=tally.before)
-            again = dataclasses.replace(work, planned=part, tally=tally, redo={}, store=place)
+            progress = RunProgress(len(part), len(part) - len(pending), what=what)
+            tell("audit began", by=one.name, jobs=len(part), done=progress.before)
+            again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=place)
             Execution(again, pending)()
             if result_files(place):
                 compact(place)
-            tell("audit ended", by=one.name, **tally.told())
-            tallies.append(tally)
-    return tallies
+            tell("audit ended", by=one.name, **progress.summary())
+            progresses.append(progress)
+    return progresses
 
 
 def check_versions(folder: Path) -> None:

@@ -177,12 +177,12 @@ def _judged(
         record = one.source
         if isinstance(record, tuple):
             record = _ensemble(record[0]).record(record[1])
-        told = dataclasses.asdict(judge(_scene(site.scene, site.friction), record, factors, preset))
+        verdict = dataclasses.asdict(judge(_scene(site.scene, site.friction), record, factors, preset))
     except (
         InputError
     ) as error:  # a rock that does not stand, or a seismogram that cannot be read, holds up no other
         return {"record_id": record_id, "outcome": "failed", "message": str(error)}
-    return told | {"message": None}
+    return verdict | {"message": None}
 
 
 @lru_cache(maxsize=1)

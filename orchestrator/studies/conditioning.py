@@ -22,7 +22,7 @@ from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import Tally, Watcher, Work
+from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, plan_of
@@ -72,7 +72,7 @@ def weigh(
     recorded: Recorded,
     place: Path,
     client: Client,
-    watch: Watcher,
+    watch: ProgressCallback,
     limits: Limits = USUAL_LIMITS,
 ) -> Weights:
     """Weigh the draws of a base by the motions that the rock is known to have stood (`orchestrator.recorded`).
@@ -83,9 +83,9 @@ def weigh(
         As :func:`toppling.orchestrator.run.run`, and if a motion gets no answer.
     """
 
-    def weighing(tally: Tally) -> None:
-        tally.what = "shaking each base with what the rock stood"
-        watch(tally)
+    def weighing(progress: RunProgress) -> None:
+        progress.what = "shaking each base with what the rock stood"
+        watch(progress)
 
     def shake(one: Campaign, target: Path) -> None:
         Session(nullcontext(client), weighing, limits).carry_out(plan_of(one), target.absolute())

@@ -13,11 +13,11 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.folder import set_jobs
+from toppling.orchestrator.job_selection import AllJobs, JobSelection, Rows
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.wanted import AllJobs, Rows, Wanted
+from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.statement import statement_of, write_statements
@@ -27,7 +27,7 @@ from toppling.results.reader import open_run
 _CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
 
-def jobs_wanted(planned: Plan, folder: Path) -> Wanted:
+def select_jobs(planned: Plan, folder: Path) -> JobSelection:
     """The jobs that a campaign asks for: all, or those that its precision needs."""
     campaign = planned.campaign
     if campaign.precision is None:
@@ -61,7 +61,7 @@ class JobsForPrecision:
         planned: Plan,
         folder: Path,
         precision: float,
-        asked: Asked | None = None,
+        asked: TargetSpec | None = None,
         *,
         alone: bool = True,
         most_jobs: float = math.inf,
@@ -69,7 +69,7 @@ class JobsForPrecision:
         self.planned, self.folder, self.alone, self.most_jobs = planned, folder, alone, most_jobs
         self.statements: list[dict] = []
         self.ids = planned.jobs["job_id"].to_pylist()
-        self.target = _target_of(asked or Asked())
+        self.target = _target_of(asked or TargetSpec())
         catalog = Ensemble.load(planned.campaign.ensemble).catalog.to_pandas().set_index("record_id")
         names = sorted(planned.scenes[0].record_sha)
         self.records = {name: number for number, name in enumerate(names)}
@@ -94,7 +94,7 @@ class JobsForPrecision:
         return f"round {max(len(one.sizes) for one in self.rounds.values())}{sure}"
 
     def total(self) -> int:
-        """As of `Wanted`."""
+        """As of `JobSelection`."""
         needed = 0
         for one in self.rounds.values():
             more = 0 if one.ended else max(1, one.verdict.jobs_needed - len(one.chosen) if one.verdict else 1)
@@ -102,7 +102,7 @@ class JobsForPrecision:
         return needed
 
     def pending(self, finished: set[str]) -> Rows:
-        """As of `Wanted`."""
+        """As of `JobSelection`."""
         while True:
             waiting = [
                 row for one in self.rounds.values() for row in one.chosen if self.ids[row] not in finished
@@ -152,7 +152,7 @@ class JobsForPrecision:
         return statement_of(one, len(there), there["record_id"].nunique(), named)
 
 
-def _target_of(asked: Asked) -> Target:
+def _target_of(asked: TargetSpec) -> Target:
     """What a campaign asks for, with its hazard read.
 
     Raises

@@ -72,8 +72,8 @@ def weakest_azimuth_deg(scene: Scene, friction: float = Ramp.friction) -> float:
     """Azimuth of the ground's acceleration that lifts the rock at the least PGA, as the protocol shakes it."""
     rock_at_rest = settled(scene.with_contact(ContactProperties.of(friction)))
     azimuths = np.arange(0.0, 360.0, 5.0)
-    told = lift_off_m_s2(rock_at_rest.rock, rock_at_rest.pedestal, scene.gravity_m_s2, azimuths)
-    return min(told, key=lambda pair: pair[1])[0]
+    found = lift_off_m_s2(rock_at_rest.rock, rock_at_rest.pedestal, scene.gravity_m_s2, azimuths)
+    return min(found, key=lambda pair: pair[1])[0]
 
 
 def chosen_waveforms(ensemble: Ensemble, count: int = _WAVEFORMS) -> list[str]:
@@ -98,9 +98,9 @@ def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
             rows.append(_row(record, level) | {"status": "refused", "message": error.what})
             break
         result = shake(held, imposed.motion, ramp.preset)
-        told = {name: imposed.intensity[name] for name in ("pga_m_s2", "pgv_m_s", "pgv_pga_s", "pgd_m")}
+        measures = {name: imposed.intensity[name] for name in ("pga_m_s2", "pgv_m_s", "pgv_pga_s", "pgd_m")}
         found = {"status": result.status, "toppled": result.toppled, "max_tilt_deg": result.max_tilt_deg}
-        rows.append(_row(record, level) | told | found)
+        rows.append(_row(record, level) | measures | found)
         if result.toppled:
             break
     return rows
@@ -201,8 +201,10 @@ def summary(levels: pd.DataFrame) -> pd.DataFrame:
 def _key(scene_id: str, ensemble: Ensemble, ramp: Ramp) -> Callable[[str], str]:
     from toppling.orchestrator.campaign import hash_of
 
-    told: Mapping[str, Any] = dataclasses.asdict(ramp)
-    return lambda name: hash_of([scene_id, ensemble.sha(name), PHYSICS_VERSION, repr(sorted(told.items()))])
+    protocol: Mapping[str, Any] = dataclasses.asdict(ramp)
+    return lambda name: hash_of(
+        [scene_id, ensemble.sha(name), PHYSICS_VERSION, repr(sorted(protocol.items()))]
+    )
 
 
 @lru_cache(maxsize=1)

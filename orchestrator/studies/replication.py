@@ -23,7 +23,7 @@ from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import Tally, Watcher
+from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.studies import ramp
@@ -101,9 +101,9 @@ class Study:
         InputError
             If it is another's.
         """
-        place, told = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
-        there = read_json(place) if place.exists() else told
-        differing = ", ".join(key for key in told if there.get(key) != told[key])
+        place, protocol = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
+        there = read_json(place) if place.exists() else protocol
+        differing = ", ".join(key for key in protocol if there.get(key) != protocol[key])
         if differing:
             raise InputError(
                 f"the folder holds a study of other {differing}",
@@ -112,7 +112,7 @@ class Study:
                 remedy="give another folder, or the same options to go on",
             )
         out.mkdir(parents=True, exist_ok=True)
-        write_json(place, told)
+        write_json(place, protocol)
 
     def campaigns(self, out: Path) -> dict[str, Campaign]:
         """The two campaigns, on scene and ensemble in the study's folder."""
@@ -146,19 +146,19 @@ def carry_out(
     study: Study,
     out: Path,
     cluster_of: ClusterOf,
-    watcher: Callable[[], AbstractContextManager[Watcher]],
+    watcher: Callable[[], AbstractContextManager[ProgressCallback]],
     say: Say,
-) -> list[Tally]:
+) -> list[RunProgress]:
     """Shake: the two runs and the ramp, each going on where it was stopped."""
-    tallies = []
+    progresses = []
     for name, campaign in study.campaigns(out).items():
         place = out / "runs" / name
         place.parent.mkdir(exist_ok=True)
         values = ", ".join(f"{static:g}" for static, _ in campaign.friction)
         say(f"run {name}: {len(campaign.azimuth_deg)} azimuths, friction {values}")
         with watcher() as watch:
-            tallies.append(run(plan_of(campaign), place, cluster_of(), watch, stages=[Auditing()]))
-    return tallies
+            progresses.append(run(plan_of(campaign), place, cluster_of(), watch, stages=[Auditing()]))
+    return progresses
 
 
 def climb(study: Study, out: Path, cluster_of: ClusterOf, say: Say) -> tuple[pd.DataFrame, ramp.Ramp]:
@@ -218,9 +218,9 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
         )
     motions = opened.motions()
     if motions is not None and "directionality" in motions.column_names:
-        told = motions.select(["record_id", "directionality"]).to_pandas()
-        yield save_table(told, folder / "directionality.csv")
-        yield from save(directionality_figure(told), folder / "directionality", done.remark)
+        directionality = motions.select(["record_id", "directionality"]).to_pandas()
+        yield save_table(directionality, folder / "directionality.csv")
+        yield from save(directionality_figure(directionality), folder / "directionality", done.remark)
 
 
 def check_findings(study: Study, out: Path) -> list[Finding]:
@@ -229,17 +229,17 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
     main = opened.frame()
     lines = pd.read_csv(out / "figures" / "figure_06_reference_lines.csv")
     scene = Scene.load(out / "scene")
-    told = findings(
+    checked = findings(
         main, _friction_rows(study, out), weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
     )
     with new_file(out / "findings.md") as hidden:
         audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())
         page = "\n".join(
-            ["# Findings of the study, looked for on this rock", "", *(one.line for one in told)]
+            ["# Findings of the study, looked for on this rock", "", *(one.line for one in checked)]
         )
         hidden.write_text(f"{page}\n{audit}", encoding="utf-8")
-    write_json(out / "findings.json", {"findings": [dataclasses.asdict(one) for one in told]})
-    return told
+    write_json(out / "findings.json", {"findings": [dataclasses.asdict(one) for one in checked]})
+    return checked
 
 
 def _friction_rows(study: Study, out: Path) -> pd.DataFrame:
@@ -271,6 +271,6 @@ def _staged(folder: Path) -> Iterator[Path]:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def told(tallies: Sequence[Tally]) -> dict[str, Any]:
+def summaries(progresses: Sequence[RunProgress]) -> dict[str, Any]:
     """Counts of the study's runs in words that a program reads."""
-    return {name: tally.told() for name, tally in zip((MAIN, _FRICTION), tallies, strict=True)}
+    return {name: progress.summary() for name, progress in zip((MAIN, _FRICTION), progresses, strict=True)}

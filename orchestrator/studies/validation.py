@@ -26,7 +26,7 @@ from toppling.models.motions.shaketable_raw import BAND_HZ
 from toppling.models.rough_base import TOLERANCE_SHARE, Standing, with_rough_base
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import Watcher
+from toppling.orchestrator.context import ProgressCallback
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.results.analysis.prediction_scores import share
@@ -53,7 +53,7 @@ _FIRST_DRAWS = 12
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Sampling:
     """How the tests are shaken.
 
     Parameters
@@ -96,7 +96,7 @@ class Shaken:
 
 def specimen(
     mesh: Path | tuple[ArrayLike, ArrayLike],
-    wanted: Wanted,
+    sampling: Sampling,
     progress: Callable[[int], None] = lambda _: None,
     tolerance_share: float = TOLERANCE_SHARE,
 ) -> Scene:
@@ -105,7 +105,7 @@ def specimen(
     Parameters
     ----------
     mesh : Path or (vertices, faces)
-    wanted : Wanted
+    sampling : Sampling
     progress : callable
         Told of each draw.
     tolerance_share : float
@@ -123,18 +123,18 @@ def specimen(
         std_m=(_BASE_STD_PER_HEIGHT[0] * height_m, _BASE_STD_PER_HEIGHT[1] * height_m),
         wavelength_m=_BASE_WAVELENGTH_PER_HEIGHT * height_m,
         band_m=_BASE_BAND_PER_HEIGHT * height_m,
-        draws=wanted.most_draws,
+        draws=sampling.most_draws,
         standing=_STANDING,
-        seed=wanted.seed,
+        seed=sampling.seed,
         progress=progress,
         tolerance_share=tolerance_share,
     )
 
 
-def drawn_bases(wanted: Wanted) -> dict[str, Any]:
+def drawn_bases(sampling: Sampling) -> dict[str, Any]:
     """How the bases are drawn, for who reads the scores."""
     return {
-        "seed": wanted.seed,
+        "seed": sampling.seed,
         "base_std_per_height": list(_BASE_STD_PER_HEIGHT),
         "base_wavelength_per_height": _BASE_WAVELENGTH_PER_HEIGHT,
         "base_band_per_height": _BASE_BAND_PER_HEIGHT,
@@ -174,18 +174,18 @@ def ensemble_of(
 
 
 def scene_of(
-    folder: Path, mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambda _: None
+    folder: Path, mesh: Path, sampling: Sampling, progress: Callable[[int], None] = lambda _: None
 ) -> Scene:
     """The specimen with its bases in the folder, drawn unless an earlier call did."""
     target, settings = folder / "scene", folder / "bases_drawn.json"
     if not target.exists():
-        digest.write_json(settings, drawn_bases(wanted))
-        specimen(mesh, wanted, progress).save(target)
-    if not settings.exists() or digest.read_json(settings) != drawn_bases(wanted):
+        digest.write_json(settings, drawn_bases(sampling))
+        specimen(mesh, sampling, progress).save(target)
+    if not settings.exists() or digest.read_json(settings) != drawn_bases(sampling):
         raise InputError(
             "holds bases that were drawn otherwise",
             where=str(target),
-            expected=f"seed {wanted.seed} and the distribution of this version, as {settings.name} states them",
+            expected=f"seed {sampling.seed} and the distribution of this version, as {settings.name} states them",
             remedy="give another --out, or remove the folder",
         )
     found = Scene.load(target)
@@ -193,12 +193,12 @@ def scene_of(
     if (
         found.unseen is None
         or replace(found, unseen=None).id != bare.id
-        or len(found.unseen) < wanted.most_draws
+        or len(found.unseen) < sampling.most_draws
     ):
         raise InputError(
             "holds another specimen, or too few bases",
             where=str(target),
-            expected=f"the rock of {mesh} with {wanted.most_draws} bases",
+            expected=f"the rock of {mesh} with {sampling.most_draws} bases",
             remedy="give another --out, or remove the folder",
         )
     return found
@@ -207,9 +207,9 @@ def scene_of(
 def shake_tests(
     folder: Path,
     experiment: Experiment,
-    wanted: Wanted,
+    sampling: Sampling,
     cluster: Callable[[], AbstractContextManager[Client]],
-    watcher: Callable[[], AbstractContextManager[Watcher]],
+    watcher: Callable[[], AbstractContextManager[ProgressCallback]],
 ) -> Shaken:
     """Shake all tests, then those whose share is uncertain with more draws; what was done before is not done again.
 
@@ -219,10 +219,10 @@ def shake_tests(
         As :func:`orchestrator.run.run`.
     """
     ids = [test.record_id for test in experiment.tests]
-    answers = np.full((wanted.most_draws + 1, len(ids)), np.nan)
+    answers = np.full((sampling.most_draws + 1, len(ids)), np.nan)
     shaken = np.zeros(len(ids), np.int64)
     uncertain = np.ones(len(ids), bool)
-    first, last = 0, min(_FIRST_DRAWS, wanted.most_draws)
+    first, last = 0, min(_FIRST_DRAWS, sampling.most_draws)
     while uncertain.any():
         campaign = Campaign(
             scene=folder / "scene",
@@ -232,10 +232,10 @@ def shake_tests(
             friction=((0.5 * sum(_FRICTION),) * 2,),
             realisations=last + 1 - first,
             first_realisation=first,
-            preset=wanted.preset,
-            engine=wanted.engine,
+            preset=sampling.preset,
+            engine=sampling.engine,
             records=tuple(np.array(ids)[uncertain].tolist()),
-            unmeasured=unmeasured(wanted.engine),
+            unmeasured=unmeasured(sampling.engine),
             audit=0,
         )
         place = folder / f"realisations_{first}_{last}"
@@ -244,10 +244,10 @@ def shake_tests(
         _collect(place, ids, answers)
         shaken[uncertain] = last
         _, error = share(answers[1 : last + 1])
-        uncertain &= error > wanted.error
-        if last == wanted.most_draws:
+        uncertain &= error > sampling.error
+        if last == sampling.most_draws:
             break
-        first, last = last + 1, min(2 * last, wanted.most_draws)
+        first, last = last + 1, min(2 * last, sampling.most_draws)
     toppled = answers[1 : int(shaken.max()) + 1]
     return Shaken(answers[0], _agreed(toppled, shaken), shaken)
 

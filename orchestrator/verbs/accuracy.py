@@ -78,11 +78,11 @@ def accuracy(
     out.mkdir(parents=True, exist_ok=True)
     plain_frame(table).to_csv(out / "accuracy.csv", index=False)
     save(front_figure(table), out / "front")
-    click.echo(_told(table))
+    click.echo(_summary(table))
     click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")
 
 
-def _told(table: pd.DataFrame) -> str:
+def _summary(table: pd.DataFrame) -> str:
     """The ranking as a readable table."""
     percent = {"median_shift": "median PGA", "share_shift": "share toppled", "tilt_log_ratio": "tilt"}
     shown = {"setting": table["setting"], "s a job": table["processor_s_per_job"].map("{:.3f}".format)}

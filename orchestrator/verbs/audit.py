@@ -35,7 +35,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.models.errors import InputError
     from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.context import Tally, Work, order_of
+    from toppling.orchestrator.context import RunProgress, Work, run_key_of
     from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
@@ -62,10 +62,10 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
             expected=f"at least {LEAST_JOBS} jobs",
             remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
         )
-    order = order_of(planned.scenes[0], run.absolute(), versions())
+    run_key = run_key_of(planned.scenes[0], run.absolute(), versions())
     with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
-        check_workers(client, order)
-        carry_out(Work(planned, run.absolute(), order, client, watch, Tally(count, 0)), count)
+        check_workers(client, run_key)
+        carry_out(Work(planned, run.absolute(), run_key, client, watch, RunProgress(count, 0)), count)
     audits = audits_of(opened)
     if as_json:
         click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))

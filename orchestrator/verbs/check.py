@@ -27,7 +27,7 @@ from toppling.orchestrator.studies.check_sites import (
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
-from toppling.results.belonging import SITES_FILE
+from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
 
@@ -194,17 +194,17 @@ def _show(verdicts: Sequence[Verdict], largest: float) -> None:
         table.add_column(
             head, justify="left" if index in (0, 1, 2, 5) else "right", max_width=28, no_wrap=True
         )
-    for told in verdicts:
+    for verdict in verdicts:
         table.add_row(
-            told.record_id + ("" if told.north_known else " (north?)"),
-            told.event,
-            told.station,
-            f"{told.pga_m_s2:.2f}",
-            f"{told.pgv_m_s:.3f}",
-            told.outcome,
-            f"{told.max_tilt_deg:.2f}",
-            "-" if told.probability is None else f"{told.toppled} of {told.shaken}",
-            "-" if told.least_factor is None else f"{told.least_factor:.3g}",
+            verdict.record_id + ("" if verdict.north_known else " (north?)"),
+            verdict.event,
+            verdict.station,
+            f"{verdict.pga_m_s2:.2f}",
+            f"{verdict.pgv_m_s:.3f}",
+            verdict.outcome,
+            f"{verdict.max_tilt_deg:.2f}",
+            "-" if verdict.probability is None else f"{verdict.toppled} of {verdict.shaken}",
+            "-" if verdict.least_factor is None else f"{verdict.least_factor:.3g}",
         )
     console = Console()
     Console(width=None if console.is_terminal else 150).print(table)
@@ -212,5 +212,5 @@ def _show(verdicts: Sequence[Verdict], largest: float) -> None:
         f"toppled near it: with the seismogram scaled by {1 / largest:.3g} to {largest:.3g} in equal ratios;\n"
         "least factor: the smallest of these that toppled the rock"
     )
-    if not all(told.north_known for told in verdicts):
+    if not all(verdict.north_known for verdict in verdicts):
         click.echo("(north?): unknown directions; the first horizontal component was taken as east")

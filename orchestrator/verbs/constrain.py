@@ -138,13 +138,13 @@ def constrain(
         )  # fmt: skip
     for warning in stated.warnings:
         click.echo(warning, err=True)
-    told = stated.content
+    content = stated.content
     if out:
-        told = told | {"choices": _choices(rocks, stated.hazard_files)}
-        count = stated.write(out, told["choices"])
+        content = content | {"choices": _choices(rocks, stated.hazard_files)}
+        count = stated.write(out, content["choices"])
         if not as_json:
             click.echo(f"{out}: {count} files, of which {stated.page} is the page", err=True)
-    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else stated.text)
+    click.echo(json.dumps(content, indent=1, allow_nan=False) if as_json else stated.text)
 
 
 def _choices(rocks: Sequence[Path], hazard_files: Sequence[Path]) -> dict[str, Any]:

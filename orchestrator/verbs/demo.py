@@ -151,9 +151,11 @@ def _run(out: Path, workers: int) -> int:
     first = FirstStatement(*_FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
     with watcher() as watch:
         campaign = Campaign.read(out / "campaign.toml")
-        tally = run(plan_of(campaign), out / "run", local(workers), watch, stages=[first, Auditing()])
-    _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
-    return tally.failed
+        progress = run(plan_of(campaign), out / "run", local(workers), watch, stages=[first, Auditing()])
+    _say(
+        f"run: {progress.done} jobs, {progress.rate:.1f}/s, {progress.toppled} toppled, {progress.failed} unanswered"
+    )
+    return progress.failed
 
 
 def _draw(out: Path) -> list[Path]:

@@ -130,7 +130,7 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
     if weighted and (weights := drawn.run.weights()):
-        for sentence in sentences(weights.told(jobs)):
+        for sentence in sentences(weights.summary(jobs)):
             click.echo(sentence)
 
 

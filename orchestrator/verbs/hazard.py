@@ -4,7 +4,7 @@ import math
 
 import click
 
-from toppling.orchestrator.public.hazard_asked import is_number
+from toppling.orchestrator.public.hazard_question import is_number
 from toppling.results.hazard.sites import SITE_REACH_KM
 
 HAZARD_HELP = (

@@ -65,10 +65,10 @@ def init(
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.campaign_template import CampaignTemplate, even_azimuths_deg, levels_between
+    from toppling.orchestrator.pilot import RECORDS, levels_to_try, statics_of, try_out
     from toppling.orchestrator.progress import bar, duration
     from toppling.orchestrator.stands import check_stands
-    from toppling.orchestrator.starter import Starter, even_azimuths_deg, levels_between
-    from toppling.orchestrator.trial import RECORDS, levels_to_try, statics_of, try_out
 
     refuse_existing(out)
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
@@ -84,13 +84,13 @@ def init(
     most = min(RECORDS, len(motions.record_ids)) * len(levels_to_try(statics.least_m_s2))
     with bar("shaking on trial", most) as advance:
         friction = contact.friction_static, contact.friction_kinetic
-        trial = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
-    spaced = levels_between(statics.least_m_s2, trial.most_at_m_s2, levels)
+        pilot = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
+    spaced = levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
     records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
     folder = out.absolute().parent
-    starter = Starter(
+    starter = CampaignTemplate(
         name=str(out), scene=os.path.relpath(scene.absolute(), folder),
-        ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, trial=trial,
+        ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, pilot=pilot,
         levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
         bases=0 if rock.unseen is None else len(rock.unseen),
     )  # fmt: skip
@@ -99,7 +99,7 @@ def init(
     jobs = records * len(spaced) * len(turned) * len(frictions)
     click.echo(
         f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "
-        f"about {duration(jobs * trial.job_s / workers)} on {workers} workers"
+        f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
     )
     click.echo(f"next: toppling plan {out}")
 

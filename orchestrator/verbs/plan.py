@@ -43,7 +43,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.public.running import plan as expand
-    from toppling.orchestrator.settling_told import settling_notes
+    from toppling.orchestrator.settling_notes import settling_notes
 
     with bar("letting the rock stand, counting jobs"):
         found = expand(chosen)
@@ -94,17 +94,17 @@ def _plan_atlas(
     from toppling.orchestrator.estimate import estimate_atlas, words_of
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import bar
-    from toppling.orchestrator.rocks_of_run import scenes_told
+    from toppling.orchestrator.rocks_of_run import scene_entries
     from toppling.orchestrator.stands import with_settling
 
     with bar("letting the rocks stand, counting jobs"):
         planned = plan_of(chosen)
-        told = scenes_told(with_settling(planned))
+        entries = scene_entries(with_settling(planned))
     with bar("timing a few jobs"):
         expected = estimate_atlas(planned) if estimated else None
-    for one, scene in zip(told["scenes"], planned.scenes, strict=True):
+    for one, scene in zip(entries["scenes"], planned.scenes, strict=True):
         one["records"] = len(scene.record_sha)
-    counts = {"jobs": len(planned), "rocks": len(planned.scenes), "plan_id": planned.id, **told}
+    counts = {"jobs": len(planned), "rocks": len(planned.scenes), "plan_id": planned.id, **entries}
     counts |= {"preset": chosen.preset, "engine": chosen.engine}
     counts |= {"expected_work_s": expected and round(expected.work_s, 1)}
     _write(planned, table)
@@ -114,13 +114,13 @@ def _plan_atlas(
     click.echo(
         f"{len(planned)} jobs of {len(planned.scenes)} rocks, engine {chosen.engine}, preset {chosen.preset}"
     )
-    for one in told["scenes"]:
+    for one in entries["scenes"]:
         place = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
         click.echo(f"  {one['rock']}, {one['site']}{place}: {one['jobs']} jobs with {one['records']} records")
     if estimated:
         click.echo(words_of(expected, len(planned), workers))
-    for one in told["scenes"]:
+    for one in entries["scenes"]:
         if one["problem"]:
             click.echo(f"warning: {one['rock']}: {one['problem']}", err=True)
-    for one in told["left_out"]:
+    for one in entries["left_out"]:
         click.echo(f"warning: {one['rock']} is left out: {one['why']}", err=True)

@@ -70,10 +70,10 @@ def pulse(
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with bar("shaking"):
         shown, result = replay_of(loaded, motion, preset)
-    friction_told = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
+    friction_text = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
     title = (
         f"{rock_name(scene)}: {shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
-        f"friction {friction_told}: {result.outcome or result.status}"
+        f"friction {friction_text}: {result.outcome or result.status}"
     )
     write_out(shown, out, title)
     click.echo(title)

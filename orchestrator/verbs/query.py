@@ -103,18 +103,18 @@ def _spread(runs: tuple[str, ...]) -> pa.Table:
 def _spread_words(table: pd.DataFrame) -> str:
     """The spread as people read it: percentages; a share of nothing stays empty."""
     levels = ["all levels" if level != level else f"{level:g} m/s2" for level in table["level_pga_m_s2"]]
-    told = table.assign(level_pga_m_s2=levels).rename(
+    shares = table.assign(level_pga_m_s2=levels).rename(
         columns={"level_pga_m_s2": "level", "probability": "toppled"}
     )
     for name in ("toppled", "left", *(f"share_{cause}" for cause in CAUSES[:3])):
-        told[name] = ["" if value != value else f"{100 * value:.1f} %" for value in told[name]]
+        shares[name] = ["" if value != value else f"{100 * value:.1f} %" for value in shares[name]]
     for cause in CAUSES[:3]:
         parts = zip(*(table[name] for name in (cause, f"{cause}_low", f"{cause}_high")), strict=True)
-        told[cause] = [f"{100 * at:.1f} ({100 * low:.1f} to {100 * high:.1f}) %" for at, low, high in parts]
+        shares[cause] = [f"{100 * at:.1f} ({100 * low:.1f} to {100 * high:.1f}) %" for at, low, high in parts]
     ends = [f"{cause}_{end}" for cause in CAUSES[:3] for end in ("low", "high")]
     bases, records = (int(table[name].max()) for name in ("bases", "records_drawn"))
     return (
-        f"{told.drop(columns=[*ends, 'bases', 'records_drawn']).to_string(index=False)}\n"
+        f"{shares.drop(columns=[*ends, 'bases', 'records_drawn']).to_string(index=False)}\n"
         "toppled: share of the jobs; records, base, friction, left: standard deviation of that share by what it comes "
         f"from,\nfrom {bases} bases and {records} records; in brackets: 95 % intervals, as other bases and records "
         "drawn alike would have it;\nshare_: of the variance that records, base and friction have among each other"

@@ -88,14 +88,14 @@ def as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
         f"base {base}" if base is not None else "nominal" if number == 0 else "",
         f"turned by {turn_deg:.3g}°" if turn_deg else "",
     ]
-    told = ", ".join(filter(None, drawn))
+    remark = ", ".join(filter(None, drawn))
     friction = friction_words(
         *(float(f"{one:.3g}") for one in (contact.friction_static, contact.friction_kinetic))
     )
     bounce = f", restitution {contact.restitution:.2g}" if contact.restitution else ""
     return (
         f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
-        f"realisation {number}{f' ({told})' if told else ''}, friction {friction}{bounce}"
+        f"realisation {number}{f' ({remark})' if remark else ''}, friction {friction}{bounce}"
     )
 
 
@@ -119,7 +119,7 @@ _OUTCOME = [
 
 def _rock_of(opened: Run, scene_id: str | None) -> Run:
     """The rock of an atlas that a job shakes, or the run itself."""
-    return next((one for one in opened.rocks if one.told["scene_id"] == scene_id), opened)
+    return next((one for one in opened.rocks if one.entry["scene_id"] == scene_id), opened)
 
 
 def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
@@ -162,10 +162,10 @@ def _row(run: Path, job_id: str) -> dict | None:
 def _whence(kernels: str | None) -> str:
     """Where an answer that differs may come from: another version, or another machine."""
     here = processor()["kernels"]
-    told = "see 'versions' in run.json: the run may come from another version or machine"
+    remark = "see 'versions' in run.json: the run may come from another version or machine"
     if kernels in (None, here):
-        return told
-    return f"the row was computed with other kernels ({kernels}, here {here}): replay it on a like machine; {told}"
+        return remark
+    return f"the row was computed with other kernels ({kernels}, here {here}): replay it on a like machine; {remark}"
 
 
 def _difference(name: str, was: object, now: object) -> str:

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from toppling.models.stores import named
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
+from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
 from toppling.orchestrator.verbs.options import FOLDER, json_option
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
@@ -152,7 +152,7 @@ def _carry_out(
 
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
-        with told_as_stop(), watcher() as watch:
+        with signals_as_stop(), watcher() as watch:
             return carry_out(chosen, folder, cluster=cluster, watch=watch, limits=limits, again=again)
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
@@ -170,22 +170,22 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
     from toppling.results.analysis.unphysical import unphysical_of
 
     advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
-    tally, unphysical = shaken.session, unphysical_of(shaken.run)
+    progress, unphysical = shaken.session, unphysical_of(shaken.run)
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
-        "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
+        "run": str(folder), "jobs": progress.total, "done_before": progress.before, "done": progress.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
-        "deaths": tally.deaths, "suggestions": advice, "audit": state["audit"],
+        "deaths": progress.deaths, "suggestions": advice, "audit": state["audit"],
         "stood": state["stood"], "statements": state["statements"],
         "unphysical": unphysical.to_json() if unphysical else None,
-        "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
+        "wall_s": round(progress.elapsed_s, 2), "work_s": round(progress.work_s, 2),
     }  # fmt: skip
     if as_json:
         click.echo(json.dumps(summary))
     else:
         click.echo(
-            f"{named(folder)}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({pace(tally.rate)}), "
-            f"{tally.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
+            f"{named(folder)}: {progress.done} jobs done in {duration(progress.elapsed_s)} ({pace(progress.rate)}), "
+            f"{progress.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
         if state["failed"]:
             click.echo(f"why some failed: toppling status {named(folder)}")
@@ -246,5 +246,5 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
     for sentence in shaking_warnings(campaign, ensemble):
         click.echo(f"warning: {sentence}", err=True)
     with Console(stderr=True).status("timing a few jobs"):
-        told = estimate(planned, scene, ensemble)
-    return words_of(told, len(planned), workers)
+        expected = estimate(planned, scene, ensemble)
+    return words_of(expected, len(planned), workers)

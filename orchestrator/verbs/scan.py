@@ -253,7 +253,7 @@ def scan(
 def _tell(made: "Scanned", as_json: bool) -> None:
     """Print what was scanned, and what the user should know of it."""
     click.echo(
-        json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, made.folder)
+        json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _summary(made.scene, made.folder)
     )
     for note in made.notes:
         click.echo(note, err=as_json)
@@ -306,7 +306,7 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
         return scanned(files, given.pop("out"), **given, advance=advance)
 
 
-def _told(scene: Scene, out: Path) -> str:
+def _summary(scene: Scene, out: Path) -> str:
     """Say what the scan found in one line."""
     rock, pedestal = scene.rock, scene.pedestal
     return (

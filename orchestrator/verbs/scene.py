@@ -41,7 +41,7 @@ def show(folder: Path, out: Path | None) -> None:
         advance(0, "settling")
         from toppling.models.folder import rock_name
         from toppling.models.intervals import base_sentences
-        from toppling.orchestrator.settling_told import draw_settling, settling_notes
+        from toppling.orchestrator.settling_notes import draw_settling, settling_notes
         from toppling.results.drawing.page import write_scene_page
         from toppling.results.drawing.scene import draw_scene
 

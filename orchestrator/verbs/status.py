@@ -30,8 +30,8 @@ def status(run: Path, as_json: bool) -> None:
         return
     again = f", {state['again']} of them still to be done again" if state["again"] else ""
     remark = state["unfinished"]
-    told = f": {remark}" if remark else f", {state['stored']:,} of {state['jobs']:,} jobs stored"
-    click.echo(f"{run}: {state['state']}{told}{again}")
+    detail = f": {remark}" if remark else f", {state['stored']:,} of {state['jobs']:,} jobs stored"
+    click.echo(f"{run}: {state['state']}{detail}{again}")
     if state["rate_per_s"]:
         click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:

@@ -68,7 +68,7 @@ def study(
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """
     from toppling.orchestrator.context import RunError
-    from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
+    from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.studies import replication as stages
     from toppling.orchestrator.verbs.run import FAILED_JOBS
@@ -81,12 +81,12 @@ def study(
     cluster_of(out, **where)  # wrong options are said before any work
     say = partial(click.echo, err=True)
     try:
-        with told_as_stop():
+        with signals_as_stop():
             chosen.check(out)
             _have_scene(out, scan, scene, say)
             _have_records(out, records, metadata, count, say)
             _say_time(chosen, out, where, say)
-            tallies = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
+            progresses = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
             climbed = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
             say("figures, findings, constraint, report")
             found, page = _report(chosen, out, climbed, as_json)
@@ -98,18 +98,18 @@ def study(
         sys.exit(INTERRUPTED)
     if as_json:
         content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
-        click.echo(json.dumps({"study": str(out), "runs": stages.told(tallies), **content}))
+        click.echo(json.dumps({"study": str(out), "runs": stages.summaries(progresses), **content}))
     else:
-        click.echo("\n".join([str(page), *(one.line for one in found), _session_words(tallies)]))
-    if any(tally.failed for tally in tallies):
+        click.echo("\n".join([str(page), *(one.line for one in found), _session_words(progresses)]))
+    if any(progress.failed for progress in progresses):
         sys.exit(FAILED_JOBS)
 
 
-def _session_words(tallies: list[Any]) -> str:
+def _session_words(progresses: list[Any]) -> str:
     from toppling.orchestrator.progress import duration
 
-    worked_s = sum(tally.elapsed_s for tally in tallies if tally.done)
-    return f"{sum(tally.done for tally in tallies)} jobs in this session, {duration(worked_s)}"
+    worked_s = sum(progress.elapsed_s for progress in progresses if progress.done)
+    return f"{sum(progress.done for progress in progresses)} jobs in this session, {duration(worked_s)}"
 
 
 def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as_json: bool) -> Any:

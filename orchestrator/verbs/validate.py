@@ -23,8 +23,8 @@ from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.progress import watcher
 from toppling.orchestrator.studies.validation import (
+    Sampling,
     Shaken,
-    Wanted,
     drawn_bases,
     ensemble_of,
     scene_of,
@@ -124,27 +124,27 @@ def validate(
             expected="two records or more: each is predicted from the others",
             remedy="leave --learn out, or give the record of each test (docs/validation.md)",
         )
-    wanted = Wanted(engine, preset, draws, error, seed)
+    sampling = Sampling(engine, preset, draws, error, seed)
     place = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("measuring motions", total=len(experiment.tests))
         ensemble = ensemble_of(place, experiment, lambda: progress.advance(task))
         task = progress.add_task("drawing bases", total=draws)
-        scene_of(place, mesh, wanted, lambda kept: progress.update(task, completed=kept))
+        scene_of(place, mesh, sampling, lambda kept: progress.update(task, completed=kept))
     try:
         shaken = shake_tests(
-            place, experiment, wanted, partial(local, workers or os.cpu_count() or 1), watcher
+            place, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
         )
     except RunError as stopped:
         msg = f"{stopped}; the rows so far are kept, and the same command resumes"
         raise click.ClickException(msg) from None
-    statement = _told(experiment, ensemble, shaken, learn, wanted)
+    statement = _summary(experiment, ensemble, shaken, learn, sampling)
     _write(place, statement, "learnt" if learn else "unlearnt")
     click.echo(json.dumps(statement) if as_json else _words(statement, place))
 
 
-def _told(
-    experiment: Experiment, ensemble: Ensemble, shaken: Shaken, learn: bool, wanted: Wanted
+def _summary(
+    experiment: Experiment, ensemble: Ensemble, shaken: Shaken, learn: bool, sampling: Sampling
 ) -> dict[str, Any]:
     """All results."""
     overturned = np.array([test.overturned for test in experiment.tests])
@@ -180,9 +180,9 @@ def _told(
         "peers": {name: scores(overturned[known], said[known]) for name, (known, said) in peers.items()},
         "rules": {name: scores(overturned, said) for name, said in rules.items()},
         "settings": {
-            **asdict(wanted),
-            **drawn_bases(wanted),
-            "unmeasured": asdict(unmeasured(wanted.engine)),
+            **asdict(sampling),
+            **drawn_bases(sampling),
+            "unmeasured": asdict(unmeasured(sampling.engine)),
         },
         "tests": [
             {

@@ -57,7 +57,7 @@ class Estimate:
         """Whether the interval holds a value."""
         return self.low <= truth <= self.high
 
-    def told(self, form: str, unknown: str = "none") -> str:
+    def text(self, form: str, unknown: str = "none") -> str:
         """The number and its interval in words, each in a form such as '{:+.1f}'."""
         if math.isnan(self.value):
             return unknown
@@ -138,11 +138,11 @@ class Audit:
                 f"nothing of a shift of the run's answers; {differ})"
             )
         median, share = self.median_shift_percent, self.share_shift
-        shift = median.told("{:+.1f}", unknown="an unknown number of")
+        shift = median.text("{:+.1f}", unknown="an unknown number of")
         agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
         return (
             f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {shift} %, its share toppled by {share.told('{:+.3f}')}; {differ}; sign "
+            f"median PGA shifted by {shift} %, its share toppled by {share.text('{:+.3f}')}; {differ}; sign "
             f"test p {self.sign_test_p:.2f})"
         )
 

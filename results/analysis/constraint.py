@@ -69,29 +69,29 @@ class Constraint:
             }  # fmt: skip
         return {name: table for name, table in found.items() if table is not None and len(table)}
 
-    def told(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
+    def summary(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
         """Everything, as JSON holds it: SI units, None where a number is not known or has no bound."""
-        told = single_event(self.rocks, self.confidence)
+        summary = single_event(self.rocks, self.confidence)
         if self.dated:
-            told["ages_independent"] = sum(len(rock.years) > 1 for rock in self.rocks) > 1
+            summary["ages_independent"] = sum(len(rock.years) > 1 for rock in self.rocks) > 1
         if site := self.random_rock:
             low, high = site.median_interval or (None, None)
-            told["random_rock"] = {
+            summary["random_rock"] = {
                 "median": site.curve.median, "beta": site.curve.beta, "beta_within": site.beta_within,
                 "beta_between": site.beta_between, "median_low": low, "median_high": high,
             }  # fmt: skip
-        told |= {name: table.to_dict("records") for name, table in self.tables().items()}
+        summary |= {name: table.to_dict("records") for name, table in self.tables().items()}
         if update := self.update:
-            for row, branch in zip(told["branches"], update.tree.branches, strict=True):
+            for row, branch in zip(summary["branches"], update.tree.branches, strict=True):
                 row |= _place(branch.curve, asked)
-            told |= {
+            summary |= {
                 "mean": branch_factors_table(update).iloc[-1].to_dict(),
                 "decided": decided(update),
                 "intervals_carry": list(update.draws.carries) if update.draws else [],
                 "hazard": _hazard(update),
                 "hazard_ratio": ratio,
             }
-        return plain(told)
+        return plain(summary)
 
 
 def _place(curve: HazardCurve, asked: tuple[float, float] | None) -> dict[str, Any]:

@@ -17,8 +17,10 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
     features = []
     for rock in rocks:
         if rock.place is not None:
-            told = {name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")}
-            features.append(_feature("Point", [rock.place], told))
+            properties = {
+                name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")
+            }
+            features.append(_feature("Point", [rock.place], properties))
     return _collection(features)
 
 
@@ -40,14 +42,14 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
             * horizontal_unit_vector(rose["azimuth_deg"])[:, :2],
         )
         for row, end in zip(rose.to_dict("records"), ends if ends is not None else (), strict=False):
-            told = {
+            properties = {
                 "rock": rock.name,
                 **row,
                 "toppled": int(row["toppled"]),
                 "compass_deg": float(compass_deg(row["azimuth_deg"])),
                 "length_m": ARROW_M * row["share_of_toppled"],
             }
-            found.append(_feature("LineString", [rock.place, end], told))
+            found.append(_feature("LineString", [rock.place, end], properties))
     return _collection(found)
 
 

@@ -17,13 +17,15 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> NDArray[np.float
         East and north of the rock's centre of mass, scene frame.
     """
     offsets = np.asarray(offsets_m, float)
-    told = run.told
-    if told.get("longitude") is not None:
+    entry = run.entry
+    if entry.get("longitude") is not None:
         from pyproj import Geod
 
         away = np.hypot(*offsets.T)
         bearing = np.rad2deg(np.arctan2(*offsets.T))
-        longitude, latitude = (np.full(len(offsets), float(told[name])) for name in ("longitude", "latitude"))
+        longitude, latitude = (
+            np.full(len(offsets), float(entry[name])) for name in ("longitude", "latitude")
+        )
         longitude, latitude, _ = Geod(ellps="WGS84").fwd(longitude, latitude, bearing, away)
         return np.column_stack([longitude, latitude])
     codes = {one.get("epsg") for one in run.scene_report().get("files") or () if isinstance(one, dict)}

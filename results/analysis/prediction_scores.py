@@ -186,10 +186,10 @@ def weighted_draws(
         chance = np.where(falls, rates[1], rates[0])
         likelihood = weights[:, None] * np.where(overturned, chance, 1.0 - chance) * known
         total = likelihood.sum(axis=0)
-        told_by = likelihood / np.where(total > 0.0, total, 1.0)
-        weights = evidence * told_by.sum(axis=1) + 1.0 / len(toppled)
+        responsibility = likelihood / np.where(total > 0.0, total, 1.0)
+        weights = evidence * responsibility.sum(axis=1) + 1.0 / len(toppled)
         weights /= weights.sum()
-        rates = (_rate(told_by * stands, overturned), _rate(told_by * falls, overturned))
+        rates = (_rate(responsibility * stands, overturned), _rate(responsibility * falls, overturned))
     return weights, rates
 
 
@@ -255,9 +255,9 @@ def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str
     }
 
 
-def _rate(told_by: Array, overturned: Truths) -> float:
+def _rate(responsibility: Array, overturned: Truths) -> float:
     """Share that overturned of what draws told."""
-    return float(jeffreys_mean((told_by * overturned).sum(), told_by.sum()))
+    return float(jeffreys_mean((responsibility * overturned).sum(), responsibility.sum()))
 
 
 def _threshold(measure: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:

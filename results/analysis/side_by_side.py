@@ -55,13 +55,13 @@ class Beside:
         """Row of the table of rocks; None where a value is not known."""
         known, curve = answered(self.jobs), self.curve
         interval = (curve.median_interval if curve else None) or (None, None)
-        weakest, told = self.weakest_azimuth_deg, self.run.told
+        weakest, entry = self.weakest_azimuth_deg, self.run.entry
         return {
             "rock": self.name,
-            "site": told.get("site"),
+            "site": entry.get("site"),
             "longitude": self.place[0] if self.place else None,
             "latitude": self.place[1] if self.place else None,
-            "age": told.get("age"),
+            "age": entry.get("age"),
             "measure": curve.measure if curve else None,
             "median": curve.median if curve else None,
             "median_low": interval[0],
@@ -180,7 +180,7 @@ def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
 
 def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> Beside:
     known = answered(jobs) if len(jobs) else jobs
-    curve, why_not = None, (run.told.get("problem") or "no job has an answer").splitlines()[0]
+    curve, why_not = None, (run.entry.get("problem") or "no job has an answer").splitlines()[0]
     if len(known):
         toppled = int(known["toppled"].sum())
         fitted = fit(known, [measure]) if toppled >= FEW_TOPPLED else None

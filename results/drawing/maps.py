@@ -107,7 +107,7 @@ def direction_figure(
         "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
         *_width_words(counted.table, plane),
         *_left_out(plane, counted.unplaced, 0),
-        *_told_lines(reference),
+        *_reference_text(reference),
     ]
     if width_in < FULL_WIDTH_IN:
         caption = [part for line in caption for part in _halved(line)]
@@ -296,7 +296,7 @@ def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
     axes.axis(frame)
 
 
-def _told_lines(lines: pd.DataFrame | None) -> list[str]:
+def _reference_text(lines: pd.DataFrame | None) -> list[str]:
     if lines is None or not len(lines):
         return []
     low, high = (f"{100 * part:g} %" for part in (lines["probability"].min(), lines["probability"].max()))

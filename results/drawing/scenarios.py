@@ -41,8 +41,8 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         behind = np.argsort(-sizes)[~bare[np.argsort(-sizes)]]
         x, y = points[behind].T
         below.scatter(x, y, sizes[behind], shares[behind], cmap=COLOURS, vmin=0, vmax=1, ec="0.2", lw=0.5)
-        told = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in shares]
-        names = [f"{name} {words}" for (name, _), words in zip(placed, told, strict=True)]
+        texts = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in shares]
+        names = [f"{name} {words}" for (name, _), words in zip(placed, texts, strict=True)]
         name_points(below, points, names)
         below.set_title("share of scenarios that topple each rock as they are")
     return figure

@@ -55,18 +55,18 @@ const shade = (share) => {  // from pale to dark blue, readable in grey
   const part = (low, high) => Math.round(low + (high - low) * share);
   return `rgb(${part(236, 8)},${part(242, 48)},${part(250, 107)})`;
 };
-const map = (told) => {
-  const columns = told.columns, rows = told.rows, wide = 34, high = 22, left = 60, top = 50;
+const map = (state) => {
+  const columns = state.columns, rows = state.rows, wide = 34, high = 22, left = 60, top = 50;
   const width = Math.max(left + columns.length * wide + 10, 300), height = top + rows.length * high + 44;
   const drawn = svg("svg", {viewBox: `0 0 ${width} ${height}`, width, height, role: "img"});
-  drawn.append(svg("title", {}, told.name));
+  drawn.append(svg("title", {}, state.name));
   [0, 0.25, 0.5, 0.75, 1].forEach((share, index) => {  // the scale of colours
     const x = left + 36 * index;
     drawn.append(svg("rect", {x, y: 2, width: 36, height: 12, stroke: "#999", fill: shade(share)}));
     drawn.append(svg("text", {x: x + 18, y: 27, "text-anchor": "middle"}, share));
   });
-  const most = Math.max(...told.cells.map((cell) => cell.jobs), 1);
-  for (const cell of told.cells) {
+  const most = Math.max(...state.cells.map((cell) => cell.jobs), 1);
+  for (const cell of state.cells) {
     const x = left + cell.column * wide, y = top + (rows.length - 1 - cell.row) * high;
     const part = cell.jobs * 4 >= most ? 1 : 0.5, width = (wide - 2) * part, height = (high - 2) * part;
     const box = svg("rect", {x: x + (wide - width) / 2, y: y + (high - height) / 2, width, height,
@@ -95,26 +95,26 @@ const replay = (job) => {
   at("replay").src = `replay/${job.job_id}`;
   at("replayed").scrollIntoView();
 };
-const show = (told) => {
-  document.title = `${Math.floor(100 * told.stored / Math.max(told.jobs, 1))} % ${told.name}`;
-  at("name").textContent = told.name;
-  at("state").textContent = told.sentence;
+const show = (state) => {
+  document.title = `${Math.floor(100 * state.stored / Math.max(state.jobs, 1))} % ${state.name}`;
+  at("name").textContent = state.name;
+  at("state").textContent = state.sentence;
   at("state").className = "";
-  at("progress").max = Math.max(told.jobs, 1);
-  at("progress").value = told.stored;
-  at("counts").textContent = told.counts;
-  at("failed").hidden = !told.failures.length;
+  at("progress").max = Math.max(state.jobs, 1);
+  at("progress").value = state.stored;
+  at("counts").textContent = state.counts;
+  at("failed").hidden = !state.failures.length;
   at("failures").replaceChildren(row(["jobs", "status", "message", "such as"], true),
-    ...told.failures.map((one) => row([one.jobs, one.status, one.message ?? "", one.job_id])));
-  at("maps").replaceChildren(...told.maps.flatMap((one) => {
+    ...state.failures.map((one) => row([one.jobs, one.status, one.message ?? "", one.job_id])));
+  at("maps").replaceChildren(...state.maps.flatMap((one) => {
     const name = document.createElement("p");
-    name.textContent = told.maps.length > 1 ? one.name : "";
+    name.textContent = state.maps.length > 1 ? one.name : "";
     return [name, map(one)];
   }));
-  at("toppled").hidden = !told.latest.length;
+  at("toppled").hidden = !state.latest.length;
   at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "toppled toward (°)", "after (s)", ""],
     true),
-    ...told.latest.map((one) => {
+    ...state.latest.map((one) => {
       const button = document.createElement("button");
       button.textContent = "replay";
       button.onclick = () => replay(one);
@@ -126,9 +126,9 @@ let before = "";
 const ask = async () => {
   try {
     const answer = await fetch("state.json", {cache: "no-store"});
-    const text = await answer.text(), told = JSON.parse(text);
-    if (told.error) throw new Error(told.error);
-    if (text !== before) show(told);
+    const text = await answer.text(), state = JSON.parse(text);
+    if (state.error) throw new Error(state.error);
+    if (text !== before) show(state);
     before = text;
   } catch (error) {
     at("state").textContent = error instanceof TypeError ? "'toppling watch' has ended" : error.message;

@@ -145,12 +145,12 @@ class EventUpdate:
         with np.errstate(divide="ignore"):  # the draws of all branches are of the same rocks and ages
             drawn = np.exp(np.log(self.drawn) @ self.events.prior)
         low, high = np.quantile(drawn, [0.025, 0.975])
-        told = {
+        statement = {
             "survival": survival(self.rocks, together[0], self.exposure),
             "survival_low": low,
             "survival_high": high,
         }
-        return {"name": MEAN, **told, **self._factors(together, drawn, len(self.events.branches))}
+        return {"name": MEAN, **statement, **self._factors(together, drawn, len(self.events.branches))}
 
     def _together(self, branches: Sequence[EventBranch]) -> EventBranch:
         """The events of all branches, at their rates times the branches' weights."""

@@ -7,9 +7,9 @@ from typing import Any
 
 from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
-from toppling.results.belonging import check_plan_id
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.precision.design import Rounds
+from toppling.results.run_integrity import check_plan_id
 from toppling.results.schema import SHORT_NAMES
 
 SCHEMA_VERSION = 1

@@ -125,7 +125,7 @@ def client(faults_file):
 
 @pytest.fixture
 def carry_out(campaign, client):
-    def go(folder, watch=lambda tally: None, **options):
+    def go(folder, watch=lambda progress: None, **options):
         return run(plan_of(campaign), folder, nullcontext(client), watch, **options)
 
     return go

@@ -22,10 +22,10 @@ def _strike(job_id):
     if fault is None:
         return
     if "times" in fault:
-        tally = control.with_name(f"{control.name}.{job_id}")
-        with tally.open("a") as file:
+        progress = control.with_name(f"{control.name}.{job_id}")
+        with progress.open("a") as file:
             file.write("x")
-        if tally.stat().st_size > fault["times"]:
+        if progress.stat().st_size > fault["times"]:
             return
     if fault["kind"] == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)

@@ -12,7 +12,7 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import order_of
+from toppling.orchestrator.context import run_key_of
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
@@ -61,7 +61,7 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
     client, folder, tmp_path
 ):
     campaign = Campaign.read(folder / "atlas.toml")
-    tally = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    progress = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
     together = open_run(tmp_path / "atlas").frame()
     assert sorted(together["rock"].unique()) == ["leaning", "narrow", "wide"]
     for site in campaign.sites:
@@ -75,7 +75,7 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
         of_rock = of_rock.set_index("job_id").loc[alone.index]
         for column in ("toppled", "max_tilt_deg", "slip_m", "topple_time_s", "pgv_m_s", "scene_id"):
             assert of_rock[column].equals(alone[column]), column
-    assert tally.done == 2 * 18
+    assert progress.done == 2 * 18
     again = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
     assert (again.done, again.before) == (0, 3 * 18)
 
@@ -92,7 +92,7 @@ def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_poole
     frame = rocks["narrow"].frame()
     assert (rocks["narrow"].planned(), len(frame), frame["rock"].unique().tolist()) == (18, 18, ["narrow"])
     assert frame["scene_id"].unique().tolist() == rocks["narrow"].scene()["scene_id"].to_pylist()
-    assert rocks["leaning"].told["problem"]
+    assert rocks["leaning"].entry["problem"]
     assert atlas.scene()["rock"].to_pylist() == list(rocks)
     with pytest.raises(InputError, match="the query pools their rows"):
         atlas.sql("select avg(toppled::int) from results")
@@ -125,7 +125,7 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     alive = []
     for row in range(len(planned)):
         scene = planned.scenes[planned.scene_of[row]]
-        (answer,) = shake_batch(order_of(scene, tmp_path / "run", versions()), [planned.spec(row)], 1.0)
+        (answer,) = shake_batch(run_key_of(scene, tmp_path / "run", versions()), [planned.spec(row)], 1.0)
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         gc.collect()
         alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))

@@ -23,7 +23,7 @@ from toppling.orchestrator.cluster import existing
 from toppling.orchestrator.delivery import SHELF
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.task import Order, assets_of, versions
+from toppling.orchestrator.task import RunKey, assets_of, versions
 from toppling.workers.shake import compile_once
 
 PATIENCE_S = 60.0
@@ -122,11 +122,11 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
             stack.enter_context(worker(scheduler, hidden, cache))
         cluster = existing(None, scheduler, None)
 
-        def watch(tally):
+        def watch(progress):
             pass
 
-        tally = run(plan_of(campaign), tmp_path / "run", cluster, watch)
-    assert tally.deaths == 0
+        progress = run(plan_of(campaign), tmp_path / "run", cluster, watch)
+    assert progress.deaths == 0
     assert answers_of(tmp_path / "run") == undisturbed
     for cache in hosts:
         kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
@@ -140,11 +140,11 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
     place = cache / "delivered" / planned.scene_id
     place.parent.mkdir()
     Scene.block(0.2, 0.2, 0.5).save(place)
-    order = Order(str(inputs), planned.scene_id, planned.ensemble_id, versions())
+    run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
     with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
         with pytest.raises(InputError, match=f"holds scene .*, not {planned.scene_id}"):
-            check_workers(client, order)
-        check_workers(client, order)  # it was removed, and is sent anew
+            check_workers(client, run_key)
+        check_workers(client, run_key)  # it was removed, and is sent anew
         assert Scene.load(place).id == planned.scene_id
 
 
@@ -158,19 +158,19 @@ def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_
         port = int(json.loads(first.read_text())["address"].rpartition(":")[2])
         workers = [stack.enter_context(worker(first, [inputs, tmp_path], cache)) for _ in range(2)]
 
-        def watch(tally):
-            if tally.done and lost.poll() is None:
+        def watch(progress):
+            if progress.done and lost.poll() is None:
                 lost.kill()
                 lost.wait(PATIENCE_S)
                 shutil.rmtree(cache / "delivered")  # all has to be offered once more
                 stack.enter_context(running_scheduler(second, port))
 
-        tally = run(
+        progress = run(
             plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}", None, None), watch
         )
         assert lost.poll() is not None
         assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
-    assert (tally.deaths, tally.failed) == (0, 0)
+    assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed
 
 
@@ -180,15 +180,15 @@ def test_a_worker_whose_scheduler_lost_what_it_asks_for_is_no_misfit_and_the_cli
     cache = cache_of_a_host(host_folders / "host")
     forgot = []
 
-    def watch(tally):
-        if tally.done and not forgot:
+    def watch(progress):
+        if progress.done and not forgot:
             shutil.rmtree(cache / "delivered")
             client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.handlers.pop(SHELF))
             client.run(lambda: assets_of.cache_clear())
             forgot.append(True)
 
     with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
-        tally = run(plan_of(campaign), tmp_path / "run", contextlib.nullcontext(client), watch)
+        progress = run(plan_of(campaign), tmp_path / "run", contextlib.nullcontext(client), watch)
     assert forgot
-    assert (tally.deaths, tally.failed) == (0, 0)
+    assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed

@@ -12,7 +12,7 @@ import pytest
 from answers import answers_of
 from distributed import Client, LocalCluster
 
-from toppling.orchestrator import cluster, upkeep
+from toppling.orchestrator import cluster, cluster_supervisor
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
@@ -83,7 +83,7 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
     thread = threading.Thread(target=come_and_go)
     thread.start()
     try:
-        return run(plan_of(campaign), folder, contextlib.nullcontext(client), lambda tally: None), left
+        return run(plan_of(campaign), folder, contextlib.nullcontext(client), lambda progress: None), left
     finally:
         ended.set()
         thread.join(PATIENCE_S)
@@ -97,11 +97,11 @@ def test_workers_told_to_leave_cost_no_try_and_no_row(
 ):
     faults.set(every={"kind": "wait", "seconds": seconds})
     with Joining(scheduler.scheduler.address, tmp_path) as joining:
-        tally, left = carry_out_while_they_come_and_go(
+        progress, left = carry_out_while_they_come_and_go(
             campaign, tmp_path / "run", scheduler, joining, leaves, seed=7
         )
     assert left == leaves
-    assert tally.deaths == 0
+    assert progress.deaths == 0
     assert answers_of(tmp_path / "run") == undisturbed
 
 
@@ -111,8 +111,8 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     import dask
 
     dask.config.refresh()
-    monkeypatch.setattr(upkeep, "WORTH_A_WORKER_S", 0.5)
-    monkeypatch.setattr(upkeep, "IDLE_S", 1.0)
+    monkeypatch.setattr(cluster_supervisor, "WORTH_A_WORKER_S", 0.5)
+    monkeypatch.setattr(cluster_supervisor, "IDLE_S", 1.0)
     slow = undisturbed[0]["job_id"]
     faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
     sizes = []
@@ -120,7 +120,7 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
         plan_of(campaign),
         tmp_path / "run",
         cluster.local(1, most=3),
-        lambda tally: sizes.append(tally.workers),
+        lambda progress: sizes.append(progress.workers),
     )
     assert max(sizes) == 3
     assert sizes[-1] == 1  # which has the slow job

@@ -15,13 +15,13 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.first_statement import FirstStatement
 from toppling.orchestrator.studies.precision import JobsForPrecision, pools
+from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
@@ -33,7 +33,7 @@ class StoppedError(Exception):
     """As Ctrl-C would."""
 
 
-def silent(tally):
+def silent(progress):
     """Watch nothing."""
 
 
@@ -104,8 +104,8 @@ def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     asking, client, whole, tmp_path, faults
 ):
     def stop_after(jobs):
-        def watch(tally):
-            if tally.done > jobs:
+        def watch(progress):
+            if progress.done > jobs:
                 raise StoppedError
 
         return watch
@@ -118,8 +118,8 @@ def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     assert state_of(folder)["state"] == "interrupted"
     killed = []
 
-    def kill(tally):
-        if not killed and tally.done >= 3:
+    def kill(progress):
+        if not killed and progress.done >= 3:
             killed.append(next(iter(client.run(os.getpid, on_error="ignore").values())))
             threading.Timer(0.3, os.kill, (killed[0], signal.SIGKILL)).start()
 
@@ -147,15 +147,15 @@ def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path)
     few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 4.0, 5.0, 6.0), azimuth_deg=(0.0,))
     said, done = [], []
 
-    def watch(tally):
-        done.append(tally.done)
+    def watch(progress):
+        done.append(progress.done)
 
     first = FirstStatement(0.01, 40, lambda words: said.append((words, done[-1])))
-    tally = run(plan_of(few), tmp_path / "run", nullcontext(client), watch, stages=[first])
+    progress = run(plan_of(few), tmp_path / "run", nullcontext(client), watch, stages=[first])
     ((words, jobs),) = said
     assert f"from {jobs} jobs with 20 records" in words
-    assert 40 <= jobs < tally.total == 80
-    assert (tally.done, len(open_run(tmp_path / "run").table())) == (80, 80)
+    assert 40 <= jobs < progress.total == 80
+    assert (progress.done, len(open_run(tmp_path / "run").table())) == (80, 80)
     assert state_of(tmp_path / "run")["state"] == "complete"
 
 
@@ -167,15 +167,19 @@ def test_a_run_whose_first_statement_takes_all_jobs_is_merged_all_the_same(askin
     assert len(open_run(tmp_path / "run").table()) == 40
 
 
-def stop_at_once(tally):
+def stop_at_once(progress):
     """Stop as soon as there is a row more."""
-    if tally.done:
+    if progress.done:
         raise StoppedError
 
 
 def test_every_target_has_rounds_of_its_own(planned, tmp_path):
     (tmp_path / "curve.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-2\n1,1e-4\n3,1e-6\n")
-    for asked in (Asked("p05"), Asked(measure="pga_m_s2", at=4.0), Asked(hazard=tmp_path / "curve.csv")):
+    for asked in (
+        TargetSpec("p05"),
+        TargetSpec(measure="pga_m_s2", at=4.0),
+        TargetSpec(hazard=tmp_path / "curve.csv"),
+    ):
         wanted = JobsForPrecision(planned, tmp_path, 0.1, asked, alone=False)
         first = wanted.pending(set())
         assert 0 < len(first) < len(planned)

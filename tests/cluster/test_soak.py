@@ -40,7 +40,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan
-from toppling.results.belonging import NEEDED
+from toppling.results.run_integrity import NEEDED
 from toppling.workers.job import Assets, run_job
 
 FAULTS = int(os.environ.get("TOPPLING_SOAK_FAULTS", "300"))
@@ -160,7 +160,7 @@ class Storm:
 
     def __init__(self, campaign_file, cluster, disk, faults, job_ids):
         self.random = random.Random(SEED)
-        self.tally = Counter()
+        self.progress = Counter()
         self.campaign_file, self.cluster, self.disk, self.faults = campaign_file, cluster, disk, faults
         self.job_ids = job_ids
         self.course = campaign_file.with_name("course.txt")  # for whom it went wrong
@@ -178,12 +178,12 @@ class Storm:
     @property
     def lacking(self):
         """Kinds that have struck too seldom."""
-        return {kind for kind in self.possible if self.tally[kind] < LEAST}
+        return {kind for kind in self.possible if self.progress[kind] < LEAST}
 
     @property
     def over(self):
         # Jobs' own faults are counted once a run is complete.
-        done = self.tally.total() >= FAULTS and self.lacking <= {"job segfaults", "job hangs"}
+        done = self.progress.total() >= FAULTS and self.lacking <= {"job segfaults", "job hangs"}
         return done or time.monotonic() > self.calm_at
 
     def carry_out(self, run):
@@ -198,7 +198,7 @@ class Storm:
                 self._refused_with_a_flipped_bit()
             complete = self._session()
         struck = [job for job in culprits if self.faults.path.with_name(f"faults.json.{job}").exists()]
-        self.tally.update(f"job {told[job]['kind']}s" for job in struck)
+        self.progress.update(f"job {told[job]['kind']}s" for job in struck)
 
     def _refused_with_a_flipped_bit(self):
         """What the run was begun with is not believed once it has changed; then it is put back as from a copy."""
@@ -218,7 +218,7 @@ class Storm:
         done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S)
         assert (done.returncode, path.name in done.stderr) == (1, True), f"{path.name}: {done.stderr}"
         path.write_bytes(content)
-        self.tally["own file flipped"] += 1
+        self.progress["own file flipped"] += 1
         self._note(f"{path.name} flipped")
 
     def _flip(self, path):
@@ -263,7 +263,7 @@ class Storm:
         pause = 0.2 if waits else self.random.uniform(1, 5)
         while self._goes_on(pause):
             now, pause = time.monotonic(), 0.2
-            assert now - since < HANGS_S, f"a run hangs after {self.session} and {self.tally}"
+            assert now - since < HANGS_S, f"a run hangs after {self.session} and {self.progress}"
             if self.over:
                 self.joined += self.cluster.mend() if outside else 0
             elif not waits or self._parts() != stored or now - since > PATIENCE_S:
@@ -275,7 +275,7 @@ class Storm:
     def _note(self, event):
         stored = len(self._parts())
         with self.course.open("a") as course:
-            course.write(f"{time.monotonic():.1f} {self.tally.total()} faults, {stored} parts: {event}\n")
+            course.write(f"{time.monotonic():.1f} {self.progress.total()} faults, {stored} parts: {event}\n")
 
     def _goes_on(self, seconds):
         try:
@@ -288,7 +288,7 @@ class Storm:
         code = self.client.returncode
         self._note(f"session ends with {code}")
         if code == -signal.SIGKILL and "client killed before renaming" in self.session:
-            self.tally["client killed before renaming"] += "client killed" not in self.session
+            self.progress["client killed before renaming"] += "client killed" not in self.session
         if code != 0:
             assert self.session & MAY_END_THE_CLIENT, f"exit {code} without a fault that may end it:\n{told}"
             assert code in (1, 130, -signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT), told
@@ -309,7 +309,7 @@ class Storm:
             struck = getattr(self, f"_{kind.lower().replace(' ', '_').replace('-', '_')}")()
         if struck:
             self.session.add(kind)
-            self.tally[kind] += 1
+            self.progress[kind] += 1
         self._note(f"{kind}{'' if struck else ': nothing to strike'}")
         if outside and self.random.random() < 0.5 and "scheduler killed" not in self.session:
             self.joined += self.cluster.mend()  # workers come (back) while the run goes on
@@ -467,16 +467,16 @@ def test_random_faults_lose_no_row_and_change_none(inputs, tmp_path, disk, fault
             shutil.rmtree(run)
             runs += 1
     with capsys.disabled():
-        told = json.dumps(dict(sorted(storm.tally.items())))
+        told = json.dumps(dict(sorted(storm.progress.items())))
         seconds = time.monotonic() - began
         print(  # noqa: T201
-            f"\nsoak: {storm.tally.total()} faults in {storm.sessions} sessions of {runs} runs, {seconds:.0f} s, "
+            f"\nsoak: {storm.progress.total()} faults in {storm.sessions} sessions of {runs} runs, {seconds:.0f} s, "
             f"{storm.joined} workers came back by joining, rows the same: {told}"
         )
         if skipped := (KINDS | NEED_HOSTS) - storm.possible:
             print(f"soak: skipped, as they need root: {', '.join(sorted(skipped))}")  # noqa: T201
     assert not storm.lacking, f"struck less than {LEAST} times: {storm.lacking}"
-    assert storm.tally.total() >= FAULTS, "too slow a machine: raise TOPPLING_SOAK_S"
+    assert storm.progress.total() >= FAULTS, "too slow a machine: raise TOPPLING_SOAK_S"
     end = time.monotonic() + 60
     while left := [process for process in psutil.process_iter() if of_this_test(process, faults.path)]:
         assert time.monotonic() < end, f"workers outlive the client that started them: {left}"

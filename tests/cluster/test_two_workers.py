@@ -30,12 +30,12 @@ from toppling.results.store import write_part
 
 
 def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undisturbed, tmp_path):
-    tally = carry_out(tmp_path / "run")
+    progress = carry_out(tmp_path / "run")
     assert answers_of(tmp_path / "run") == undisturbed
-    assert (tally.done, tally.failed, tally.before) == (len(undisturbed), 0, 0)
+    assert (progress.done, progress.failed, progress.before) == (len(undisturbed), 0, 0)
     assert state_of(tmp_path / "run")["state"] == "complete"
     kept = json.loads(pq.read_schema(tmp_path / "run" / "results.parquet").metadata[b"run.json"])
-    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", tally.done)]
+    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", progress.done)]
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 
@@ -48,8 +48,8 @@ def test_the_same_command_again_does_nothing(carry_out, tmp_path):
 
 
 def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp_path, faults):
-    def stop_after_ten(tally):
-        if tally.done >= 10:
+    def stop_after_ten(progress):
+        if progress.done >= 10:
             raise KeyboardInterrupt
 
     faults.set(every={"kind": "wait", "seconds": 0.05})
@@ -59,8 +59,8 @@ def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp
     assert state_of(tmp_path / "run")["state"] == "interrupted"
     assert 10 <= stored < len(undisturbed)
     faults.clear()
-    tally = carry_out(tmp_path / "run")
-    assert (tally.before, tally.done) == (stored, len(undisturbed) - stored)
+    progress = carry_out(tmp_path / "run")
+    assert (progress.before, progress.done) == (stored, len(undisturbed) - stored)
     assert answers_of(tmp_path / "run") == undisturbed
 
 
@@ -68,8 +68,8 @@ def test_what_an_interrupted_run_has_is_a_balanced_sample_of_it(client, inputs, 
     axes = {"pga_m_s2": [2, 3, 4, 5, 6, 7], "azimuth_deg": [0, 50, 90, 130, 200, 300], "friction": [0.9]}
     campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", "preset": "fast", **axes}, inputs)
 
-    def stop_after_a_third(tally):
-        if tally.done >= 36:
+    def stop_after_a_third(progress):
+        if progress.done >= 36:
             raise KeyboardInterrupt
 
     faults.set(every={"kind": "wait", "seconds": 0.05})
@@ -88,16 +88,16 @@ def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, fa
     faults.set(every={"kind": "wait", "seconds": 0.2})
     killed = []
 
-    def kill(tally):
-        if len(killed) < 2 and tally.done >= 10 * (len(killed) + 1):
+    def kill(progress):
+        if len(killed) < 2 and progress.done >= 10 * (len(killed) + 1):
             pid = next(iter(client.run(os.getpid, on_error="ignore").values()))
             killed.append(pid)
             # In the middle of its next batch: rows come as one ends, and a worker between two loses nothing.
             threading.Timer(0.7, os.kill, (pid, signal.SIGKILL)).start()
 
-    tally = carry_out(tmp_path / "run", kill)
+    progress = carry_out(tmp_path / "run", kill)
     assert len(killed) == 2
-    assert tally.deaths >= 1
+    assert progress.deaths >= 1
     assert answers_of(tmp_path / "run") == undisturbed
 
 
@@ -106,12 +106,12 @@ def test_a_job_that_crashes_the_engine_is_the_only_one_lost(
 ):
     culprit = planned.spec(30).job_id
     faults.set(**{culprit: {"kind": "segfault"}})
-    tally = carry_out(tmp_path / "run")
+    progress = carry_out(tmp_path / "run")
     rows = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
     assert rows[culprit]["status"] == "crashed"
     assert rows[culprit]["toppled"] is None
     assert "died" in rows[culprit]["message"]
-    assert tally.status == {"ok": len(undisturbed) - 1, "crashed": 1}
+    assert progress.status == {"ok": len(undisturbed) - 1, "crashed": 1}
     assert [row for row in rows.values() if row["job_id"] != culprit] == [
         row for row in undisturbed if row["job_id"] != culprit
     ]
@@ -136,8 +136,8 @@ def test_workers_that_die_before_their_start_is_complete_are_brought_back(
     faults.set(every={"kind": "wait", "seconds": 0.05})
     killed = []
 
-    def kill(tally):
-        if not killed and tally.done >= 5:
+    def kill(progress):
+        if not killed and progress.done >= 5:
             for nanny in client.cluster.workers.values():
                 nanny.status = Status.starting
                 killed.append(nanny.pid)
@@ -159,16 +159,16 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
             broken.setattr(module, "NOBODY_AFTER_S", 6.0)
             broken.setattr(module, "REPLACE_AFTER_S", 2.0)
         with pytest.raises(RunError, match="every worker has died"):
-            run(plan_of(campaign), tmp_path / "run", local(2), lambda tally: None)
-    run(plan_of(campaign), tmp_path / "run", local(2), lambda tally: None)
+            run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
+    run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
     assert answers_of(tmp_path / "run") == undisturbed
 
 
 def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_path, faults):
     culprit = planned.spec(7).job_id
     faults.set(**{culprit: {"kind": "raise"}})
-    tally = carry_out(tmp_path / "run")
-    assert tally.status == {"ok": len(undisturbed) - 1, "failed": 1}
+    progress = carry_out(tmp_path / "run")
+    assert progress.status == {"ok": len(undisturbed) - 1, "failed": 1}
     assert "ZeroDivisionError" in state_of(tmp_path / "run")["failures"][0]["message"]
 
 
@@ -180,9 +180,9 @@ def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
     run = finished(dict.fromkeys((5, 6, 40), ("failed", 1)))
     before = rows_of(run)
 
-    def stop_at_two(tally):
-        assert state_of(run)["again"] == tally.again == len(culprits) - tally.stored
-        if tally.stored >= 2:
+    def stop_at_two(progress):
+        assert state_of(run)["again"] == progress.again == len(culprits) - progress.stored
+        if progress.stored >= 2:
             raise KeyboardInterrupt
 
     faults.set(**{culprits[1]: {"kind": "raise"}, culprits[2]: {"kind": "wait", "seconds": 3.0}})
@@ -195,8 +195,8 @@ def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
     assert failed in (1, 2)  # of three, one of which fails again, two or three have a new row
 
     faults.clear()
-    tally = carry_out(run, again={"failed"})
-    assert (tally.before, tally.done) == (len(planned) - failed, failed)
+    progress = carry_out(run, again={"failed"})
+    assert (progress.before, progress.done) == (len(planned) - failed, failed)
     assert answers_of(run) == undisturbed
     assert all(rows_of(run)[culprit][1] > 1 for culprit in culprits)
     assert carry_out(run, again={"failed"}).done == 0
@@ -216,13 +216,13 @@ def test_a_row_that_is_lost_while_its_job_is_done_again_is_made_up_for(
     faults.set(**{culprit: {"kind": "raise", "times": 1}})
     torn = []
 
-    def tear(tally):
-        if tally.stored and not torn:
+    def tear(progress):
+        if progress.stored and not torn:
             torn.append(max((run / "parts").glob("part-*")))
             torn[0].write_bytes(torn[0].read_bytes()[:50])
 
-    tally = carry_out(run, tear, again={"crashed"})
-    assert tally.status == {"failed": 1, "ok": 1}
+    progress = carry_out(run, tear, again={"crashed"})
+    assert progress.status == {"failed": 1, "ok": 1}
     assert "1 rows were lost after they were stored" in caplog.text
     assert rows_of(run)[culprit] == ("ok", 5)
     assert answers_of(run) == undisturbed
@@ -233,8 +233,8 @@ def test_a_job_that_crashes_again_is_a_newer_row_and_does_not_hold_the_session_u
 ):
     run, culprit = finished({3: ("crashed", 4)}), planned.spec(3).job_id
     faults.set(**{culprit: {"kind": "segfault"}})
-    tally = carry_out(run, limits=Limits(tries=1), again={"crashed"})
-    assert tally.status == {"crashed": 1}
+    progress = carry_out(run, limits=Limits(tries=1), again={"crashed"})
+    assert progress.status == {"crashed": 1}
     # In a batch of its own it died as attempt 5, and alone as 6.
     assert rows_of(run)[culprit] == ("crashed", 6)
 
@@ -247,8 +247,10 @@ def test_a_worker_that_hangs_is_replaced_while_the_others_go_on(
     culprit = planned.spec(20).job_id
     faults.set(**{culprit: {"kind": kind, "times": 1}}, every={"kind": "wait", "seconds": 0.2})
     seen = []
-    tally = carry_out(tmp_path / "run", lambda tally: seen.append(time.monotonic()), limits=Limits(job_s=3.0))
-    assert tally.deaths >= 1
+    progress = carry_out(
+        tmp_path / "run", lambda progress: seen.append(time.monotonic()), limits=Limits(job_s=3.0)
+    )
+    assert progress.deaths >= 1
     # Dask waits for four seconds before it kills a worker that hangs: the run must not.
     assert max(np.diff(seen)) < 3.0
     assert answers_of(tmp_path / "run") == undisturbed
@@ -256,8 +258,8 @@ def test_a_worker_that_hangs_is_replaced_while_the_others_go_on(
 
 @pytest.mark.slow
 def test_torn_and_foreign_files_in_the_run_are_passed_over(carry_out, undisturbed, tmp_path, faults, caplog):
-    def stop(tally):
-        if tally.done >= 10:
+    def stop(progress):
+        if progress.done >= 10:
             raise KeyboardInterrupt
 
     faults.set(every={"kind": "wait", "seconds": 0.05})
@@ -283,8 +285,8 @@ def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
     faults.set(every={"kind": "wait", "seconds": 0.02})
     torn = []
 
-    def tear(tally):
-        if tally.stored and not torn:
+    def tear(progress):
+        if progress.stored and not torn:
             torn.append(next((tmp_path / "run" / "parts").glob("part-*")))
             torn[0].write_bytes(torn[0].read_bytes()[:50])
 
@@ -312,7 +314,7 @@ def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
 
 
 def test_rows_of_another_run_are_refused_and_stay_where_they_are(carry_out, undisturbed, tmp_path, faults):
-    def stop(tally):
+    def stop(progress):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -358,7 +360,7 @@ def test_a_second_writer_is_refused(carry_out, tmp_path, faults):
     faults.set(every={"kind": "wait", "seconds": 0.05})
     refused = []
 
-    def another(tally):
+    def another(progress):
         if not refused:
             thread = threading.Thread(target=lambda: refused.append(_error_of(carry_out, tmp_path / "run")))
             thread.start()
@@ -377,28 +379,28 @@ def _error_of(carry_out, folder):
 
 
 def test_a_run_whose_folder_is_gone_is_refused_before_any_job(client, planned, tmp_path):
-    from toppling.orchestrator.task import Order, versions
+    from toppling.orchestrator.task import RunKey, versions
 
-    order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
+    run_key = RunKey(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
     with pytest.raises(RunError, match=r"absent/scene is gone: was the run's folder removed or renamed"):
-        check_workers(client, order)
+        check_workers(client, run_key)
 
 
 def test_workers_of_another_version_are_refused_before_any_job(client, planned, inputs):
-    from toppling.orchestrator.task import Order, versions
+    from toppling.orchestrator.task import RunKey, versions
 
     other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
-    order = Order(str(inputs), planned.scene_id, planned.ensemble_id, other)
+    run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, other)
     with pytest.raises(InputError, match=r"pybullet 3\.2\.7, the client has 0\.0"):
-        check_workers(client, order)
+        check_workers(client, run_key)
 
 
 def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
-    from toppling.orchestrator.task import Order, versions
+    from toppling.orchestrator.task import RunKey, versions
 
-    order = Order(str(inputs), "0" * 20, planned.ensemble_id, versions())
+    run_key = RunKey(str(inputs), "0" * 20, planned.ensemble_id, versions())
     with pytest.raises(InputError, match=f"holds scene {planned.scene_id}, not 0000"):
-        check_workers(client, order)
+        check_workers(client, run_key)
 
 
 @pytest.mark.slow
@@ -407,10 +409,10 @@ def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, mo
     faults.set(every={"kind": "wait", "seconds": 0.05})
     seen = []
 
-    def look(tally):
-        if tally.stored and not seen:
+    def look(progress):
+        if progress.stored and not seen:
             counted = open_run(tmp_path / "run").sql("select count(*) n from results")["n"][0].as_py()
-            seen.append((state_of(tmp_path / "run"), counted, tally.stored))
+            seen.append((state_of(tmp_path / "run"), counted, progress.stored))
 
     carry_out(tmp_path / "run", look)
     state, counted, stored = seen[0]
@@ -420,7 +422,7 @@ def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, mo
 
 @pytest.mark.slow
 def test_a_stored_row_is_not_computed_again(carry_out, planned, tmp_path, faults, undisturbed):
-    def stop(tally):
+    def stop(progress):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

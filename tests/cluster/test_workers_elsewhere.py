@@ -12,8 +12,8 @@ from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.admission import check_workers
-from toppling.orchestrator.task import Order, versions
-from toppling.orchestrator.upkeep import Upkeep
+from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.task import RunKey, versions
 
 PATIENCE_S = 60.0
 
@@ -61,9 +61,9 @@ def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planne
         )
         try:
             client.wait_for_workers(1, timeout=PATIENCE_S)
-            order = Order(str(inputs), planned.scene_id, planned.ensemble_id, versions())
+            run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
             with pytest.raises(InputError, match=r"workers are unfit.*No module named"):
-                check_workers(client, order)
+                check_workers(client, run_key)
         finally:
             worker.terminate()
             worker.wait(PATIENCE_S)
@@ -83,14 +83,14 @@ def test_a_batch_job_that_has_ended_is_submitted_again(processes, monkeypatch):
         ) as cluster,
         Client(cluster) as client,
     ):
-        upkeep = Upkeep(client)
+        supervisor = ClusterSupervisor(client)
         cluster.scale(jobs=1)
-        assert not upkeep.gone()  # one that waits in the queue has not ended
+        assert not supervisor.gone()  # one that waits in the queue has not ended
         client.wait_for_workers(processes, timeout=PATIENCE_S)
-        assert not upkeep.gone()
+        assert not supervisor.gone()
         (process_id,) = [int(job.job_id) for job in cluster.workers.values()]
         os.kill(process_id, signal.SIGTERM)
-        until(upkeep.gone)
-        upkeep.replace()
+        until(supervisor.gone)
+        supervisor.replace()
         until(lambda: len(cluster.observed) == processes)
-        assert not upkeep.gone()
+        assert not supervisor.gone()

@@ -23,7 +23,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.settling_told import draw_settling, settling_notes
+from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene

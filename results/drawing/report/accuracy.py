@@ -39,7 +39,7 @@ def _row(audit: Audit) -> dict[str, object]:
         "jobs": audit.jobs,
         "topple in the run only": audit.flips_to_toppled,
         "again only": audit.flips_to_standing,
-        "median PGA, %": audit.median_shift_percent.told("{:+.1f}") if audit.tells else "too few jobs",
-        "share toppled": audit.share_shift.told("{:+.3f}") if audit.tells else "too few jobs",
-        "ln tilt of those standing": audit.tilt_log_ratio.told("{:+.2f}"),
+        "median PGA, %": audit.median_shift_percent.text("{:+.1f}") if audit.tells else "too few jobs",
+        "share toppled": audit.share_shift.text("{:+.3f}") if audit.tells else "too few jobs",
+        "ln tilt of those standing": audit.tilt_log_ratio.text("{:+.2f}"),
     }

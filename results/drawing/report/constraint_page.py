@@ -25,7 +25,7 @@ def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
     ----------
     constraint : Constraint
     statement : dict
-        Its statement (`Constraint.told`), with the choices that led to it.
+        Its statement (`Constraint.summary`), with the choices that led to it.
     """
     remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
     document = Document("; ".join(dict.fromkeys(filter(None, remarks))))

@@ -122,7 +122,7 @@ def safe(text: object) -> str:
     return html.escape(str(text))
 
 
-def told(value: object) -> str:
+def cell_text(value: object) -> str:
     """A value as a table prints it; nothing where there is none."""
     if value is None or value is pd.NA or value != value:
         return ""
@@ -132,10 +132,10 @@ def told(value: object) -> str:
 def _cells(names: list[str], row: Iterable[object]) -> str:
     cells = []
     for name, value in zip(names, row, strict=True):
-        kind = "" if told(value) else ' class="empty"'
-        if isinstance(value, int | float) and not isinstance(value, bool) and told(value):
+        kind = "" if cell_text(value) else ' class="empty"'
+        if isinstance(value, int | float) and not isinstance(value, bool) and cell_text(value):
             kind = ' class="number"'
-        cells.append(f'<td{kind} data-label="{safe(name)}">{_breakable(told(value))}</td>')
+        cells.append(f'<td{kind} data-label="{safe(name)}">{_breakable(cell_text(value))}</td>')
     return "".join(cells)
 
 

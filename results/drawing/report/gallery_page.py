@@ -139,10 +139,10 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
     return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{lines_shown}</ul>{link}</div>'
 
 
-def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, told: str) -> str:
+def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, lead: str) -> str:
     caption = (
-        f"Left: {told}, a lognormal curve a rock. Right: the intensity at which half of the shakings topple each, with "
-        "its 95 % interval over records."
+        f"Left: {lead}, a lognormal curve for each rock. Right: the intensity at which half of the shakings "
+        "topple each, with its 95 % interval over records."
     )
     figure = document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
     frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)

@@ -81,7 +81,7 @@ def scene_section(content: Content, document: Document) -> str:
     if weights := content.run.weights():
         parts += [
             paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
-            for sentence in sentences(weights.told(content.frame))
+            for sentence in sentences(weights.summary(content.frame))
         ]
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [

@@ -23,7 +23,7 @@ from toppling.orchestrator.advice import (
     warnings_of,
 )
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.trial import statics_of
+from toppling.orchestrator.pilot import statics_of
 
 BLOCK = Scene.block(0.2, 0.2, 0.6)
 LEAST_M_S2 = 9.81 * 0.2 / 0.6

@@ -23,8 +23,8 @@ from toppling.orchestrator.plan import plan
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.replay import _specification
-from toppling.results.belonging import NEEDED
 from toppling.results.reader import open_run
+from toppling.results.run_integrity import NEEDED
 from toppling.results.store import compact, write_part
 
 CAMPAIGN = """\

@@ -13,9 +13,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.advice import warnings_of
 from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.campaign_template import levels_between
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.starter import levels_between
-from toppling.orchestrator.trial import Trial, levels_to_try, spread_records, try_out
+from toppling.orchestrator.pilot import Pilot, levels_to_try, spread_records, try_out
 
 
 @pytest.fixture(scope="module")
@@ -50,9 +50,9 @@ def test_levels_span_from_below_the_least_static_acceleration_to_where_most_reco
     least = 9.81 * 0.15 / 0.6
     assert campaign.pga_m_s2[0] < least
     scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
-    trial = try_out(scene, ensemble, least, campaign.azimuth_deg, campaign.friction[0], campaign.preset)
-    assert trial.toppled >= 0.8 * len(ensemble.record_ids)
-    assert sum(at <= campaign.pga_m_s2[-1] for at in trial.topples_at_m_s2) >= 0.8 * len(ensemble.record_ids)
+    pilot = try_out(scene, ensemble, least, campaign.azimuth_deg, campaign.friction[0], campaign.preset)
+    assert pilot.toppled >= 0.8 * len(ensemble.record_ids)
+    assert sum(at <= campaign.pga_m_s2[-1] for at in pilot.topples_at_m_s2) >= 0.8 * len(ensemble.record_ids)
 
 
 def test_the_time_and_the_number_of_jobs_are_told_and_written(written):
@@ -91,8 +91,8 @@ def test_levels_that_are_tried_rise_to_twice_gravity_or_for_a_squat_rock_beyond(
 
 def test_where_most_topple_is_where_four_in_five_do_or_the_highest_level_tried():
     inf = float("inf")
-    assert Trial((3.0, 2.0, 5.0, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 5.0
-    assert Trial((3.0, 2.0, inf, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 9.0
+    assert Pilot((3.0, 2.0, 5.0, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 5.0
+    assert Pilot((3.0, 2.0, inf, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 9.0
 
 
 def test_records_on_trial_range_from_short_pulses_to_long_ones(inputs):

@@ -7,9 +7,9 @@ import threading
 
 import pytest
 
-from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
 from toppling.orchestrator.pick.shown import View
+from toppling.orchestrator.pick.user_hints import UserHints
 
 JSON = {"Content-Type": "application/json"}
 
@@ -145,14 +145,14 @@ def test_hints_arrive_as_they_were_said(server):
     }
     assert told(server, "hints", hints) == (200, "{}")
     (said,) = server.picking.said
-    assert said == Said(
+    assert said == UserHints(
         up="-y",
         length=((0.0, 0.0, 0.0), (1.0, 0.0, 2.0), 1.5),
         near=(1.5, 2.0),
         touch=((1.0, 2.0, 3.25),),
         pull=((40.0, 0.2),),
     )
-    assert Said.of(json.loads(json.dumps(said.to_json()))) == said
+    assert UserHints.of(json.loads(json.dumps(said.to_json()))) == said
 
 
 def test_what_is_too_long_or_has_no_length_is_not_read(server):

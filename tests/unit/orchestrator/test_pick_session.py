@@ -13,11 +13,11 @@ from toppling.models.scan.placement import AXES, Placement, placement_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered
 from toppling.orchestrator.pick import session, tasks
-from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.session import Answer, Picking, Placed
 from toppling.orchestrator.pick.shown import View
+from toppling.orchestrator.pick.user_hints import UserHints
 
-NEAR = [Said(near=(float(n), 0.0)) for n in range(6)]
+NEAR = [UserHints(near=(float(n), 0.0)) for n in range(6)]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def work(monkeypatch):
             module, "view_of", lambda points, label, number: View(number, (3, 0), (1.0, 1.0), b"")
         )
     monkeypatch.setattr(session, "tops", lambda worked: [])
-    monkeypatch.setattr(session, "told", lambda survey, worked: {"near": worked.near})
+    monkeypatch.setattr(session, "answer_shown", lambda survey, worked: {"near": worked.near})
     monkeypatch.setattr(tasks, "find_candidates", lambda points, surfels: [])
     monkeypatch.setattr(tasks, "surfels_of", lambda points: None)
     monkeypatch.setattr(Worked, "scene", scene, raising=False)
@@ -121,7 +121,7 @@ def test_only_the_latest_hints_are_worked_out(picking, work):
 def test_a_hint_on_the_base_leaves_the_split_as_it_is_and_undo_costs_nothing(picking, work):
     work.go.set()
     until(picking, lambda state: state["current"])
-    touched = Said(near=NEAR[0].near, touch=((1.0, 2.0, 3.0),))
+    touched = UserHints(near=NEAR[0].near, touch=((1.0, 2.0, 3.0),))
     picking.say(touched)
     until(picking, lambda state: state["current"])
     assert len(work.splits) == 1
@@ -134,7 +134,7 @@ def test_a_hint_on_the_base_leaves_the_split_as_it_is_and_undo_costs_nothing(pic
 def test_fewer_than_three_points_say_nothing_of_the_interface_yet(picking, work):
     work.go.set()
     until(picking, lambda state: state["current"])
-    picking.say(Said(near=NEAR[0].near, point=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
+    picking.say(UserHints(near=NEAR[0].near, point=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
     until(picking, lambda state: state["current"])
     assert len(work.splits) == 1
 
@@ -175,13 +175,13 @@ def test_a_cloud_that_is_placed_anew_is_read_and_split_anew(picking, work):
     work.go.set()
     number = until(picking, lambda state: state["current"])["view"]["number"]
     assert not work.reads
-    turned = Said(up="y", near=NEAR[1].near)
+    turned = UserHints(up="y", near=NEAR[1].near)
     picking.say(turned)
     state = until(picking, lambda state: state["current"])
-    assert work.reads == [Said(up="y")]
+    assert work.reads == [UserHints(up="y")]
     assert state["origin_m"] == [0.0, 0.0, 0.0]
     assert state["view"]["number"] > number
-    picking.say(Said(units="mm"))
+    picking.say(UserHints(units="mm"))
     state = until(picking, lambda state: state["error"])
     assert state["error"]["what"] == "no unit"
     assert state["answer"]["near"] == NEAR[1].near
@@ -225,14 +225,14 @@ def test_a_refused_scan_is_not_saved_later_on(picking, work, written):
 def test_what_is_kept_is_shown_at_once_and_takes_hints_on_the_base_only(work, written):
     work.go.set()
     cloud = Cloud(np.zeros((3, 3)), np.zeros(3), np.zeros(3, np.int32), ())
-    kept = Answer(Said(), Worked("kept"), np.zeros(3, np.int8), (), "survey")
+    kept = Answer(UserHints(), Worked("kept"), np.zeros(3, np.int8), (), "survey")
     picking = Picking(
         Placed(cloud, Placement()),
         work.read,
         0,
         lambda survey, said: written.append(said),
         "rock",
-        Said(),
+        UserHints(),
         kept,
     )
     assert picking.state()["current"]
@@ -243,7 +243,7 @@ def test_what_is_kept_is_shown_at_once_and_takes_hints_on_the_base_only(work, wr
     assert not work.bases
     picking.say(NEAR[1])
     assert "needs the clouds" in until(picking, lambda state: state["error"])["error"]["what"]
-    touched = Said(touch=((1.0, 2.0, 3.0),))
+    touched = UserHints(touch=((1.0, 2.0, 3.0),))
     picking.say(touched)
     picking.save()
     until(picking, lambda state: state["saved"])

@@ -247,7 +247,7 @@ def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anythin
     leaning = Campaign.of(content, tmp_path)
 
     with pytest.raises(InputError, match=told):
-        run(plan_of(leaning), tmp_path / "run", nullcontext(None), watch=lambda tally: None)
+        run(plan_of(leaning), tmp_path / "run", nullcontext(None), watch=lambda progress: None)
     assert not (tmp_path / "run").exists()
 
 

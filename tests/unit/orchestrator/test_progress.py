@@ -13,21 +13,21 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "results"))
 from seeded import rows
 
 from toppling.models.scene import Scene
-from toppling.orchestrator import progress
+from toppling.orchestrator import progress as progress_module
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.context import Tally
-from toppling.orchestrator.progress import bar, duration, each, pace, told, watcher
+from toppling.orchestrator.context import RunProgress
+from toppling.orchestrator.progress import bar, duration, each, pace, pace_and_counts, watcher
 from toppling.results.store import write_part
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
 def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
-    tally = Tally(total=4320, before=320, began=0.0, ended=elapsed_s)
-    assert "left" not in told(tally)
-    tally.count([{"status": "ok"}] * done)
-    rate, left = (4000 - done) / tally.left_s, duration(tally.left_s)
+    progress = RunProgress(total=4320, before=320, began=0.0, ended=elapsed_s)
+    assert "left" not in pace_and_counts(progress)
+    progress.count([{"status": "ok"}] * done)
+    rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
     assert rate == pytest.approx(done / elapsed_s)
-    assert told(tally).startswith(f"{pace(rate)}  {left} left  0 toppled")
+    assert pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  0 toppled")
 
 
 @pytest.mark.parametrize(
@@ -38,19 +38,19 @@ def test_a_rate_is_told_in_the_unit_that_shows_its_digits(rate, words):
 
 
 def test_a_session_that_is_complete_has_no_time_left():
-    tally = Tally(total=1, before=0)
-    tally.count([{"status": "ok"}])
-    assert "left" not in told(tally)
+    progress = RunProgress(total=1, before=0)
+    progress.count([{"status": "ok"}])
+    assert "left" not in pace_and_counts(progress)
 
 
 def test_a_session_that_is_complete_says_so_once(capsys):
-    tally = Tally(total=1, before=0)
-    tally.count([{"status": "ok"}])
+    progress = RunProgress(total=1, before=0)
+    progress.count([{"status": "ok"}])
     with watcher() as watch:
-        watch(tally)
-        watch(tally)
-        tally.what = "auditing"
-        watch(tally)
+        watch(progress)
+        watch(progress)
+        progress.what = "auditing"
+        watch(progress)
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("1/1 jobs")
     assert second.startswith("auditing: 1/1 jobs")
@@ -62,7 +62,7 @@ def test_durations_are_told_as_a_person_reads_them(seconds, words):
 
 
 def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.05)
+    monkeypatch.setattr(progress_module, "LINE_EVERY_S", 0.05)
     with bar("figures", total=4) as advance:
         advance(1, "maps")
         time.sleep(0.3)
@@ -78,19 +78,20 @@ def test_what_is_done_within_a_minute_says_nothing_in_a_log(capsys):
 
 def test_a_piece_of_work_without_parts_says_how_long_it_has_gone_on():
     assert (
-        progress.Advance(total=None, began=time.monotonic() - 60.0).line("shaking") == "shaking  1 min 00 s"
+        progress_module.Advance(total=None, began=time.monotonic() - 60.0).line("shaking")
+        == "shaking  1 min 00 s"
     )
 
 
 def test_the_time_left_of_a_bar_is_by_the_parts_done():
-    advance = progress.Advance(total=4.0, began=time.monotonic() - 60.0)
+    advance = progress_module.Advance(total=4.0, began=time.monotonic() - 60.0)
     advance(3)
     assert advance.line("drawing").endswith("1 min 00 s  20 s left")
 
 
 def test_a_log_hears_after_ten_seconds_that_work_goes_on_and_then_once_a_minute(monkeypatch, capsys):
-    assert progress.FIRST_LINE_S == 10.0
-    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.05)
+    assert progress_module.FIRST_LINE_S == 10.0
+    monkeypatch.setattr(progress_module, "FIRST_LINE_S", 0.05)
     with bar("records", total=4) as advance:
         advance(1, "reading")
         time.sleep(0.3)
@@ -104,16 +105,16 @@ def heard(monkeypatch):
 
     @contextmanager
     def listening(what, total=None):
-        advance = progress.Advance(total)
+        advance = progress_module.Advance(total)
         found[what] = (advance, spoken := [])
 
-        def told(parts=1, doing="", *, total=None):
+        def heard(parts=1, doing="", *, total=None):
             advance(parts, doing, total=total)
             spoken.append(doing)
 
-        yield told
+        yield heard
 
-    monkeypatch.setattr(progress, "bar", listening)
+    monkeypatch.setattr(progress_module, "bar", listening)
     for verb in ("fragility", "records"):
         monkeypatch.setattr(importlib.import_module(f"toppling.orchestrator.verbs.{verb}"), "bar", listening)
     return found

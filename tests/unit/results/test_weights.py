@@ -197,7 +197,7 @@ def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_ru
         assert asked[level] == pytest.approx(share)
     words = CliRunner().invoke(cli, ["constrain", str(weighted_run)]).stdout
     assert "say as much as 1.1 equal ones; the heaviest has 94 % of the weight" in words
-    assert run.weights().told(jobs)["contacts"][0]["bases"] == 2
+    assert run.weights().summary(jobs)["contacts"][0]["bases"] == 2
 
 
 def test_bootstrap_samples_are_of_the_weighted_fit(weighted_run):

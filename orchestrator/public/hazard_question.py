@@ -64,7 +64,7 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
 
 
 @dataclass(frozen=True)
-class Asked:
+class HazardQuestion:
     """What is asked of a hazard.
 
     Parameters
@@ -84,7 +84,7 @@ class Asked:
     years: float | None = None
 
 
-def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = COMPARED) -> HazardTree:
+def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] = COMPARED) -> HazardTree:
     """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
     paths, weights = weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))

@@ -40,7 +40,7 @@ def let_resize(cluster: SpecCluster, least: int, most: int) -> None:
     _SIZES[cluster] = least, most
 
 
-class Upkeep:
+class ClusterSupervisor:
     """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing.
 
     Parameters
@@ -88,10 +88,10 @@ class Upkeep:
             return
         self._listed = time.monotonic()
         with contextlib.suppress(OSError, subprocess.SubprocessError):
-            told = subprocess.run(
+            listed = subprocess.run(
                 command, capture_output=True, text=True, check=True, timeout=_LIST_TIMEOUT_S
             )
-            there = set(told.stdout.split())
+            there = set(listed.stdout.split())
             self._ended = {name for name, number in waiting.items() if number and number not in there}
 
     def replace(self) -> None:
@@ -118,12 +118,12 @@ class Upkeep:
         # Dask has already dropped some of the local ones: those only have to be asked for again.
         dropped = [name for name in gone if name in cluster.workers]
         if dropped:
-            told = (
+            listed = (
                 "%d batch jobs have ended: as many are submitted again"
                 if of_queue
                 else "%d workers did not come back after their death: new ones start"
             )
-            log.warning(told, len(dropped))
+            log.warning(listed, len(dropped))
             with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
                 self._client.sync(cluster.scale_down, dropped, callback_timeout=_REPLACE_TIMEOUT_S)
         cluster.scale(**{"jobs" if of_queue else "n": wanted})
@@ -162,7 +162,7 @@ class Upkeep:
         if spare <= 0:
             return
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        at_rest = {str(told["name"]) for address, told in workers.items() if not processing.get(address)}
+        at_rest = {str(listed["name"]) for address, listed in workers.items() if not processing.get(address)}
         now = time.monotonic()
         self._idle = {
             name: self._idle.get(name, now)

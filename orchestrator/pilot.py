@@ -34,7 +34,7 @@ class Statics:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Pilot:
     """What a few jobs tell.
 
     Parameters
@@ -95,7 +95,7 @@ def try_out(
     friction: tuple[float, float],
     preset: str,
     seen: Callable[[], object] = lambda: None,
-) -> Trial:
+) -> Pilot:
     """Shake a few records harder and harder until most of them topple the rock.
 
     Parameters
@@ -141,6 +141,6 @@ def try_out(
         if sum(map(math.isfinite, topples_at.values())) >= _MOST_SHARE * len(records):
             break
     mean_s = float(np.mean([*duration.values()]))
-    return Trial(
+    return Pilot(
         tuple(topples_at.values()), level, spent_s * expected_s(mean_s, 1) / expected_s(motion_s, jobs)
     )

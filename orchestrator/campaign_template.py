@@ -5,10 +5,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from toppling.orchestrator.advice import REALISATIONS, told
+from toppling.orchestrator.advice import REALISATIONS, least_static
 from toppling.orchestrator.campaign import KEYS
+from toppling.orchestrator.pilot import Pilot, Statics
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.trial import Statics, Trial
 
 _BELOW_LEAST = 0.9
 """The lowest level is at most this share of the least static toppling acceleration."""
@@ -51,7 +51,7 @@ def even_azimuths_deg(count: int) -> list[float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Starter:
+class CampaignTemplate:
     """What the file says, and how it was found."""
 
     name: str
@@ -59,7 +59,7 @@ class Starter:
     ensemble: str
     records: int
     statics: Statics
-    trial: Trial
+    pilot: Pilot
     levels: Levels
     azimuths_deg: Sequence[float]
     frictions: Sequence[float]
@@ -79,7 +79,7 @@ class Starter:
         )
         keys = {key.name: key for key in KEYS}
         more = "\n".join(
-            _realisations_told(self.bases) if key.name == "realisations" and self.bases else key.line
+            _realisations_line(self.bases) if key.name == "realisations" and self.bases else key.line
             for key in KEYS
             if key.example and key.name != "preset"
         )
@@ -88,14 +88,14 @@ class Starter:
 # A campaign, written by 'toppling init'. Change what you like, then:
 #   toppling plan {self.name}
 #   toppling run {self.name} --out runs/first
-# {jobs} jobs: about {duration(jobs * self.trial.job_s / self.workers)} on {self.workers} workers of this machine.
+# {jobs} jobs: about {duration(jobs * self.pilot.job_s / self.workers)} on {self.workers} workers of this machine.
 
 scene = {_quoted(self.scene)}  # folders are relative to this file
 ensemble = {_quoted(self.ensemble)}  # {self.records} records
 
 # pga_m_s2: {keys["pga_m_s2"].help}.
-# The least constant acceleration that topples the rock is {told(self.statics)}.
-# {_trial_told(self.trial)}
+# The least constant acceleration that topples the rock is {least_static(self.statics)}.
+# {_pilot_sentence(self.pilot)}
 pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {levels} levels, the stop included; or a list
 
 # azimuth_deg: {keys["azimuth_deg"].help}.
@@ -112,19 +112,19 @@ preset = {_quoted(self.preset)}  # {keys["preset"].help}: {keys["preset"].values
 """
 
 
-def _realisations_told(bases: int) -> str:
+def _realisations_line(bases: int) -> str:
     one_each = f"each other takes one of the {bases} drawn bases and a friction of its own"
     return f"# realisations = {REALISATIONS}  # 1 (left out) shakes the nominal base alone; {one_each}"
 
 
-def _trial_told(trial: Trial) -> str:
-    shaken = len(trial.topples_at_m_s2)
-    first = min(trial.topples_at_m_s2)
-    if not trial.toppled:
-        return f"On trial none of {shaken} records toppled it up to {trial.highest_m_s2:.3g} m/s2."
+def _pilot_sentence(pilot: Pilot) -> str:
+    shaken = len(pilot.topples_at_m_s2)
+    first = min(pilot.topples_at_m_s2)
+    if not pilot.toppled:
+        return f"On trial none of {shaken} records toppled it up to {pilot.highest_m_s2:.3g} m/s2."
     return (
-        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, and {trial.toppled} of them up to "
-        f"{trial.most_at_m_s2:.3g} m/s2."
+        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, and {pilot.toppled} of them up to "
+        f"{pilot.most_at_m_s2:.3g} m/s2."
     )
 
 

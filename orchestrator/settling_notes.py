@@ -78,15 +78,15 @@ class Settled:
     @property
     def sentences(self) -> list[str]:
         """How far the rock settles; where that is far, also what it means and what to do."""
-        told = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
-        told += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
+        sentences = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
+        sentences += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
         rounded = self.scanned.rounded_base
-        told += [rounded.sentence] if rounded is not None and rounded.is_coarse else []
-        told += [self.settling.sentence] if self.settling.sentence else []
+        sentences += [rounded.sentence] if rounded is not None and rounded.is_coarse else []
+        sentences += [self.settling.sentence] if self.settling.sentence else []
         if self.settling.sentence and "unseen_base" in self.scanned.report:
-            told[-1:] = [f"{told[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
+            sentences[-1:] = [f"{sentences[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
         if not (self.is_large and self.scanned.ground.is_plane):  # what follows is told of one plane
-            return told
+            return sentences
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
         before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
         if self.scanned.report:
@@ -97,7 +97,7 @@ class Settled:
             why = "the mesh is not in a pose in which it rests on its pedestal"
             remedy = "turn it, or give another slope, until it stands as you know it to"
         return [
-            *told,
+            *sentences,
             f"what that means: {why}. Settled it stands on {points} contact points, and the least constant "
             f"acceleration that topples it is {after:.3g} m/s2; on the contact "
             f"as scanned it would be {before:.3g} m/s2",

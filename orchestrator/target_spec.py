@@ -21,7 +21,7 @@ _EXPECTED = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class TargetSpec:
     """A number that a run is to state.
 
     Parameters
@@ -44,8 +44,8 @@ class Asked:
     def content(self, hazard: str | None = None) -> dict[str, Any]:
         """The table of a campaign's file, with the hazard's path as given."""
         of = self.of if self.at is None and self.hazard is None else None
-        told: dict[str, Any] = {"of": of, "measure": self.measure, "at": self.at}
-        return {**told, "hazard": hazard or (str(self.hazard) if self.hazard else None)}
+        table: dict[str, Any] = {"of": of, "measure": self.measure, "at": self.at}
+        return {**table, "hazard": hazard or (str(self.hazard) if self.hazard else None)}
 
 
 def read_precision(value: Any, where: str) -> float:
@@ -66,7 +66,7 @@ def read_precision(value: Any, where: str) -> float:
     return float(value)
 
 
-def read_target(value: Any, folder: Path, where: str) -> Asked:
+def read_target(value: Any, folder: Path, where: str) -> TargetSpec:
     """What is asked for, by a word or a table.
 
     Raises
@@ -89,7 +89,7 @@ def read_target(value: Any, folder: Path, where: str) -> Asked:
         raise _wrong(f"hazard = {shown(hazard)}", where, "give the path of a file of one hazard curve")
     if sum(one is not None for one in (of, at, hazard)) > 1:
         raise _wrong("more than one of 'of', 'at' and 'hazard'", where, "ask one question a run")
-    return Asked(
+    return TargetSpec(
         of or _SHARES[0], measure, None if at is None else float(at), folder / hazard if hazard else None
     )
 

@@ -28,7 +28,7 @@ _unusable = refusals(
 
 
 @dataclass(frozen=True)
-class Said:
+class UserHints:
     """Hints on a scan, survey coordinates in metres, angles in degrees.
 
     Parameters
@@ -57,7 +57,7 @@ class Said:
     touch_only: bool = False
 
     @classmethod
-    def of(cls, content: Any) -> "Said":
+    def of(cls, content: Any) -> "UserHints":
         """Hints from a page's JSON.
 
         Raises
@@ -88,12 +88,12 @@ class Said:
         return cls(**values)
 
     @property
-    def of_the_cloud(self) -> "Said":
+    def of_the_cloud(self) -> "UserHints":
         """What changes the coordinates of the cloud."""
-        return Said(self.units, self.up, self.length)
+        return UserHints(self.units, self.up, self.length)
 
     @property
-    def of_the_split(self) -> "Said":
+    def of_the_split(self) -> "UserHints":
         """What changes the rock and its interface, and not the base alone."""
         points = self.point if len(self.point) >= _FEWEST_POINTS else ()
         return dataclasses.replace(

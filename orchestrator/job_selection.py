@@ -13,7 +13,7 @@ from toppling.orchestrator.plan import Plan
 Rows = NDArray[np.int64]
 
 
-class Wanted(Protocol):
+class JobSelection(Protocol):
     """The jobs that a run is to have rows of."""
 
     @property
@@ -44,13 +44,13 @@ class AllJobs:
         set_jobs(folder, len(planned))
 
     def pending(self, finished: set[str]) -> Rows:
-        """As of `Wanted`."""
+        """As of `JobSelection`."""
         return self.planned.pending(finished)
 
     def total(self) -> int:
-        """As of `Wanted`."""
+        """As of `JobSelection`."""
         return len(self.planned)
 
 
-Choose = Callable[[Plan, Path], Wanted]
+Choose = Callable[[Plan, Path], JobSelection]
 """The jobs wanted of a plan in a run's folder."""

@@ -125,7 +125,7 @@ def draw_settling(scene: Scene, path: Path) -> bool:
         return False
     if not (found.is_large and scene.ground.is_plane):
         return False
-    from toppling.results.drawing.settling import draw
+    from toppling.results.drawing.settling_figure import draw
 
     draw(found.scanned, found.stands, found.outline_m, found.rose_scanned, found.rose_stands, path)
     return True

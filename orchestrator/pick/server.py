@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
-from toppling.orchestrator.pick.session import Picking
+from toppling.orchestrator.pick.picking import Picking
 from toppling.orchestrator.pick.user_hints import UserHints
 
 LARGEST_BODY = 1 << 18

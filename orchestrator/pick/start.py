@@ -14,8 +14,8 @@ from toppling.models.scan.read import read_clouds
 from toppling.models.scan.survey import Survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
+from toppling.orchestrator.pick.picking import Answer, Picking, Placed
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.pick.session import Answer, Picking, Placed
 from toppling.orchestrator.pick.user_hints import UserHints
 from toppling.orchestrator.public.making import Scanned, written
 from toppling.orchestrator.public.scan_again import written_again

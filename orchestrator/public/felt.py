@@ -25,8 +25,8 @@ from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite, FeltRock, check_measures
 from toppling.results.hazard.measures import is_spectral
 from toppling.results.hazard.sites import distance_km, nearest
-from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
+from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 

@@ -22,7 +22,7 @@ from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.completeness import Completeness
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, Weights, unweighed
 

@@ -105,7 +105,7 @@ def pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:
     """What draws a scene's pictures into its folder, and what the user should know of its rest and base."""
     from toppling.models.intervals import base_sentences
     from toppling.orchestrator.settling_notes import draw_settling, settling_notes
-    from toppling.results.drawing.scene import draw_scene
+    from toppling.results.drawing.scene_figures import draw_scene
 
     notes = settling_notes(scene) + base_sentences(scene.report)
 

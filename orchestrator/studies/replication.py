@@ -40,7 +40,7 @@ from toppling.results.drawing.run_figures import (
     write_friction,
     write_maps,
 )
-from toppling.results.drawing.study import (
+from toppling.results.drawing.study_figures import (
     directionality_figure,
     ramp_figure,
     topple_by_direction,

@@ -83,7 +83,7 @@ def make_scene(out: Path) -> None:
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import save_survey, survey
     from toppling.models.scan.virtual import demo_scan
-    from toppling.results.drawing.scene import draw_scene
+    from toppling.results.drawing.scene_figures import draw_scene
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(_SEED)

@@ -18,7 +18,7 @@ from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_roc
 from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
@@ -37,7 +37,7 @@ from toppling.results.hazard.magnitudes import (
     recurring,
     toppling_probability,
 )
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 

@@ -132,7 +132,7 @@ def write(
     from toppling.models.contact import ContactProperties
     from toppling.orchestrator.studies.ramp import summary
     from toppling.results.drawing.run_figures import save_table
-    from toppling.results.drawing.study import ramp_figure
+    from toppling.results.drawing.study_figures import ramp_figure
     from toppling.results.drawing.style import save
     from toppling.workers.seating import settled
 

@@ -227,7 +227,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
     loaded = Ensemble.load(ensemble)
     if figure:
-        from toppling.results.drawing.records import draw_records
+        from toppling.results.drawing.record_figures import draw_records
 
         draw_records(loaded, figure)
     if as_json:

@@ -18,9 +18,9 @@ from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.verbs.options import FOLDER, run_argument
 from toppling.results.analysis.friction import friction_words
-from toppling.results.drawing.replay import write_replay
+from toppling.results.drawing.replay_page import write_replay
 from toppling.results.reader import Run, open_run
-from toppling.results.replay import Replay
+from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
 from toppling.workers.engines import DEFAULT

@@ -43,7 +43,7 @@ from toppling.results.analysis.prediction_scores import (
     were_a_draw_true,
 )
 from toppling.results.drawing.style import save
-from toppling.results.drawing.validation import calibration_figure
+from toppling.results.drawing.validation_figures import calibration_figure
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 

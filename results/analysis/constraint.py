@@ -12,7 +12,7 @@ import pandas as pd
 from toppling.results.hazard.curves import HazardCurve, any_topples, continued, toppling_rate, unstated_shares
 from toppling.results.hazard.random_rock import RandomRock, random_rock
 from toppling.results.hazard.sites import distance_km
-from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.survival import Standing, joint_survival, rejected_rate, unexceeded
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import (
     Update,

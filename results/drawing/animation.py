@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from toppling.models.arrays import Array
-from toppling.results.drawing.mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
 from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
+from toppling.results.drawing.painted_mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
 from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
-from toppling.results.replay import Replay, tilt_deg
+from toppling.results.replayed_job import Replay, tilt_deg
 
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""

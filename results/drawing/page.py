@@ -16,8 +16,8 @@ from matplotlib.projections.polar import PolarAxes
 from toppling.models.arrays import Array
 from toppling.models.folder import new_file
 from toppling.models.scene import Scene
-from toppling.results.drawing.mesh import Surface, smooth_surface
-from toppling.results.drawing.scene import draw_statics, interface_lines, numbers_of
+from toppling.results.drawing.painted_mesh import Surface, smooth_surface
+from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,
@@ -26,7 +26,7 @@ from toppling.results.drawing.style import (
     style,
     svg_text,
 )
-from toppling.results.replay import STILL_SHARE, Replay, tilt_deg
+from toppling.results.replayed_job import STILL_SHARE, Replay, tilt_deg
 
 _PAGE_HZ, _PAGE_POSES = 25.0, 1500
 """Poses a second that a page holds, and how many at most."""

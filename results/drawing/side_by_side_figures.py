@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from toppling.models.scene import Scene
 from toppling.results.analysis.side_by_side import Beside
-from toppling.results.drawing.scene import draw_view
+from toppling.results.drawing.scene_figures import draw_view
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from toppling.results.analysis.lognormal import Lognormal, Resampled
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.standing import Standing, drawn_ages
+from toppling.results.hazard.survival import Standing, drawn_ages
 
 _NODES_PER_E_FOLD = 60
 """Points of an integral in an interval where intensity grows by e: 1e-4 of a rate, where draws differ by per cents."""

@@ -25,8 +25,8 @@ from toppling.results.hazard.events import (
     standing_shares,
     survival,
 )
-from toppling.results.hazard.standing import greatest_rate
 from toppling.results.hazard.surfaces import measures_of, stouter
+from toppling.results.hazard.survival import greatest_rate
 from toppling.results.hazard.tree import FRACTILES, Statistics, weighted_fractile
 from toppling.results.hazard.update import (
     DRAWN_LEVELS,

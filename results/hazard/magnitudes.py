@@ -22,7 +22,7 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.standing import greatest_rate
+from toppling.results.hazard.survival import greatest_rate
 
 _MAGNITUDE_STEP = 0.1
 _DISTANCES = 40

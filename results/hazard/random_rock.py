@@ -8,7 +8,7 @@ import numpy as np
 
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.draws import Draws, draws_of
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.hazard.draws import Draws, exponents
-from toppling.results.hazard.standing import Standing, epochs, greatest_rate
+from toppling.results.hazard.survival import Standing, epochs, greatest_rate
 
 _FURTHEST = 1e3
 """Largest factor of motions that is looked for, and the inverse of the least."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
 from toppling.results.hazard.draws import Draws, draws_of
 from toppling.results.hazard.scaling import drawn_factors, motion_factor, rate_factor
-from toppling.results.hazard.standing import Standing, joint_survival
+from toppling.results.hazard.survival import Standing, joint_survival
 from toppling.results.hazard.tree import (
     FRACTILES,
     HazardTree,

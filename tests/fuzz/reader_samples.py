@@ -225,7 +225,7 @@ def _unseal(document: Path) -> None:
 
 
 def _read_scene(folder: Path) -> Any:
-    from toppling.results.drawing.scene import numbers_of
+    from toppling.results.drawing.scene_figures import numbers_of
 
     scene = Scene.load(folder / "scene")
     numbers_of(scene)

@@ -27,7 +27,7 @@ from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.drawing import settling as drawing
+from toppling.results.drawing import settling_figure as drawing
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.sections import scene_section
@@ -140,7 +140,9 @@ def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, t
     drawn: list[str] = []
     monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda *_: None)
     monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
-    monkeypatch.setattr("toppling.results.drawing.scene.draw_scene", lambda *told: drawn.extend(told[2]))
+    monkeypatch.setattr(
+        "toppling.results.drawing.scene_figures.draw_scene", lambda *told: drawn.extend(told[2])
+    )
     done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a")], catch_exceptions=False)
     assert Scene.load(tmp_path / "a").id == found.scene.id
     told = done.stdout.splitlines()[1:]

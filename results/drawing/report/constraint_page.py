@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.drawing.constraint import ages_words, constraint_figure
+from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
 from toppling.results.drawing.constraint_words import all_words, answer, rate_words
-from toppling.results.drawing.hazard import hazard_figure
+from toppling.results.drawing.hazard_figures import hazard_figure
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name
 

@@ -16,7 +16,7 @@ from toppling.results.analysis.constraint import bound_table, branch_table, sing
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.style import printed_unit
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
 from toppling.results.reader import Run

@@ -9,7 +9,7 @@ import pandas as pd
 from toppling.models.scene import Scene
 from toppling.results.analysis.side_by_side import Beside, Shared
 from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
-from toppling.results.drawing.scene import wind_of
+from toppling.results.drawing.scene_figures import wind_of
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name
 from toppling.results.reader import Run

@@ -24,18 +24,18 @@ from toppling.results.analysis.fragility import (
 )
 from toppling.results.analysis.friction import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
-from toppling.results.drawing.constraint import ages_words, constraint_figure
+from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
+from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
-from toppling.results.drawing.fits import fit_figure
-from toppling.results.drawing.friction import friction_figure
+from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
-from toppling.results.drawing.records import records_figure
+from toppling.results.drawing.record_figures import records_figure
 from toppling.results.drawing.report.accuracy import accuracy_section
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
 from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.scene import scene_picture
+from toppling.results.drawing.scene_figures import scene_picture
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
 from toppling.results.weights import records_weight, sentences
 

@@ -21,15 +21,15 @@ from toppling.results.analysis.fits import answered, headline
 from toppling.results.analysis.fragility import contact_words
 from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
 from toppling.results.analysis.regression import fit
-from toppling.results.drawing.fits import fit_figure
-from toppling.results.drawing.records import records_figure, scatter, upper_limit
+from toppling.results.drawing.fit_figures import fit_figure
+from toppling.results.drawing.record_figures import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
-from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
+from toppling.results.drawing.trajectory_figures import AFTER_FALL_S, trajectory_figure
 from toppling.results.reader import open_run
-from toppling.results.replay import Replay
+from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
 from toppling.workers.engines import ENGINES

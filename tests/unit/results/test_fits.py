@@ -20,7 +20,7 @@ from toppling.results.analysis.ranking import (
 )
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap, lognormal_interval
-from toppling.results.drawing.fits import fit_figure
+from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.schema import SCHEMA
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from toppling.results.analysis.constraint import bound_table, branch_table
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.constraint import ages_words, constraint_figure
-from toppling.results.drawing.hazard import hazard_figure
+from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
+from toppling.results.drawing.hazard_figures import hazard_figure
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.curves import (
     NODES_PER_E_FOLD,
@@ -19,7 +19,7 @@ from toppling.results.hazard.curves import (
     toppling_rate,
     unstated_shares,
 )
-from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.survival import Standing, joint_survival, rejected_rate, unexceeded
 from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
 from toppling.results.hazard.update import Update
 

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
 from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel

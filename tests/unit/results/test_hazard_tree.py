@@ -17,7 +17,7 @@ from toppling.results.hazard.curves import (
 )
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import (
     Branch,
     HazardTree,

@@ -15,7 +15,7 @@ from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.survey import survey
 from toppling.models.statics import support_polygon_m
 from toppling.orchestrator.verbs.scan import scan
-from toppling.results.drawing.scene import numbers_of
+from toppling.results.drawing.scene_figures import numbers_of
 
 SLOPE_DEG, DOWNHILL_DEG = 6.0, 250.0
 

@@ -21,9 +21,9 @@ from toppling.models.intervals import base_sentences
 from toppling.models.mesh_files import read_triangles
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.drawing.mesh import hidden, smooth_surface
 from toppling.results.drawing.page import scene_page
-from toppling.results.drawing.scene import (
+from toppling.results.drawing.painted_mesh import hidden, smooth_surface
+from toppling.results.drawing.scene_figures import (
     BAND_TITLE,
     VIEWS_DEG,
     base_interval,

@@ -11,7 +11,7 @@ from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
-from toppling.results.drawing.scene import numbers_of
+from toppling.results.drawing.scene_figures import numbers_of
 
 
 @pytest.fixture(scope="module")

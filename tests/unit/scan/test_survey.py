@@ -17,7 +17,7 @@ from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.results.drawing.scene import draw_scene
+from toppling.results.drawing.scene_figures import draw_scene
 
 RESOLUTION = 0.02
 """Point spacing in rock heights: coarse, to be quick."""

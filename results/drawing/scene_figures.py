@@ -17,7 +17,7 @@ from toppling.models.arrays import Array
 from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
-from toppling.results.drawing.mesh import far_to_near, hidden, shades, surfaces_of, view_frame
+from toppling.results.drawing.painted_mesh import far_to_near, hidden, shades, surfaces_of, view_frame
 from toppling.results.drawing.roses import emptiest_deg, mark_winds
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 

@@ -9,8 +9,8 @@ from toppling.models.folder import new_file
 from toppling.results.drawing.animation import moving_picture
 from toppling.results.drawing.page import replay_page
 from toppling.results.drawing.style import save
-from toppling.results.drawing.trajectory import trajectory_figure
-from toppling.results.replay import Replay, trajectory_table
+from toppling.results.drawing.trajectory_figures import trajectory_figure
+from toppling.results.replayed_job import Replay, trajectory_table
 
 
 def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:

@@ -26,7 +26,7 @@ def trajectory_figure(
     Parameters
     ----------
     table : DataFrame
-        From `results.replay.trajectory_table`.
+        From `results.replayed_job.trajectory_table`.
     motion : Motion
         As imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon after
         a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.results.drawing.constraint import ages_words
+from toppling.results.drawing.constraint_figures import ages_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
 from toppling.results.hazard.tree import Statistics
 from toppling.results.hazard.update import Update

@@ -20,7 +20,7 @@ from toppling.results.drawing.style import (
     style,
 )
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import Branch
 
 _MOST_NAMED = 6

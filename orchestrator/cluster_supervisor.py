@@ -41,12 +41,7 @@ def let_resize(cluster: SpecCluster, least: int, most: int) -> None:
 
 
 class ClusterSupervisor:
-    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing.
-
-    Parameters
-    ----------
-    client : Client
-    """
+    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing."""
 
     def __init__(self, client: Client) -> None:
         self._client = client

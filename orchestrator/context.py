@@ -111,16 +111,12 @@ class Work:
 
     Parameters
     ----------
-    planned : Plan
     folder : Path
         The run's.
     run_key : RunKey
         What workers must find.
-    client : Client
-    watch : ProgressCallback
     progress : RunProgress
         Of the jobs of the plan; counted on.
-    limits : Limits
     redo : mapping
         Jobs that have a row already and are done again, each with the number of its newest attempt.
     store : Path or None

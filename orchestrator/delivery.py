@@ -89,7 +89,6 @@ def offer(client: Client, folders: Mapping[str, Path]) -> None:
 
     Parameters
     ----------
-    client : Client
     folders : mapping
         Folder by the id of its content; what the scheduler has already is not sent again.
     """

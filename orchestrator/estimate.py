@@ -113,7 +113,6 @@ def estimate(
 
     Parameters
     ----------
-    planned : Plan
     scene, ensemble
         The plan's.
     pending : (n,) int array or None

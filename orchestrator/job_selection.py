@@ -32,7 +32,6 @@ class AllJobs:
 
     Parameters
     ----------
-    planned : Plan
     folder : Path
         The run's: a run that was to end with a statement may go on to all of its jobs.
     """

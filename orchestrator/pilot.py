@@ -100,15 +100,12 @@ def try_out(
 
     Parameters
     ----------
-    scene : Scene
-    ensemble : Ensemble
     least_m_s2 : float
         Level below the first one.
     azimuths_deg : sequence of float
         Each record has one of them.
     friction : (float, float)
         Static and kinetic.
-    preset : str
     seen : callable
         Called after each job.
     """

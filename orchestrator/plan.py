@@ -56,7 +56,6 @@ class PlannedScene:
     ----------
     campaign : Campaign
         Of this rock alone.
-    scene_id, ensemble_id : str
     record_sha : dict
         Hash of every record in use.
     duration_s : dict
@@ -95,7 +94,6 @@ class Plan:
 
     Parameters
     ----------
-    campaign : Campaign
     scenes : tuple of PlannedScene
         One, or those of an atlas.
     jobs : pyarrow.Table

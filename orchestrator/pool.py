@@ -15,7 +15,6 @@ def pool_of(count: int, load: Callable[..., object] = bool, *assets: Any) -> Ite
 
     Parameters
     ----------
-    count : int
     load : callable
         Called with `assets` in each of them first.
     """

@@ -86,7 +86,6 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
 
     Parameters
     ----------
-    scene : Scene
     realisations : int
         Of a campaign, the nominal scene (0) not counted.
     where : str

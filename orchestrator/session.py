@@ -37,8 +37,6 @@ class Session:
     ----------
     cluster : context manager of Client
         Entered only if there is work.
-    watch : ProgressCallback
-    limits : Limits
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
     stages : sequence of Stage
@@ -58,7 +56,6 @@ class Session:
 
         Parameters
         ----------
-        planned : Plan
         folder : Path
             The run's, absolute; made if absent.
 
@@ -169,8 +166,6 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] 
 
     Parameters
     ----------
-    selection : JobSelection
-    work : Work
     merge : callable or None
         What is done once all have a row; returns the ids of the jobs that still have one.
 

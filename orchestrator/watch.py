@@ -111,7 +111,6 @@ class Replays:
 
     Parameters
     ----------
-    run : Path
     folder : Path
         Where they are written to.
     """
@@ -168,8 +167,6 @@ class Watching(Loopback):
 
     Parameters
     ----------
-    run : Path
-    replays : Replays
     port : int
         0 for any that is free.
     """

@@ -194,7 +194,6 @@ class Run:
 
         Parameters
         ----------
-        frame : DataFrame
         weights : Weights or None
             Weights of the bases by more than the run knows of.
 

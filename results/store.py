@@ -45,7 +45,6 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
 
     Parameters
     ----------
-    run_folder : path
     rows : iterable of mapping
         Column name to value; a nullable column may be left out, and NaN is kept as null.
 

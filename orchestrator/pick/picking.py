@@ -39,8 +39,6 @@ class Answer:
 
     Parameters
     ----------
-    said : UserHints
-    worked : WorkedOut
     label : (n,) int8 array
         0 rock, 1 pedestal, 2 neither.
     notes : tuple of str
@@ -61,8 +59,6 @@ class Placed:
 
     Parameters
     ----------
-    cloud : Cloud
-    placement : Placement
     refused : bool
         Whether it is shown only, as it lies on its side or in another unit.
     """

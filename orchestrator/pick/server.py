@@ -39,7 +39,6 @@ class PickServer(Loopback):
 
     Parameters
     ----------
-    picking : Picking
     port : int
         0 for any that is free.
     """

@@ -39,7 +39,6 @@ def pick_server(
         Other options of the scan, by name.
     saved : callable
         Called with each scene that is saved.
-    port : int
 
     Raises
     ------

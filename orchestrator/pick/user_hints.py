@@ -40,7 +40,6 @@ class UserHints:
     near, plane : tuple of float, optional
     point, outline, touch, daylight, pull : tuple of tuple of float
         As the options of `toppling scan`.
-    touch_only : bool
     """
 
     units: str | None = None

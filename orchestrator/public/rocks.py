@@ -164,7 +164,7 @@ def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
 def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """What the motions that a rock survived say about its base, and the resulting shift of the median."""
     assert jobs.weights is not None
-    summary = jobs.weights.entry(jobs.frame)
+    summary = jobs.weights.summary(jobs.frame)
     alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
     (of_contact,) = summary.pop("contacts")
     return {

@@ -80,9 +80,6 @@ class Setting:
 
     Parameters
     ----------
-    settings : NumericalOptions
-    engine : str
-    shortcuts : bool
     disturbed_toward_deg : float or None
         Azimuth toward which the start is disturbed as :func:`disturbed_start` says; None for a start at rest.
     disturbed_share : float

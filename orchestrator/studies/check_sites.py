@@ -30,7 +30,6 @@ class Seismogram:
 
     Parameters
     ----------
-    station, event : str
     files : tuple of str
         That it was read from.
     source : Record or (Path, str)
@@ -97,7 +96,6 @@ def check_sites(
         What a scene, a record, factors and a preset give: a dataclass with `outcome`.
     factors : sequence of float
         By which each is scaled.
-    preset : str
     workers : int or None
         Processes; one a core unless given.
     advance : callable

@@ -105,7 +105,6 @@ def _weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Sha
         As `Recorded.write` wrote it to the folder.
     place : Path
         Where the shakes go.
-    shake : callable
 
     Raises
     ------

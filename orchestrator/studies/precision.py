@@ -40,11 +40,8 @@ class JobsForPrecision:
 
     Parameters
     ----------
-    planned : Plan
     folder : Path
         The run's.
-    precision : float
-    asked : Asked or None
     alone : bool
         Whether the run ends with the statement, which its folder then keeps; otherwise it goes on to all of its jobs.
     most_jobs : float
@@ -204,7 +201,6 @@ def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tup
 
     Parameters
     ----------
-    planned : Plan
     catalog : DataFrame
         Intensities of the records as recorded, in the order in which they are numbered.
     measures : list of str

@@ -46,8 +46,6 @@ class Ramp:
         PGA of the first level, between levels, and of the last if nothing topples.
     peak_displacement_m : float or None
         Of the table.
-    friction, restitution : float
-    preset : str
     uniaxial : bool
         Only the stronger horizontal component shakes, as on a table of one axis.
     """
@@ -140,7 +138,6 @@ def carry_out(
     scene, ensemble : Path
         Folders, which every worker sees.
     records : sequence of str
-    ramp : Ramp
     folder : Path
         Keeps a table a waveform, so that an interrupted ramp goes on.
     pool : Executor

@@ -83,7 +83,6 @@ class Study:
     ----------
     pga_m_s2 : tuple of float
     azimuth_deg : tuple of float
-    preset : str
     audit : int or None
         Of both runs, as in a campaign.
     """

@@ -19,14 +19,12 @@ class Verdict:
 
     Parameters
     ----------
-    record_id, event, station : str
     north_known : bool
         Whether the components' azimuths are known; if not, the first horizontal was taken as east.
     pga_m_s2, pgv_m_s : float
         Peaks of the horizontal vector, as recorded.
     outcome : str
         Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
-    max_tilt_deg : float
     toppled, shaken : int
         Of the scaled neighbours with an answer, including the seismogram itself.
     probability : float or None

@@ -58,7 +58,6 @@ class Sampling:
 
     Parameters
     ----------
-    engine, preset : str
     most_draws : int
         Realisations of a test at most.
     error : float
@@ -105,7 +104,6 @@ def specimen(
     Parameters
     ----------
     mesh : Path or (vertices, faces)
-    sampling : Sampling
     progress : callable
         Told of each draw.
     tolerance_share : float

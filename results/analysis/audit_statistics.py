@@ -185,7 +185,6 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
 
     Parameters
     ----------
-    by : str
     rows : DataFrame
         Rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
     repeated : DataFrame
@@ -240,7 +239,6 @@ def median_shift_percent(
         Which rows were drawn.
     differs : (n,) array
         Of each its answer (1 toppled, 0 stands) less that when done again.
-    measure : str
 
     Returns
     -------

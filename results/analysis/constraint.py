@@ -32,7 +32,6 @@ class Constraint:
     Parameters
     ----------
     rocks : sequence of Standing
-    confidence : float
     update : Update or None
         Of the hazard that is asked about; it needs ages.
     dated : bool

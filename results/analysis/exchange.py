@@ -74,7 +74,6 @@ def write_curves(
 
     Parameters
     ----------
-    path : Path
     curves : iterable of Lognormal
         NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
     name : str

@@ -30,7 +30,6 @@ class Finding:
 
     Parameters
     ----------
-    name : str
     paper : str
         What the study found for its rock.
     found : str

@@ -68,7 +68,6 @@ class Plane:
     ----------
     name : str
         Names the files.
-    x, y : Axis
     share_within : str or None
         A cell's share is that of the jobs with its value on this axis's column; None for all jobs.
     by_direction : bool
@@ -136,7 +135,6 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     ----------
     frame : DataFrame
         Rows of results, all of one contact (`by_contact`).
-    plane : Plane
 
     Returns
     -------
@@ -238,12 +236,10 @@ class DirectionCells:
     ----------
     table : DataFrame
         From `cells_by_direction`.
-    plane : Plane
     bins : int
         Direction bins around the circle.
     records : mapping of float to int
         Distinct records (`records_on`) of each bin that holds a job.
-    unplaced : int
     """
 
     table: pd.DataFrame

@@ -47,7 +47,6 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.
     ----------
     frame : DataFrame
         Rows of results of one scene, preset and restitution (`by_surroundings`).
-    plane : Plane
     reference : pair of float
         Static and kinetic friction on the horizontal axis.
 

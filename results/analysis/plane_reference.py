@@ -114,7 +114,6 @@ def topples(
         Which record shakes each body.
     pga_m_s2 : (n,) array
         What it is scaled to.
-    gravity_m_s2 : float
 
     Returns
     -------

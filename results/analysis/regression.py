@@ -40,7 +40,6 @@ class Fit:
         probit or logit.
     coefficients : tuple of float
         Intercept, then one slope a measure's natural logarithm; empty where there is a problem.
-    jobs, toppled, records : int
     problem : str
         Why there is no fit; empty where there is one.
     bounds : pair of float

@@ -23,7 +23,6 @@ class Beside:
 
     Parameters
     ----------
-    run : Run
     name, contact : str
         Of the rock, and the contact (that of the highest friction) that the numbers are of.
     jobs : DataFrame
@@ -89,7 +88,6 @@ class Shared:
         Records that shook all of them (of the same content), of `of_records` in all.
     levels_m_s2 : tuple of float
         Levels that all were shaken at.
-    of_records : int
     """
 
     records: tuple[str, ...]

@@ -24,8 +24,6 @@ class Spread:
 
     Parameters
     ----------
-    level_pga_m_s2 : float
-    probability : float
     records, base, friction : float
         Of the probability from record to record, from base to base (with the centre of mass drawn beside it), and
         from friction to friction.
@@ -177,8 +175,6 @@ def component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.
     ----------
     of_cause : Mean
         Its expectation is the error's and `times` the component.
-    error : Mean
-    times : float
 
     Notes
     -----

@@ -100,7 +100,6 @@ def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | N
 
     Parameters
     ----------
-    run : Run
     frame : DataFrame or None
         Its rows, weighted as they are to count; read from the run unless given.
     """

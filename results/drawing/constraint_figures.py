@@ -42,12 +42,10 @@ def constraint_figure(
     bound : DataFrame
         From `analysis.constraint.bound_table`.
     branches : sequence of Branch
-    confidence : float
     verdicts : DataFrame or None
         From `analysis.constraint.branch_table`: survival and verdict of each branch, for the legend.
     rocks : sequence of Standing
         Their ages stand above the figure.
-    width_in : float
     """
     measure = bound.columns[0]
     rate = bound["rejected_annual_rate"]

@@ -32,7 +32,6 @@ def write_constraint(
 
     Parameters
     ----------
-    constraint : Constraint
     statement : dict
         Its statement, with the choices that led to it.
     folder : Path
@@ -73,7 +72,6 @@ def write_events(
 
     Parameters
     ----------
-    update : EventUpdate
     statement : dict
         With the choices that led to it.
     tables : dict of DataFrame

@@ -29,8 +29,6 @@ def events_figure(
         From `EventUpdate.branches`.
     updated : DataFrame or None
         From `EventUpdate.updated`, with its `measure` and `site`; None where no event is felt at the rocks' sites.
-    confidence : float
-    width_in : float
     """
     hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]
     count = 1 + len(hazards[:MOST_PANELS])

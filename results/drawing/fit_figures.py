@@ -37,7 +37,6 @@ def fit_figure(
 
     Parameters
     ----------
-    curve : Lognormal
     resampled : Resampled or None
         From `analysis.fits.bootstrap`.
     observed, ranking, calibrated : DataFrame

@@ -19,13 +19,7 @@ _LEAST_RANGE = 50.0
 
 
 def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Annual rates of exceedance before and after, over intensity, with return periods on the right.
-
-    Parameters
-    ----------
-    update : Update
-    width_in : float
-    """
+    """Annual rates of exceedance before and after, over intensity, with return periods on the right."""
     count = len(update.tree.branches)
     rows = (1 + bool(update.tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
     below_in = 0.5 + 0.16 * rows

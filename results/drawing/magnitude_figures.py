@@ -28,7 +28,6 @@ class Drawn:
 
     Parameters
     ----------
-    name : str
     lines : sequence of (n, 2) arrays
         km east and north of the rock.
     magnitude : float
@@ -51,7 +50,6 @@ def magnitudes_figure(
     ----------
     tables : dict of DataFrame by name of the occurrence
         From `results.hazard.magnitudes.largest_magnitudes`.
-    confidence : float
     limits : (low, high)
         Magnitudes that the models are for.
     """
@@ -89,7 +87,6 @@ def faults_figure(
     faults : sequence of Drawn
     circles : dict of km by magnitude
         Least distance of an earthquake of that magnitude.
-    title : str
     limits : (low, high)
         Magnitudes that the models are for.
     """

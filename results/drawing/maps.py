@@ -93,7 +93,6 @@ def direction_figure(
     ----------
     counted : DirectionCells
         Bins without a record are drawn empty.
-    title : str
     reference : DataFrame or None
         From `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
     width_in : float
@@ -172,7 +171,6 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
     off : DataFrame
         The first table's cells of enough records, with `deviations`: the second's probability less the first's, over
         the standard deviation that other records would leave.
-    plane : Plane
     """
     width, height = FULL_WIDTH_IN, 3.0
     margins = _margins(width, height, below_in=2 * _LINE_IN)

@@ -63,7 +63,6 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
 
     Parameters
     ----------
-    scene : Scene
     name : str
         Of the rock.
     notes : sequence of str
@@ -85,7 +84,6 @@ def replay_page(replay: Replay, title: str) -> str:
 
     Parameters
     ----------
-    replay : Replay
     title : str
         The rock's name, the shaking and the outcome.
     """

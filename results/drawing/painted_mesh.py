@@ -27,7 +27,6 @@ class Surface:
     ----------
     vertices_m, normals : (n, 3) array
     faces : (k, 3) array of int
-    colour : str
     """
 
     vertices_m: Array

@@ -39,7 +39,6 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
 
     Parameters
     ----------
-    ensemble : Ensemble
     width_in : float
         Three panels in a row on a page's width, below each other on less.
     """

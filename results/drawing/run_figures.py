@@ -169,7 +169,6 @@ def write_fits(
     ----------
     frame : DataFrame
         Rows of results.
-    folder : Path
     name : str
         Of the rock, for other programs.
     samples : int

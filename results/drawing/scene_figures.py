@@ -49,7 +49,6 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
 
     Parameters
     ----------
-    scene : Scene
     notes : sequence of str
         Sentences below the numbers.
     width_in : float

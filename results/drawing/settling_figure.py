@@ -34,7 +34,6 @@ def draw(
     rose_scanned, rose_stands : sequence of (float, float)
         Azimuth of the ground's acceleration, degrees counter-clockwise from east, and the least constant
         acceleration that topples, m/s2.
-    path : Path
     """
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 4.4), layout="constrained")

@@ -72,8 +72,6 @@ def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
 
     Parameters
     ----------
-    figure : Figure
-    stem : Path
     remark : str
         Stands above the figure, as that of an unfinished run (`results.completeness`).
     """

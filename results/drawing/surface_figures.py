@@ -25,7 +25,6 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_
         Of two measures.
     jobs : DataFrame
         Rows of results with an answer.
-    width_in : float
     """
     first, second = surface.measures
     x = np.geomspace(jobs[first].min(), jobs[first].max(), 200)

@@ -30,7 +30,6 @@ def trajectory_figure(
     motion : Motion
         As imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon after
         a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.
-    title : str
     topple_time_s : float or None
         Time of no return, marked by a line.
     """

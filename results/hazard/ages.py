@@ -150,7 +150,6 @@ def joint_ages(
     common_error : float
         Standard deviation of a relative error s that the dates share, such as that of a production rate:
         A_i = A_i0 (1 + s), where A_i0 is as `ages` state it. Cut where an age would not be positive.
-    seed : int
 
     Returns
     -------

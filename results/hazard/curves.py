@@ -34,7 +34,6 @@ class HazardCurve:
 
     Parameters
     ----------
-    name : str
     measure : str
         Column of the results that the intensity is a value of, such as pga_m_s2; sa_0.2s_m_s2 for other periods.
     intensity : (n,) array

@@ -106,8 +106,6 @@ class EventUpdate:
     Parameters
     ----------
     rocks : sequence of FeltRock
-    events : EventSet
-    exposure : Exposure
     confidence : float
         A branch under which the rocks survive with less than 1 - confidence is rejected.
     """

@@ -40,7 +40,6 @@ class EventSite:
 
     Parameters
     ----------
-    name : str
     place : (longitude, latitude) or None
         Degrees.
     """
@@ -55,7 +54,6 @@ class EventBranch:
 
     Parameters
     ----------
-    name : str
     rate : (m,) array
         Annual rate of each event.
     motions : mapping of (m, sites) arrays
@@ -128,7 +126,6 @@ class FeltRock:
 
     Parameters
     ----------
-    name : str
     fragility : Lognormal or Surface
     site : int
         Number of the site.

@@ -22,7 +22,6 @@ def excluded_bins(
     bins : sequence of Bin
     models, weights : sequences
         Ground-motion models, and their weights.
-    fragility : Lognormal
     occurrences : sequence of Occurrence
 
     Returns

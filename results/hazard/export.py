@@ -74,7 +74,6 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
 
     Parameters
     ----------
-    update : EventUpdate
     folder : Path
         Made if absent.
     ratio : float

@@ -35,7 +35,6 @@ class FaultTrace:
 
     Parameters
     ----------
-    name : str
     lines : tuple of (n, 2) arrays
         Points in km east and north of the rock: distances and directions from the rock are those of the great circle.
     magnitude : float or None
@@ -57,7 +56,6 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
 
     Parameters
     ----------
-    path : Path
     site : (longitude, latitude)
         Of the rock, degrees.
 

@@ -153,10 +153,8 @@ def recurring(confidence: float, years: NDArray[np.float64], recurrence_years: f
 
     Parameters
     ----------
-    confidence : float
     years : (n,) array
         Equally likely ages.
-    recurrence_years : float
     """
     exposure = np.asarray(years, float) / recurrence_years
     name = f"one event every {recurrence_years:,.0f} years"
@@ -178,11 +176,8 @@ def largest_magnitudes(
 
     Parameters
     ----------
-    grid : MotionGrid
-    fragility : Lognormal
     drawn : sequence of Lognormal
         Of records drawn anew; empty where they are not known.
-    occurrence : Occurrence
 
     Returns
     -------

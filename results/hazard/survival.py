@@ -18,8 +18,6 @@ class Standing:
 
     Parameters
     ----------
-    name : str
-    curve : Lognormal
     years : (n,) array
         Equally likely ages; one where it is known.
     resampled : Resampled or None

@@ -28,10 +28,8 @@ class Branch:
 
     Parameters
     ----------
-    name : str
     weight : float
         Before the rocks have a say; those of a tree sum to 1.
-    curve : HazardCurve
     path : str
         Choices that lead to it, as OpenQuake abbreviates them: one letter a level, source models ~ ground motion.
     number : int or None
@@ -185,7 +183,6 @@ def statistics(
 
     Parameters
     ----------
-    tree : HazardTree
     weights : (branches,) array or None
     fractiles : sequence of float
     """

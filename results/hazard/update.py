@@ -52,7 +52,6 @@ class Update:
     Parameters
     ----------
     rocks : sequence of Standing
-    tree : HazardTree
     confidence : float
         A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at which
         survival falls to it.

@@ -70,8 +70,6 @@ class Verdict:
         That predicts best, or that the target states.
     curve : Curve or None
         None before both answers have come.
-    estimate : Estimate or None
-    ended : bool
     reason : str
         Why the precision cannot be reached; empty where it is reached, or may still be.
     jobs_needed : int
@@ -106,10 +104,8 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
 
     Parameters
     ----------
-    pool : Pool
     observed : mapping
         Answers by measure: jobs with an answer of all rounds so far.
-    target : Target
     precision : float
         Half of the interval of 95 % that is asked for: relative, for a probability in its own unit.
     """
@@ -190,15 +186,12 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
 
     Parameters
     ----------
-    pool : Pool
     chosen : (n,) int array
         Rows of the rounds before, in their order.
-    size : int
     seed : int
         Of the campaign.
     verdict : Verdict
         Of the answers so far; one without a curve makes all levels random.
-    target : Target
     """
     free = ~np.isin(pool.rows, chosen)
     visits = (~free).sum(axis=(1, 2))
@@ -261,8 +254,6 @@ class Rounds:
 
     Parameters
     ----------
-    pool : Pool
-    target : Target
     precision : float
         As `judge` takes it.
     seed : int

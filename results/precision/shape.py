@@ -55,7 +55,6 @@ def p_value(curve: Curve, answers: Answers) -> float:
     ----------
     curve : Curve
         Fitted to the answers.
-    answers : Answers
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape
@@ -87,13 +86,7 @@ def _departures(curve: Curve, answers: Answers) -> Array:
 
 
 def departure(curve: Curve, answers: Answers) -> Departure | None:
-    """How answers contradict the curve fitted to them; None where they do not.
-
-    Parameters
-    ----------
-    curve : Curve
-    answers : Answers
-    """
+    """How answers contradict the curve fitted to them; None where they do not."""
     p = p_value(curve, answers)
     if p >= _LEVEL:
         return None

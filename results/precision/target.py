@@ -31,7 +31,6 @@ class Target:
         Column of the results; None for whichever predicts best. Stated with a probability and a rate.
     intensity : float or None
         At which the probability is asked for, in the measure's SI unit.
-    hazard : HazardCurve or None
     """
 
     name: str = "median"
@@ -132,8 +131,6 @@ def estimate(curve: Curve, target: Target, records: int) -> Estimate:
 
     Parameters
     ----------
-    curve : Curve
-    target : Target
     records : int
         That the campaign has.
     """

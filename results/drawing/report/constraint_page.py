@@ -23,7 +23,6 @@ def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
 
     Parameters
     ----------
-    constraint : Constraint
     statement : dict
         Its statement (`Constraint.summary`), with the choices that led to it.
     """

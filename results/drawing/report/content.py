@@ -104,7 +104,6 @@ class Content:
 
     Parameters
     ----------
-    run : Run
     samples : int
         Bootstrap samples of the fits.
     years : (n,) array or None

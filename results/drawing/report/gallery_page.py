@@ -44,11 +44,9 @@ def gallery_page(
 
     Parameters
     ----------
-    title : str
     atlases : sequence of Run
         That the rocks are of.
     rocks : sequence of Beside
-    shared : Shared
     measure : str
         That all fragilities are over.
     folder : Path

@@ -53,7 +53,6 @@ class Section:
 
     Parameters
     ----------
-    title : str
     write : callable
         From the content and the document, which numbers figures and tables, to HTML; empty omits the section.
     """

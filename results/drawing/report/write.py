@@ -31,7 +31,6 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
 
     Parameters
     ----------
-    content : Content
     advance : callable
         Told the name of each section once it is done.
 

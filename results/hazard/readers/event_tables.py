@@ -39,14 +39,12 @@ class Table:
 
     Parameters
     ----------
-    path : Path
     header : tuple of str
         Columns, by today's names.
     keys : mapping
         Of the comment line.
     skipped : int
         Lines above the columns.
-    separator : str
     """
 
     path: Path

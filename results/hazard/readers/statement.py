@@ -44,7 +44,6 @@ class Statement:
 
     Parameters
     ----------
-    curve : HazardCurve
     kind : str
         curve (a mean, a total, or the only one), realisation, fractile, or part (a contribution to the total).
     key : float or str or None

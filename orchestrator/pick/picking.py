@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
+from toppling.models.scan.hints_file import KINDS
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import Survey
@@ -169,6 +170,7 @@ class Picking:
                 "points": len(cloud.points_m),
                 "view": {"number": view.number, "counts": view.counts, "spacings_m": view.spacings_m},
                 "units": list(METRES),
+                "kinds": KINDS,
                 "placed": self._kept is not None or self._placed.placement.by.startswith("--gcp"),
                 "hints": self._said.to_json(),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),

@@ -108,6 +108,7 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
         "plane": {"point_m": plane.point_m.tolist(), "normal": plane.normal.tolist(), **report["interface"]},
         "surface": report["surface"],
         "toppling": base.get("toppling"),
+        "kinds": base.get("kinds"),
         "contacts": base.get("contacts"),
         "sentences": base_sentences(report),
     }

@@ -94,11 +94,39 @@ def test_the_plane_is_a_handle_and_a_drag_is_a_hint(page):
 
 
 @needs_driver
+def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three(page):
+    browser, _ = page
+    least, said = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
+    before = browser.run(least)
+    assert "by its rim" in browser.run("return document.getElementById('numbers').innerText")
+    browser.click("#base option:nth-child(2)")
+    browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('base: flat')")
+    assert browser.run(least) != before
+    assert browser.run("return document.getElementById('base').only.disabled")
+    browser.keys("z", held=CONTROL)
+    browser.click("[data-mode=touch]")
+    for count in (1, 2, 3):
+        click_outline(browser)
+        browser.until(f"document.querySelectorAll('#hints li .touch').length == {count}")
+        browser.run("document.getElementById('view').stage.turn(2.1, 0)")
+        browser.until("document.getElementById('view').stage.outline.length")
+    touching = browser.run(least)
+    browser.click("#base input")
+    browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('there and nowhere else')")
+    assert browser.run("return document.getElementById('error').hidden")
+    assert browser.run(least) != touching
+    for _ in range(4):
+        browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true' && {said[7:]} == 'none yet'")
+
+
+@needs_driver
 def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     browser, command = page
     before = browser.run("return document.getElementById('least').textContent")
     browser.click("#candidates button")
     browser.until("document.querySelectorAll('#hints li .near').length")
+    browser.click("#base option:nth-child(3)")
     browser.click("[data-mode=touch]")
     click_outline(browser)
     browser.until("document.querySelectorAll('#hints li .touch').length == 1")

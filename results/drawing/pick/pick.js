@@ -53,7 +53,7 @@ function add(name, value) {
 // A model that is placed anew has other coordinates: what was said in the former ones is taken back with it.
 function placeAnew(changes) {
   ends = [];
-  say({ ...hints, near: null, plane: null, point: [], outline: [], touch: [], daylight: [], pull: [], ...changes });
+  say({ ...hints, near: null, plane: null, point: [], outline: [], touch: [], daylight: [], pull: [], touch_only: false, ...changes });
 }
 
 // What is shown.
@@ -184,6 +184,8 @@ function showAnswer(answer) {
   const rows = [["volume", `${answer.volume_m3.toPrecision(4)} m³`], ["height", `${answer.height_m.toPrecision(3)} m`],
     ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${answer.downhill_azimuth_deg.toFixed(0)}°`],
     ["surface", `${(100 * answer.surface.seen_share).toFixed(0)} % seen, ${(100 * answer.surface.invented_share).toFixed(0)} % invented`]];
+  const kinds = Object.entries(answer.kinds || {}).map(([kind, { weight }]) => `${kind} ${(100 * weight).toFixed(0)} %`);
+  if (kinds.length > 1) rows.push(["base", `${kinds.join(", ")} by its rim`]);
   at("numbers").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
   at("notes").replaceChildren(...[...answer.sentences, ...answer.notes].map(each => make("li", each)));
   if (!answer.toppling) {
@@ -232,6 +234,7 @@ async function show(next) {
   at("saved").textContent = state.saving ? "saving ..." : state.saved ? `Saved to ${state.target}, with hints.toml, by which the scan repeats.` : "";
   fillPlane();
   fillPlace();
+  fillBase();
   listHints();
   document.body.dataset.current = state.current;
   document.body.dataset.saved = state.saved;
@@ -257,6 +260,14 @@ function fillPlace() {
   const apart = ends.length === 2 ? Math.hypot(...ends[0].place_m.map((each, k) => each - ends[1].place_m[k])) : null;
   at("apart").textContent = !free ? "placed already" : apart === null ? "length: Scale, then two clicks" : `${apart.toPrecision(4)} m between the ends`;
   at("metres").hidden = apart === null;
+}
+
+function fillBase() {
+  const form = at("base");
+  if (form.kind.length === 1) form.kind.append(...state.kinds.map(name => make("option", name)));
+  form.kind.value = hints.base || "";
+  form.only.checked = hints.touch_only;
+  form.only.disabled = hints.touch.length < 3 && !hints.touch_only;
 }
 
 async function follow() {
@@ -326,7 +337,7 @@ canvas?.addEventListener("dblclick", event => {
 
 const TURNS = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
 document.addEventListener("keydown", event => {
-  if (event.target.tagName === "INPUT") return;
+  if (["INPUT", "SELECT"].includes(event.target.tagName)) return;
   const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
   if (event.ctrlKey || event.metaKey) {
     const act = { Z: event.shiftKey ? redo : undo, Y: redo, S: () => at("save").click() }[key];
@@ -356,6 +367,8 @@ at("pull").onsubmit = event => {
   add("pull", [+form.azimuth.value, +form.ratio.value]);
   form.reset();
 };
+at("base").kind.onchange = event => { add("base", event.target.value || null); event.target.blur(); };
+at("base").only.onchange = event => { add("touch_only", event.target.checked); event.target.blur(); };
 at("place").up.onchange = event => placeAnew({ up: event.target.value || null });
 at("place").units.onchange = event => placeAnew({ units: event.target.value || null, length: null });
 at("place").onsubmit = event => {

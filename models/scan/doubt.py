@@ -1,0 +1,42 @@
+"""A doubt that a rock is a free rigid block, and the directions around it in which doubts are counted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.arrays import Array
+from toppling.models.frames import compass_deg
+from toppling.models.scan.interface import Interface
+
+SECTORS = 36
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why the answer for a free rigid block may not be this rock's: its kind, and a sentence."""
+
+    kind: str
+    sentence: str
+
+
+def sectors(ways: Array) -> NDArray[np.int64]:
+    """Which of the `SECTORS` each of some ways (n, 2 or 3) leads into."""
+    turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
+    return np.floor(turn * SECTORS).astype(np.int64) % SECTORS
+
+
+def middle(flat_m: Array) -> Array:
+    """Middle (2,) of the rectangle around places, u and v."""
+    return np.asarray(0.5 * (flat_m[:, :2].min(axis=0) + flat_m[:, :2].max(axis=0)))
+
+
+def azimuth_told(way: Array, interface: Interface) -> str:
+    """Azimuth and compass bearing of a way (2,) along the interface's u and v, in words."""
+    x, y, _ = interface.axes[:, :2] @ way
+    return direction_told(float(np.rad2deg(np.arctan2(y, x)) % 360.0))
+
+
+def direction_told(azimuth_deg: float) -> str:
+    """An azimuth with its compass bearing, in words."""
+    return f"azimuth {azimuth_deg:.0f} (compass {float(compass_deg(azimuth_deg)):.0f})"

@@ -16,7 +16,7 @@ _ATTACHED_SHARE, _TOLD_SHARE = 0.2, 0.5
 """Share of the rim that was seen along which a crease must show: less is no block, or is told."""
 _FOOT, _SIDE = (0.01, 0.02), (0.1, 0.2)
 """Of the rock's height above the interface: where a rounded foot still faces upward, and where a side begins."""
-_ROUNDED_DEG, _TURN_DEG = 15.0, 12.0
+_ROUNDED_DEG, _TURN_DEG = 12.0, 10.0
 """A foot is rounded that faces so far up, and so much farther than the side above it. Patches blur a sharp crease to
 0 to 10 degrees there; an arc of .025 of the height faces 24 degrees up."""
 _ROUNDED_TOLD, _ROUNDED_REFUSED = 0.5, 0.8
@@ -50,7 +50,9 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
         return None
     what = f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crevice or crease"
     if rounded >= _ROUNDED_REFUSED and not parted:
-        raise _no_block(what, f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet")
+        raise _no_block(
+            what, f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet"
+        )
     return _told(what)
 
 

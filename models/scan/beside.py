@@ -15,6 +15,7 @@ from toppling.models.arrays import Array
 from toppling.models.compiled import Flags, Indices
 from toppling.models.frames import compass_deg
 from toppling.models.joined import joined_parts
+from toppling.models.scan.candidates import PLANT_ROUGHNESS
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
 
@@ -93,7 +94,7 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     own = interface.over(surfels.points_m[rock])
     own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
     other = interface.over(surfels.points_m)
-    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m)
+    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m) & (surfels.roughness < PLANT_ROUGHNESS)
     foot = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
     found = np.zeros(len(rock), bool)
     if not high.any() or len(foot) < 3:
@@ -138,6 +139,7 @@ def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface,
     flat = interface.over(surfels.points_m)
     away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
     shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
+    shown &= surfels.roughness < PLANT_ROUGHNESS
     shown &= ~is_ground(flat, surfels.normals, interface, height_m)
     shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
     return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)

@@ -1,41 +1,34 @@
 """Whether what was scanned is a free rigid block: seen, embedded, attached, leaning, a stack, with room to fall."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.frames import compass_deg
+from toppling.models.scan.attached import attached
+from toppling.models.scan.candidates import PLANT_ROUGHNESS
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.stacked import stacked
+from toppling.models.scan.surfels import Surfels
 
 _MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
 _ONE_SIDE_DEG = 120.0
 """A rock of whose sides none shows in so wide a range of directions was seen from one side."""
-_SECTORS = 36
 _SPARSE = 1.5
 _UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
 _SEEN_SHARE = 0.1
 """A direction is seen if it has this share of the patches of an average one."""
-_NEAR_VOXELS = 4.0
-"""Patches of rock and pedestal so near to each other meet."""
-_CREASE_DEG = 20.0
-"""Where rock and pedestal meet at less than this, the surface goes on from one to the other."""
-_ATTACHED_SHARE, _TOLD_SHARE = 0.2, 0.5
-"""Share of the rim that was seen along which a crease must show: less is no block, or is told."""
 _LEANS_ABOVE = 0.2
 """Of the rock's height: a neighbour that is touched above it holds the rock."""
 _LEAST_TOUCHES = 8
-_JOINT_BAND, _JOINT_SHARE, _JOINT_DEG = 0.06, 0.7, 35.0
-"""A joint of a stack: within so much of the height, creases of so many degrees in this share of the directions."""
-_JOINT_FROM, _JOINT_TO = 0.15, 0.85
 _FLARE, _WAIST = (0.1, 0.3), (0.45, 0.65)
 """Of the rock's height: sides are judged above the ground's last roughness, and where a boulder's upper half bends."""
 _FLARE_DEG, _FLARE_SHARE = 8.0, 0.8
@@ -49,16 +42,9 @@ with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the dir
 _TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
 """Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
 rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
+_BESIDE_VOXELS, _OTHERS = 4.0, 400_000
 _IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Why the answer for a free rigid block may not be this rock's: its kind, and a sentence."""
-
-    kind: str
-    sentence: str
 
 
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
@@ -75,8 +61,8 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
     if blind_deg >= _ONE_SIDE_DEG:
         what = (
-            f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about azimuth "
-            f"{toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
+            f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
+            f"{direction_told(toward_deg)}"
         )
     elif (sunk := embedded(observed, interface)) is not None:
         what = f"{share}; {sunk.sentence}"
@@ -109,22 +95,22 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
     normals = observed.surfels.normals[observed.patches]
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
-    count = np.bincount(_sectors(normals[side, :2]), minlength=_SECTORS)
+    count = np.bincount(sectors(normals[side, :2]), minlength=SECTORS)
     shown = np.flatnonzero(count >= max(3.0, _SEEN_SHARE * count.mean()))
     if not len(shown):
         return 360.0, 0.0
-    blind = np.diff(np.append(shown, shown[0] + _SECTORS)) - 1
+    blind = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
     widest = int(blind.argmax())
-    width = 360.0 / _SECTORS
-    middle = (shown[widest] + 0.5 * (blind[widest] + 2)) * width - 180.0
-    return float(blind[widest] * width), float(middle % 360.0)
+    width = 360.0 / SECTORS
+    toward = (shown[widest] + 0.5 * (blind[widest] + 2)) * width - 180.0
+    return float(blind[widest] * width), float(toward % 360.0)
 
 
 def doubts(
     observed: ObservedRock,
     interface: Interface,
     points_m: Array,
-    rock: NDArray[np.bool_],
+    label: NDArray[np.int8],
     separated: bool = False,
 ) -> list[Doubt]:
     """What tells against a free rigid block.
@@ -135,21 +121,23 @@ def doubts(
     interface : Interface
     points_m : (n, 3) array
         Of the cloud.
-    rock : (n,) bool array
-        Which are the rock's.
+    label : (n,) int8 array
+        0 rock, 1 pedestal, 2 neither.
     separated : bool
-        Whether the user has said so.
+        Whether the user has said which points are which.
 
     Raises
     ------
     InputError
         If the rock goes on into its pedestal along most of the rim that was seen, or is two bodies that touch.
     """
-    found = [_attached(observed, interface), embedded(observed, interface), _leaning(observed, interface)]
-    found += [
+    found = [
+        attached(observed, interface, parted=separated or observed.hint is not None),
+        embedded(observed, interface),
+        _leaning(observed, interface),
         _two(observed, interface, separated),
-        _stacked(observed, interface),
-        _hemmed_in(observed, points_m, rock),
+        stacked(observed, interface, points_m[label == ROCK]),
+        _hemmed_in(observed, points_m[label == PEDESTAL]),
     ]
     return [each for each in found if each is not None]
 
@@ -160,7 +148,7 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
     A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
     """
     foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
-    if len(foot) < 0.5 * _SECTORS:
+    if len(foot) < 0.5 * SECTORS:
         return None
     share = float((foot > _FLARE_DEG).mean())
     if share >= _FLARE_SHARE:
@@ -203,7 +191,7 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
 
 def _domed(foot_deg: Array, waist_deg: Array) -> bool:
     """Whether sides with such dips are those of a boulder's upper half."""
-    if len(waist_deg) < 0.5 * _SECTORS:
+    if len(waist_deg) < 0.5 * SECTORS:
         return False
     bulging = (foot_deg < -_FLARE_DEG).mean() < _UNDERCUT_SHARE and (waist_deg < 0.0).mean() < _BULGING_SHARE
     return bool(foot_deg.mean() > _UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > _BENT_DEG and bulging)
@@ -218,47 +206,9 @@ def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, hig
     if not inside.any():
         return np.zeros(0)
     flat = interface.flat(points)[inside, :2]
-    sector = _sectors(flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0)))
+    sector = sectors(flat - middle(flat))
     dip = np.rad2deg(np.arcsin(np.clip(normals[inside] @ interface.normal, -1.0, 1.0)))
     return np.array([np.median(dip[sector == k]) for k in np.unique(sector)])
-
-
-def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
-    """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
-    surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
-    low = observed.patches & (np.abs(flat[:, 2]) < 0.15 * observed.height_m)
-    ground = ~observed.patches & (surfels.normals @ interface.normal > 0.0)
-    if low.sum() < 3 or ground.sum() < 3:
-        return None
-    away, nearest = cKDTree(surfels.points_m[ground]).query(surfels.points_m[low])
-    meet = away < _NEAR_VOXELS * surfels.voxel_m
-    if not meet.any():
-        return None
-    normals = np.einsum("ij,ij->i", surfels.normals[low][meet], surfels.normals[ground][nearest[meet]])
-    angle = np.rad2deg(np.arccos(np.clip(normals, -1.0, 1.0)))
-    centre = 0.5 * (flat[low, :2].min(axis=0) + flat[low, :2].max(axis=0))
-    sector = _sectors(flat[low][meet, :2] - centre)
-    steepest = np.array([np.quantile(angle[sector == k], 0.75) for k in np.unique(sector)])
-    return float((steepest > _CREASE_DEG).mean())
-
-
-def _attached(observed: ObservedRock, interface: Interface) -> Doubt | None:
-    share = creased_share(observed, interface)
-    if share is None or share >= _TOLD_SHARE:
-        return None
-    what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
-    if share < _ATTACHED_SHARE:
-        raise InputError(
-            f"{what}: the rock goes on into its pedestal",
-            where="the interface",
-            expected=f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim",
-            remedy="a rock that is attached does not topple as a free block; if it is not, the interface lies "
-            "elsewhere: give it by --plane, --point or --outline",
-        )
-    return Doubt(
-        "attached",
-        f"{what}: if it is attached there, its strength is not in the answer, which is then too low",
-    )
 
 
 def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
@@ -272,7 +222,7 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
     if touch.sum() < _LEAST_TOUCHES:
         return None
     places = flat[other][touch]
-    toward = _azimuth(places[:, :2].mean(axis=0) - flat[observed.patches, :2].mean(axis=0), interface)
+    toward = azimuth_told(places[:, :2].mean(axis=0) - flat[observed.patches, :2].mean(axis=0), interface)
     return Doubt(
         "leaning",
         f"a neighbour touches the rock {np.median(places[:, 2]):.2g} m above the interface, toward {toward}: it may "
@@ -285,7 +235,7 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
     if joint is None or joint.creased_share < _TWO_TOLD:
         return None
     what = (
-        f"a crease parts {joint.part:.0%} of the rock's surface, toward {_azimuth(joint.way, interface)}, from the "
+        f"a crease parts {joint.part:.0%} of the rock's surface, toward {azimuth_told(joint.way, interface)}, from the "
         f"rest, along {joint.creased_share:.0%} of the way around: it may be two blocks that touch, one leaning on the "
         "other; volume and weight are then those of both"
     )
@@ -300,65 +250,31 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
     return Doubt("leaning", what)
 
 
-def _stacked(observed: ObservedRock, interface: Interface) -> Doubt | None:
-    surfels = observed.surfels
-    points = surfels.points_m[observed.patches]
-    normals = surfels.normals[observed.patches]
-    flat = interface.flat(points)
-    pairs = cKDTree(points).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
-    if not len(pairs):
-        return None
-    along = points[pairs[:, 1]] - points[pairs[:, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    bend = np.einsum("ij,ij->i", normals[pairs[:, 1]] - normals[pairs[:, 0]], along)
-    steep = np.abs(along @ interface.normal) > 0.5
-    crease = flat[pairs[(bend < -np.deg2rad(_JOINT_DEG)) & steep]].mean(axis=1)
-    sector = _sectors(crease[:, :2] - flat[:, :2].mean(axis=0))
-    best, at = 0.0, 0.0
-    for level in np.arange(_JOINT_FROM, _JOINT_TO, 0.5 * _JOINT_BAND) * observed.height_m:
-        near = np.abs(crease[:, 2] - level) < 0.5 * _JOINT_BAND * observed.height_m
-        share = len(np.unique(sector[near])) / _SECTORS
-        if share > best:
-            best, at = share, float(level)
-    if best < _JOINT_SHARE:
-        return None
-    return Doubt(
-        "stack",
-        f"creases go around {best:.0%} of the rock {at:.2g} m above the interface: it may be two blocks, one upon the "
-        "other, and the upper one may fall by itself, earlier",
-    )
-
-
-def _hemmed_in(observed: ObservedRock, points_m: Array, rock: NDArray[np.bool_]) -> Doubt | None:
-    step = max(1, len(points_m) // 400_000)
-    others = points_m[::step][~rock[::step]]
-    own = observed.surfels.points_m[observed.patches]
-    others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * observed.height_m]
+def _hemmed_in(observed: ObservedRock, pedestal_m: Array) -> Doubt | None:
+    surfels, height = observed.surfels, observed.height_m
+    own = surfels.points_m[observed.patches]
+    others = pedestal_m[:: -(-len(pedestal_m) // _OTHERS) or 1]
+    rise = others[:, 2] - own[:, 2].min()
+    others, rise = others[rise > _IN_REACH_ABOVE * height], rise[rise > _IN_REACH_ABOVE * height]
     if not len(others):
         return None
-    away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=observed.height_m)
-    near = np.isfinite(away) & (away > _NEAR_VOXELS * observed.surfels.voxel_m)
-    rise = others[:, 2] - own[:, 2].min()
-    near &= rise > away  # a slope of less than 45 degrees is fallen over
+    away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=height)
+    # A slope of less than 45 degrees is fallen over.
+    near = np.isfinite(away) & (away > _BESIDE_VOXELS * surfels.voxel_m) & (rise > away)
+    near[near] = ~_in_plants(others[near], surfels)
     offset = others[near, :2] - own[:, :2].mean(axis=0)
-    count = np.bincount(_sectors(offset), minlength=_SECTORS)
-    shown = np.flatnonzero(count > 20)
+    shown = np.flatnonzero(np.bincount(sectors(offset), minlength=SECTORS) > 20)
     if not len(shown):
         return None
-    middle = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
+    toward = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
     return Doubt(
         "in reach",
-        f"something rises beside the rock within its height, over {len(shown) * 360 // _SECTORS} degrees about azimuth "
-        f"{middle:.0f} (compass {float(compass_deg(middle)):.0f}): a rock that falls that way may come to lean there",
+        f"something rises beside the rock within its height, over {len(shown) * 360 // SECTORS} degrees about "
+        f"{direction_told(toward)}: a rock that falls that way may come to lean there",
     )
 
 
-def _sectors(ways: Array) -> NDArray[np.int64]:
-    turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
-    return np.floor(turn * _SECTORS).astype(np.int64) % _SECTORS
-
-
-def _azimuth(way: Array, interface: Interface) -> str:
-    x, y, _ = interface.axes[:, :2] @ way
-    azimuth = float(np.rad2deg(np.arctan2(y, x)) % 360.0)
-    return f"azimuth {azimuth:.0f} (compass {float(compass_deg(azimuth)):.0f})"
+def _in_plants(points_m: Array, surfels: Surfels) -> NDArray[np.bool_]:
+    """Which points lie where patches are as thick as a plant's: a rock falls through it."""
+    away, nearest = cKDTree(surfels.points_m).query(points_m)
+    return np.asarray((away < 2.0 * surfels.voxel_m) & (surfels.roughness[nearest] > PLANT_ROUGHNESS))

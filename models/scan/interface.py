@@ -18,6 +18,8 @@ from toppling.models.scan.surfels import Surfels
 _CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""
 _LEAST_CREVICE_SURFELS = 30
+_LEVEL = 0.3
+"""Upward part of a normal from which on a patch may carry a rock."""
 _TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
 """Planes tried; how much nearer one must be to be believed; of its strays, how far off in the median distance."""
 
@@ -110,13 +112,17 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
         If too little of the crevice was seen.
     """
     distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
-    lining = ~rock & (distance < _CREVICE_VOXELS * surfels.voxel_m) & (surfels.normals[:, 2] > 0.3)
+    below = ~rock & (distance < _CREVICE_VOXELS * surfels.voxel_m)
+    lining = below & (surfels.normals[:, 2] > _LEVEL)
     if lining.sum() < _LEAST_CREVICE_SURFELS:
+        steep = below & (np.abs(surfels.normals[:, 2]) < _LEVEL)
         raise InputError(
-            f"only {int(lining.sum())} patches of the pedestal were seen beside the rock",
+            f"only {int(lining.sum())} patches of the pedestal's top were seen beside the rock"
+            + ("; it goes on below into something steep, like a neck" if steep.sum() > lining.sum() else ""),
             where="interface",
             expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
-            remedy="scan the crevice from nearer and from more sides",
+            remedy="scan the crevice from nearer and from more sides; a rock that a neck attaches to its pedestal "
+            "does not topple as a free block",
         )
     points = surfels.points_m[lining]
     plane, off = fitted_plane(points), _least_median_m(points)

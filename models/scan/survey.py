@@ -21,7 +21,8 @@ from toppling.models.scan.beside import beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.freedom import Doubt, check_not_sunk, check_seen_enough, doubts, embedded
+from toppling.models.scan.doubt import Doubt
+from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts, embedded
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
@@ -196,7 +197,7 @@ def _checked_doubts(
     check_seen_enough(observed, interface, closed)
     check_not_sunk(observed, interface)
     check_can_stand(closed.rock, interface)
-    return doubts(observed, interface, cloud.points_m, label == ROCK, separated=cloud.label is not None)
+    return doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:

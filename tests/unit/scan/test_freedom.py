@@ -9,12 +9,12 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.attached import creased_share
 from toppling.models.scan.carried import find_carried
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import (
     check_not_sunk,
     check_seen_enough,
-    creased_share,
     doubts,
     embedded,
     unseen_range,
@@ -24,6 +24,7 @@ from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
+from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import check_above, survey, work_out
 from toppling.models.scene import Scene
@@ -79,8 +80,13 @@ def together(*parts):
 
 
 def kinds(rock, rest):
-    observed = seen_of(rock, rest)
-    return {each.kind for each in doubts(observed, LEVEL, observed.surfels.points_m, observed.patches)}
+    return {each.kind for each in doubted(seen_of(rock, rest))}
+
+
+def doubted(observed, **given):
+    """Doubts in a rock whose cloud is its patches."""
+    label = np.where(observed.patches, ROCK, PEDESTAL)
+    return doubts(observed, LEVEL, observed.surfels.points_m, label, **given)
 
 
 BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
@@ -98,10 +104,9 @@ def test_a_neighbour_that_touches_high_up_is_named():
 def test_a_neighbour_that_was_taken_for_a_part_of_the_rock_is_refused_unless_the_user_says_that_it_is_one():
     neighbour = ball_at((0.72, 0.0, 0.4))
     observed = seen_of(together(ball_at((0.0, 0.0, 0.4)), neighbour), ground(0.62))
-    points, rock = observed.surfels.points_m, observed.patches
     with pytest.raises(InputError, match="two blocks that touch"):
-        doubts(observed, LEVEL, points, rock)
-    found = {each.kind: each.sentence for each in doubts(observed, LEVEL, points, rock, separated=True)}
+        doubted(observed)
+    found = {each.kind: each.sentence for each in doubted(observed, separated=True)}
     assert "azimuth" in found["leaning"]
 
 
@@ -222,7 +227,7 @@ def test_a_surface_that_goes_on_into_the_ground_is_no_block():
     rock = points[:, 2] > 0.0
     observed = seen_of((points[rock], normals[rock]), (points[~rock], normals[~rock]))
     with pytest.raises(InputError, match="goes on into its pedestal"):
-        doubts(observed, LEVEL, observed.surfels.points_m, observed.patches)
+        doubted(observed)
     assert creased_share(seen_of(BLOCK, ground()), LEVEL) == 1.0
 
 

@@ -1,0 +1,91 @@
+"""Whether what was taken for one rock is two, one upon the other: creases or an open joint around it."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from toppling.models.arrays import Array
+from toppling.models.scan.doubt import SECTORS, Doubt, middle, sectors
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import ObservedRock
+
+_TOLD_SHARE = 0.5
+"""Share of the directions in which a joint must show. Of free rocks at most 0.36 show so much in one plane."""
+_CREASE_DEG = 35.0
+_FROM, _TO = 0.15, 0.9
+"""Of the rock's height: a joint lower is the interface's crevice, one higher parts a cap."""
+_BAND = 0.01
+"""Of the rock's height: half of the band in which a joint runs."""
+_SLOPES = np.tan(np.deg2rad(np.arange(-15.0, 16.0, 5.0)))
+_POINTS = 400_000
+"""So many of the rock's points tell a joint."""
+_DEEP_NOISES, _DEEP_PER_HEIGHT = 5.0, 0.002
+"""A point in an open joint lies so far below the surface around it: in its noise, and at least of the height."""
+_OPEN_SHARE = 0.02
+"""Of the points of one direction in such a band so many lie below the surface where a joint is open."""
+
+
+def stacked(observed: ObservedRock, interface: Interface, rock_m: Array) -> Doubt | None:
+    """A doubt where creases or an open joint go around a rock in one plane.
+
+    Parameters
+    ----------
+    observed : ObservedRock
+    interface : Interface
+    rock_m : (n, 3) array
+        Points of the rock at full resolution: an open joint of a few millimetres is narrower than a patch.
+    """
+    height = observed.height_m
+    own = interface.flat(observed.surfels.points_m[observed.patches])
+    centre = middle(own)
+    places = np.vstack([_creases(observed, interface), _open_places(observed, interface, rock_m, centre)])
+    share, level_m = _around(places - np.append(centre, 0.0), height)
+    if share < _TOLD_SHARE:
+        return None
+    return Doubt(
+        "stack",
+        f"creases or an open joint go around {share:.0%} of the rock {level_m:.2g} m above the interface: it may be "
+        "two blocks, one upon the other, and the upper one may fall by itself, earlier",
+    )
+
+
+def _around(places_m: Array, height_m: float) -> tuple[float, float]:
+    """Largest share of the directions that places about an axis reach within one plane, and its level on the axis."""
+    sector, band = sectors(places_m), _BAND * height_m
+    best, level = 0.0, 0.0
+    for slope in np.stack(np.meshgrid(_SLOPES, _SLOPES), -1).reshape(-1, 2):
+        number = np.floor((places_m[:, 2] - places_m[:, :2] @ slope) / band).astype(int)
+        inside = (number >= _FROM / _BAND) & (number < _TO / _BAND)
+        shown = np.zeros((round(1.0 / _BAND) + 1, SECTORS), bool)
+        shown[number[inside], sector[inside]] = True
+        share = (shown[:-1] | shown[1:]).mean(axis=1)
+        if share.max() > best:
+            best, level = float(share.max()), float((share.argmax() + 1) * band)
+    return best, level
+
+
+def _creases(observed: ObservedRock, interface: Interface) -> Array:
+    """Places (n, 3), u, v and height, where the rock's surface is creased across the vertical."""
+    surfels = observed.surfels
+    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
+    pairs = cKDTree(points).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
+    along = points[pairs[:, 1]] - points[pairs[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    bend = np.einsum("ij,ij->i", normals[pairs[:, 1]] - normals[pairs[:, 0]], along)
+    steep = np.abs(along @ interface.normal) > 0.5
+    return interface.flat(points[pairs[(bend < -np.deg2rad(_CREASE_DEG)) & steep]].mean(axis=1))
+
+
+def _open_places(observed: ObservedRock, interface: Interface, rock_m: Array, centre: Array) -> Array:
+    """Points (n, 3), u, v and height, that lie below the rock's surface around them, where more than strays do."""
+    surfels = observed.surfels
+    points = rock_m[:: -(-len(rock_m) // _POINTS) or 1]
+    patches, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
+    _, near = cKDTree(patches).query(points, 4)
+    off = np.median(np.einsum("ikj,ikj->ik", points[:, None] - patches[near], normals[near]), axis=1)
+    noise = 1.4826 * np.median(np.abs(off - np.median(off)))
+    deep = off < -max(_DEEP_NOISES * noise, _DEEP_PER_HEIGHT * observed.height_m)
+    flat = interface.flat(points)
+    level = np.floor(flat[:, 2] / (_BAND * observed.height_m)).astype(int)
+    cell = np.unique(level * SECTORS + sectors(flat[:, :2] - centre), return_inverse=True)[1]
+    share = np.bincount(cell, deep) / np.bincount(cell)
+    return flat[deep & (share[cell] > _OPEN_SHARE)]

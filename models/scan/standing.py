@@ -16,17 +16,14 @@ from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
+from toppling.models.scan.nominal import FLAT_MARGIN, nominal_draw, smooth_fits_inspection, smooth_is_likely
 from toppling.models.scan.surface_bases import bases_on_surface
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
-    FLAT_MARGIN,
     LEVEL,
     ContradictionError,
     DrawnBases,
     draw_bases,
-    nominal_draw,
-    smooth_fits_inspection,
-    smooth_is_likely,
     unseen_base,
 )
 from toppling.models.unseen import UnseenBase

@@ -129,6 +129,100 @@ def test_two_blocks_one_upon_the_other_are_named():
     assert "stack" in kinds(together((lower[0][shown], lower[1][shown]), upper), ground())
 
 
+def column(radius_at, height=1.0):
+    """Top and side of a round rock whose radius at each height is given, as patches."""
+    z = np.arange(0.5 * VOXEL_M, height, 0.5 * VOXEL_M)
+    radius = radius_at(z)
+    slope = np.gradient(radius, z)
+    turn = np.arange(0.0, 2 * np.pi, VOXEL_M / radius.max())
+    way = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
+    points = radius[:, None, None] * way + z[:, None, None] * [0.0, 0.0, 1.0]
+    normals = way - slope[:, None, None] * [0.0, 0.0, 1.0]
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    top, up = wall(
+        (-radius[-1], -radius[-1], height), (2 * radius[-1], 0, 0), (0, 2 * radius[-1], 0), (0, 0, 1)
+    )
+    inside = np.hypot(*top[:, :2].T) < radius[-1]
+    return together((points.reshape(-1, 3), normals.reshape(-1, 3)), (top[inside], up[inside]))
+
+
+def arc(z, radius):
+    """How far an arc that is level at height 0 and upright at its radius stands out."""
+    return radius * (1.0 - np.sqrt(1.0 - np.clip(1.0 - z / radius, 0.0, 1.0) ** 2))
+
+
+@pytest.mark.parametrize("radius_m", [0.03, 0.05, 0.1, 0.2])
+def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_refused_unless_the_user_says_where_they_meet(radius_m):
+    rock = column(lambda z: 0.25 + arc(z, radius_m))
+    observed = seen_of(rock, ground(0.27 + radius_m))
+    with pytest.raises(InputError, match="goes on into its pedestal"):
+        doubted(observed)
+    said = dataclasses.replace(observed, hint=hint_of((0.0, 0.0, 0.0, 0.0, 0.0)))
+    assert "attached" in {each.kind for each in doubted(said)}
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_a_rock_on_a_neck_is_refused(share):
+    def radius(z):
+        return (
+            0.3 * share
+            + arc(z, 0.06)
+            + np.where(z > 0.14, np.minimum((z - 0.14) / 0.02, 1.0), 0.0) * (0.3 - 0.3 * share)
+        )
+
+    with pytest.raises(InputError, match="goes on into its pedestal"):
+        doubted(seen_of(column(radius), ground(0.3 * share + 0.08)))
+
+
+def test_soil_along_a_third_of_the_rim_attaches_no_rock():
+    free, soiled = column(lambda z: np.full_like(z, 0.25)), column(lambda z: 0.25 + arc(z, 0.05))
+
+    def toward(part, some):
+        kept = (np.abs(np.arctan2(*part[0][:, 1::-1].T)) < np.pi / 3) == some
+        return part[0][kept], part[1][kept]
+
+    assert "attached" not in kinds(together(toward(free, False), toward(soiled, True)), ground(0.32))
+
+
+@pytest.mark.parametrize(("joint_m", "told"), [(0.0, False), (0.002, True), (0.01, True)])
+def test_an_open_joint_between_flush_blocks_is_told_by_the_points_in_it(joint_m, told):
+    observed = seen_of(BLOCK, ground())
+    rng = np.random.default_rng(3)
+    on, out = (np.repeat(part, 20, axis=0) for part in box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)))
+    along = np.cross(out, rng.normal(size=out.shape))
+    points = on + 0.5 * VOXEL_M * along / np.linalg.norm(along, axis=1, keepdims=True)
+    points += rng.normal(0.0, 4e-4, (len(points), 1)) * out
+    # A level ray that meets the joint goes on into it.
+    within = (np.abs(points[:, 2] - 0.47) < 0.5 * joint_m) & (out[:, 2] == 0.0)
+    points[within] -= rng.uniform(0.005, 0.1, (within.sum(), 1)) * out[within]
+    label = np.full(len(points), ROCK)
+    found = doubts(observed, LEVEL, points, label)
+    assert [each.kind for each in found] == ["stack"] * told
+    if told:
+        assert "0.47 m" in found[0].sentence or "0.48 m" in found[0].sentence
+
+
+@pytest.mark.parametrize(("offset", "told"), [((0.06, 0.06), True), ((0.06, 0.0), True), ((0.0, 0.0), False)])
+def test_an_offset_tells_a_stack_whose_joint_is_closed(offset, told):
+    lower, upper = box((-0.25, -0.25, 0.0), (0.25, 0.25, 0.5)), box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.0))
+    upper = upper[0] + np.append(offset, 0.0), upper[1]
+    shown = (lower[0][:, 2] < 0.5) | (lower[0][:, :2] < np.array(offset) - 0.25).any(axis=1)
+    below, way = wall((-0.25, -0.25, 0.5), (0.5, 0, 0), (0, 0.5, 0), (0, 0, -1))
+    below = below + np.append(offset, 0.0)
+    hangs = (below[:, :2] > 0.25).any(axis=1)
+    rock = together((lower[0][shown], lower[1][shown]), upper, (below[hangs], way[hangs]))
+    assert ("stack" in kinds(rock, ground())) == told
+
+
+def test_a_shrub_beside_a_rock_is_nothing_that_it_falls_against():
+    fence = box((0.7, -1.0, 0.0), (0.9, 1.0, 0.9))
+    observed = seen_of(BLOCK, together(ground(), fence))
+    assert {each.kind for each in doubted(observed)} == {"in reach"}
+    beyond = observed.surfels.points_m[:, 0] > 0.6
+    thick = dataclasses.replace(observed.surfels, roughness=np.where(beyond, 0.7, 0.0))
+    assert not doubted(dataclasses.replace(observed, surfels=thick))
+
+
 def frustum(foot, top, height):
     """Top and sloping sides (n, 3) of a square block that is narrower or wider at its foot."""
     points, normals = box((-1.0, -1.0, 0.0), (1.0, 1.0, height))

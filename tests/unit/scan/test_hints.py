@@ -15,16 +15,10 @@ from toppling.models.scan.gap_seen import reliefs
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
+from toppling.models.scan.nominal import nominal_draw, smooth_fits_inspection, within_interval
 from toppling.models.scan.pulls import check_joint, check_spanned, fits
 from toppling.models.scan.standing import check_inspection
-from toppling.models.scan.unseen import (
-    AZIMUTHS_DEG,
-    DrawnBases,
-    draw_bases,
-    nominal_draw,
-    smooth_fits_inspection,
-    within_interval,
-)
+from toppling.models.scan.unseen import AZIMUTHS_DEG, DrawnBases, draw_bases
 from toppling.models.unseen import BaseDraw, UnseenBase
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02

@@ -15,9 +15,8 @@ from toppling.models.arrays import Array
 from toppling.models.compiled import Flags, Indices
 from toppling.models.frames import compass_deg
 from toppling.models.joined import joined_parts
-from toppling.models.scan.candidates import PLANT_ROUGHNESS
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surfels import Surfels, in_plants
 
 CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
@@ -28,6 +27,8 @@ _BASE_PER_HEIGHT = 0.06
 """What of the rock is lower may be what it tips over."""
 _ABOVE_PER_HEIGHT = 0.05
 """What is lower is the ground's relief."""
+_TOUCHING_VOXELS = 4.0
+"""So near to the rock thick neighbourhoods are of both sides of a crevice, and not of a plant."""
 _LEAST_PATCHES = 25
 """Fewer in reach are strays: an area of .05 by .05 of the height."""
 _STEEP = 0.5
@@ -94,7 +95,7 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     own = interface.over(surfels.points_m[rock])
     own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
     other = interface.over(surfels.points_m)
-    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m) & (surfels.roughness < PLANT_ROUGHNESS)
+    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m)
     foot = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
     found = np.zeros(len(rock), bool)
     if not high.any() or len(foot) < 3:
@@ -133,13 +134,14 @@ def stands_beside(
 
 def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
     """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none."""
+    beside = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
+    pedestal = pedestal & (beside | ~in_plants(surfels.points_m, surfels.roughness))
     reached = in_reach(surfels, rock, pedestal, interface, height_m)
     if not reached.any():
         return reached
     flat = interface.over(surfels.points_m)
     away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
     shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
-    shown &= surfels.roughness < PLANT_ROUGHNESS
     shown &= ~is_ground(flat, surfels.normals, interface, height_m)
     shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
     return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)

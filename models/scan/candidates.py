@@ -29,7 +29,7 @@ LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
-PLANT_ROUGHNESS = 0.4
+_SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
 
@@ -216,7 +216,7 @@ def cut_between(
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
     rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
     rock = component_of(peak, rock, edges)
-    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > PLANT_ROUGHNESS:
+    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
     loop = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]

@@ -85,7 +85,8 @@ def _nothing_stands(
         remedy=f"if that is the rock, say where it meets its pedestal: --plane {x:.2f} {y:.2f} {z:.2f} {slope:.1f} "
         f"{downhill:.0f} is the plane through its outline, and three places --point X,Y,Z picked along the contact "
         "are better; if it is not, point at the rock by --near X Y, or crop the cloud; and check that z points up. A "
-        "boulder that is embedded has no crease around it: the ground holds it, and it does not topple as a free block",
+        "boulder that is embedded, or attached by a neck or fillet, has no crease around it: it is held, and does not "
+        "topple as a free block",
     )
 
 

@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.scan.attached import attached
-from toppling.models.scan.candidates import PLANT_ROUGHNESS
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, middle, sectors
 from toppling.models.scan.interface import Interface
@@ -15,7 +14,7 @@ from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.stacked import stacked
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surfels import in_plants, roughness, thin
 
 _MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
@@ -42,7 +41,7 @@ with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the dir
 _TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
 """Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
 rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
-_BESIDE_VOXELS, _OTHERS = 4.0, 400_000
+_BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
 _IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
 
@@ -251,30 +250,23 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
 
 
 def _hemmed_in(observed: ObservedRock, pedestal_m: Array) -> Doubt | None:
-    surfels, height = observed.surfels, observed.height_m
-    own = surfels.points_m[observed.patches]
+    own, height = observed.surfels.points_m[observed.patches], observed.height_m
     others = pedestal_m[:: -(-len(pedestal_m) // _OTHERS) or 1]
-    rise = others[:, 2] - own[:, 2].min()
-    others, rise = others[rise > _IN_REACH_ABOVE * height], rise[rise > _IN_REACH_ABOVE * height]
-    if not len(others):
+    others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * height]
+    if len(others) < _LEAST_IN_REACH:
         return None
+    others, _ = thin(others, observed.surfels.voxel_m)
+    others = others[~in_plants(others, roughness(others))]
     away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=height)
     # A slope of less than 45 degrees is fallen over.
-    near = np.isfinite(away) & (away > _BESIDE_VOXELS * surfels.voxel_m) & (rise > away)
-    near[near] = ~_in_plants(others[near], surfels)
-    offset = others[near, :2] - own[:, :2].mean(axis=0)
-    shown = np.flatnonzero(np.bincount(sectors(offset), minlength=SECTORS) > 20)
-    if not len(shown):
+    rises = others[:, 2] - own[:, 2].min() > away
+    near = np.isfinite(away) & (away > _BESIDE_VOXELS * observed.surfels.voxel_m) & rises
+    if near.sum() < _LEAST_IN_REACH:
         return None
+    offset = others[near, :2] - own[:, :2].mean(axis=0)
     toward = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
     return Doubt(
         "in reach",
-        f"something rises beside the rock within its height, over {len(shown) * 360 // SECTORS} degrees about "
-        f"{direction_told(toward)}: a rock that falls that way may come to lean there",
+        f"something rises beside the rock within its height, over {len(np.unique(sectors(offset))) * 360 // SECTORS} "
+        f"degrees about {direction_told(toward)}: a rock that falls that way may come to lean there",
     )
-
-
-def _in_plants(points_m: Array, surfels: Surfels) -> NDArray[np.bool_]:
-    """Which points lie where patches are as thick as a plant's: a rock falls through it."""
-    away, nearest = cKDTree(surfels.points_m).query(points_m)
-    return np.asarray((away < 2.0 * surfels.voxel_m) & (surfels.roughness[nearest] > PLANT_ROUGHNESS))

@@ -8,8 +8,8 @@ from toppling.models.scan.doubt import SECTORS, Doubt, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 
-_TOLD_SHARE = 0.5
-"""Share of the directions in which a joint must show. Of free rocks at most 0.36 show so much in one plane."""
+_TOLD_EXCESS = 0.4
+"""Share of the directions in which a joint must show, beyond what shows in most planes parallel to it."""
 _CREASE_DEG = 35.0
 _FROM, _TO = 0.15, 0.9
 """Of the rock's height: a joint lower is the interface's crevice, one higher parts a cap."""
@@ -38,8 +38,8 @@ def stacked(observed: ObservedRock, interface: Interface, rock_m: Array) -> Doub
     own = interface.flat(observed.surfels.points_m[observed.patches])
     centre = middle(own)
     places = np.vstack([_creases(observed, interface), _open_places(observed, interface, rock_m, centre)])
-    share, level_m = _around(places - np.append(centre, 0.0), height)
-    if share < _TOLD_SHARE:
+    share, excess, level_m = _around(places - np.append(centre, 0.0), height)
+    if excess < _TOLD_EXCESS:
         return None
     return Doubt(
         "stack",
@@ -48,19 +48,25 @@ def stacked(observed: ObservedRock, interface: Interface, rock_m: Array) -> Doub
     )
 
 
-def _around(places_m: Array, height_m: float) -> tuple[float, float]:
-    """Largest share of the directions that places about an axis reach within one plane, and its level on the axis."""
+def _around(places_m: Array, height_m: float) -> tuple[float, float, float]:
+    """Share of the directions that places about an axis reach within the plane that stands out most.
+
+    Also by how much it exceeds that of nine tenths of the planes parallel to it, and its level on the axis.
+    """
     sector, band = sectors(places_m), _BAND * height_m
-    best, level = 0.0, 0.0
+    first, last = round(_FROM / _BAND), round(_TO / _BAND)
+    found = (0.0, 0.0, 0.0)
     for slope in np.stack(np.meshgrid(_SLOPES, _SLOPES), -1).reshape(-1, 2):
-        number = np.floor((places_m[:, 2] - places_m[:, :2] @ slope) / band).astype(int)
-        inside = (number >= _FROM / _BAND) & (number < _TO / _BAND)
-        shown = np.zeros((round(1.0 / _BAND) + 1, SECTORS), bool)
+        number = np.floor((places_m[:, 2] - places_m[:, :2] @ slope) / band).astype(int) - first
+        inside = (number >= 0) & (number < last - first)
+        shown = np.zeros((last - first, SECTORS), bool)
         shown[number[inside], sector[inside]] = True
         share = (shown[:-1] | shown[1:]).mean(axis=1)
-        if share.max() > best:
-            best, level = float(share.max()), float((share.argmax() + 1) * band)
-    return best, level
+        best = int(share.argmax())
+        excess = float(share[best] - np.quantile(share, 0.9))
+        if excess > found[1]:
+            found = float(share[best]), excess, (first + best + 1) * band
+    return found
 
 
 def _creases(observed: ObservedRock, interface: Interface) -> Array:

@@ -14,6 +14,10 @@ _STRAY_SHARE = 0.2
 """A voxel with less than this share of the points of a typical neighbour holds strays only."""
 
 
+_PLANT_ROUGHNESS, _OF_A_PLANT = 0.3, 9
+"""Thickness over width, in the median of so many patches, above which they are a plant's."""
+
+
 @dataclass(frozen=True, eq=False)
 class Surfels:
     """One patch per occupied voxel.
@@ -33,6 +37,15 @@ class Surfels:
     normals: NDArray[np.float64]
     roughness: NDArray[np.float64]
     voxel_m: float
+
+
+def in_plants(points_m: NDArray[np.float64], roughness: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which thinned points (n,) lie among such as are thick: a rock falls through what is there.
+
+    So do those on both sides of a narrow crevice.
+    """
+    _, near = cKDTree(points_m).query(points_m, min(_OF_A_PLANT, len(points_m)))
+    return np.asarray(np.median(roughness[near].reshape(len(points_m), -1), axis=1) > _PLANT_ROUGHNESS)
 
 
 def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

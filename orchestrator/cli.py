@@ -131,9 +131,9 @@ def call() -> None:
         sys.exit(1)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            place = f" of {Path(error.filename)}" if error.filename else ""
+            of = f" of {Path(error.filename)}" if error.filename else ""
             click.echo(
-                f"toppling: the disk{place} is full: make room, then give the same command again; what is stored stays",
+                f"toppling: the disk{of} is full: make room, then give the same command again; what is stored stays",
                 err=True,
             )
             sys.exit(1)
@@ -146,9 +146,9 @@ def _at_hand(word: str) -> str:
     """Word of the command line; an address in an object store is replaced by the folder that is its copy here."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value):
-        place = at_hand(value)
-        click.echo(f"{value}: a copy is in {place}; who writes to it says so in {WRITERS}/", err=True)
-        return f"{option}{equals}{place}"
+        location = at_hand(value)
+        click.echo(f"{value}: a copy is in {location}; who writes to it says so in {WRITERS}/", err=True)
+        return f"{option}{equals}{location}"
     if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
         return f"{option}{equals}{local(value)}"  # whatever it is for: a verb may make folders before it writes a file
     return word

@@ -329,8 +329,8 @@ def _warn_of_little_memory(kind: str, processes: int) -> None:
 
 def _warn_of_open_door(address: str) -> None:
     """Warn of a scheduler that lets in whoever reaches it, beyond this machine."""
-    scheme, _, place = address.partition("://")
-    host = place.rpartition(":")[0].strip("[]")
+    scheme, _, location = address.partition("://")
+    host = location.rpartition(":")[0].strip("[]")
     if scheme in _ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":
         return
     log.warning(

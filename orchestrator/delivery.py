@@ -134,32 +134,32 @@ def delivered(name: str) -> Path:
         msg = f"{name!r} is no id of a content"
         raise NotKeptError(msg)
     kept_in = cache_folder() / "delivered"
-    place = kept_in / name
+    folder = kept_in / name
     try:
         kept_in.mkdir(mode=0o700, parents=True, exist_ok=True)
         with (kept_in / f".{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)  # workers of one host ask once
-            if not place.is_dir():
-                _fetch(name, place)
+            if not folder.is_dir():
+                _fetch(name, folder)
                 _forget_old(kept_in)
-            os.utime(place)
+            os.utime(folder)
     except OSError as error:
         msg = f"what the client sends cannot be kept in {kept_in} ({error.strerror or error})"
         raise NotKeptError(msg) from None
-    return place
+    return folder
 
 
-def forget(place: Path) -> None:
+def forget(folder: Path) -> None:
     """Remove what this host keeps, as it is damaged."""
-    shutil.rmtree(place, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
-def _fetch(name: str, place: Path) -> None:
+def _fetch(name: str, folder: Path) -> None:
     sizes = _ask(name=name)
     if not sizes:
         msg = "the client has not sent it"
         raise NotDeliveredError(msg)
-    with new_folder(place) as staging:
+    with new_folder(folder) as staging:
         for file, size in sizes.items():
             if Path(file).name != file:
                 msg = f"{file!r} is no name of a file"
@@ -191,6 +191,6 @@ def _ask(**question: Any) -> Any:
 
 def _forget_old(kept_in: Path) -> None:
     before = time.time() - _KEPT_S
-    for place in kept_in.iterdir():
-        if place.is_dir() and place.stat().st_mtime < before:
-            forget(place)
+    for folder in kept_in.iterdir():
+        if folder.is_dir() and folder.stat().st_mtime < before:
+            forget(folder)

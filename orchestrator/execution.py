@@ -261,16 +261,16 @@ class Execution:
         self._upkeep.grow(self.progress.work_left_s)
         self._upkeep.shrink(processing)
         working = {(worker, str(key)) for worker, keys in processing.items() for key in keys}
-        self._since = {place: self._since.get(place, now) for place in working}
+        self._since = {batch_key: self._since.get(batch_key, now) for batch_key in working}
         late = {
-            place
-            for place, since in self._since.items()
+            batch_key
+            for batch_key, since in self._since.items()
             if now - since > self._budget_s(self.progress.workers) + self.work.limits.job_s
         }
         if late:
             self._overdue |= {key for _, key in late}
-            for place in late:
-                del self._since[place]
+            for batch_key in late:
+                del self._since[batch_key]
             workers = sorted({worker for worker, _ in late})
             log.warning("no answer for %g s from %s: replaced", self.work.limits.job_s, ", ".join(workers))
             loop = self.client.loop

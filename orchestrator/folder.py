@@ -76,8 +76,8 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
         (staging / PARTS_FOLDER).mkdir()
         for one in plan.scenes:
             _copy_known(one.campaign.scene, staging / one.scene_place, SCENE_FILES)
-        for place, source in {one.ensemble_place: one.campaign.ensemble for one in plan.scenes}.items():
-            _copy_known(source, staging / place, ENSEMBLE_FILES)
+        for path, source in {one.ensemble_place: one.campaign.ensemble for one in plan.scenes}.items():
+            _copy_known(source, staging / path, ENSEMBLE_FILES)
         stood = []
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
@@ -221,10 +221,10 @@ def place_in(run: Path, name: str) -> Path:
     InputError
         If something there is a link: a run may come from a stranger.
     """
-    place = run / name
-    above = [folder for folder in place.parents if run in folder.parents]
-    _refuse_links(run, [place, *above, *place.rglob("*"), *run.glob(".*")])
-    return place
+    path = run / name
+    above = [folder for folder in path.parents if run in folder.parents]
+    _refuse_links(run, [path, *above, *path.rglob("*"), *run.glob(".*")])
+    return path
 
 
 def is_running(run: Path) -> bool:
@@ -356,11 +356,11 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
 
 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:
-    for place in places:
-        if place.is_symlink():
+    for path in places:
+        if path.is_symlink():
             raise _error(
                 run,
-                f"{place.relative_to(run)} is a link that leads elsewhere",
+                f"{path.relative_to(run)} is a link that leads elsewhere",
                 expected="a folder with its own content",
                 remedy="do not write to a run whose origin you do not know; give another --out",
             )

@@ -42,18 +42,20 @@ class Recorded:
         """All that can change a weight: hashes of the motions, whether they were oriented, and how often they shake."""
         return (f"stood {SHAKES}", *sorted(f"{one.sha} {one.north_known}" for one in self.records))
 
-    def write(self, place: Path) -> None:
+    def write(self, folder: Path) -> None:
         """Write them as ensembles in a folder, by whether their azimuths are known."""
         for name in ENSEMBLES:
             chosen = [one for one in self.records if one.north_known == (name == ENSEMBLES[0])]
             if chosen:
-                (place / name).mkdir(parents=True)
-                Ensemble.write(place / name / "ensemble", chosen)
+                (folder / name).mkdir(parents=True)
+                Ensemble.write(folder / name / "ensemble", chosen)
 
 
-def ensembles_in(place: Path) -> list[Path]:
+def ensembles_in(folder: Path) -> list[Path]:
     """Ensembles that `Recorded.write` wrote."""
-    return [place / name / "ensemble" for name in ENSEMBLES if (place / name / "ensemble" / CATALOG).exists()]
+    return [
+        folder / name / "ensemble" for name in ENSEMBLES if (folder / name / "ensemble" / CATALOG).exists()
+    ]
 
 
 def read_recorded(paths: Sequence[Path]) -> Recorded:

@@ -58,5 +58,5 @@ def _scene_entry(scene: PlannedScene, settled: Settled) -> dict[str, Any]:
     assert site is not None
     problems = "; ".join(str(one) for one in of_scene if isinstance(one, InputError))
     ids = {"rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id}
-    place = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
-    return {**ids, "ensemble": scene.ensemble_place, **place, "problem": problems or None}
+    location = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
+    return {**ids, "ensemble": scene.ensemble_place, **location, "problem": problems or None}

@@ -196,9 +196,9 @@ def _check_versions(there: tuple[tuple[str, str], ...]) -> None:
 
 
 @lru_cache(maxsize=1)
-def _ensemble(content_id: str, place: Path) -> Ensemble:
+def _ensemble(content_id: str, folder: Path) -> Ensemble:
     """Rocks of an atlas mostly share one, whose last records stay in memory."""
-    return _loaded("ensemble", Ensemble.load, content_id, place)
+    return _loaded("ensemble", Ensemble.load, content_id, folder)
 
 
 def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: Path) -> Asset:
@@ -207,30 +207,30 @@ def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: P
     if found is not None:
         return found
     try:
-        place = delivered(content_id)
+        folder = delivered(content_id)
     except NotKeptError as error:
         reason = f"{why}; {error}"
         raise _unfit(reason) from None
-    found, why = _tried(what, load, content_id, place)
+    found, why = _tried(what, load, content_id, folder)
     if found is None:
-        forget(place)
+        forget(folder)
         raise _unfit(why)
     return found
 
 
 def _tried(
-    what: str, load: Callable[[Path], Asset], content_id: str, place: Path
+    what: str, load: Callable[[Path], Asset], content_id: str, folder: Path
 ) -> tuple[Asset | None, str]:
     """What a folder holds, or why it is not what has that id."""
     try:
-        found = load(place)
+        found = load(folder)
     except (InputError, OSError) as error:
         why = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error)
         return None, f"cannot read the run's {what}: {why}"
     return (
         (found, "")
         if found.id == content_id
-        else (None, f"{place} holds {what} {found.id}, not {content_id}")
+        else (None, f"{folder} holds {what} {found.id}, not {content_id}")
     )
 
 

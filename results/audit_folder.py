@@ -30,7 +30,7 @@ LEAST_TELLING = 40
 """Of fewer jobs none on a shift: even without a single answer that differs a tenth of them may."""
 
 
-def check_place(run: Path, place: Path) -> None:
+def check_place(run: Path, folder: Path) -> None:
     """Make sure that an audit's folder is of the run in whose folder it lies.
 
     Raises
@@ -38,7 +38,7 @@ def check_place(run: Path, place: Path) -> None:
     InputError
         If one of its files is of another run, or damaged.
     """
-    drawn, jobs = place / DRAWN_FILE, place / JOBS_FILE
+    drawn, jobs = folder / DRAWN_FILE, folder / JOBS_FILE
     if drawn.exists():
         check_plan_id(run, drawn, read_json(drawn).get("plan_id"))
     if jobs.exists() and check(jobs):
@@ -48,14 +48,14 @@ def check_place(run: Path, place: Path) -> None:
 
 def check_audits(run: Path) -> None:
     """Make sure that all audits in a run's folder are of this run, as :func:`check_place` does."""
-    for place in sorted((run / AUDIT_FOLDER).glob("*")):
-        if place.is_dir():
-            check_place(run, place)
+    for folder in sorted((run / AUDIT_FOLDER).glob("*")):
+        if folder.is_dir():
+            check_place(run, folder)
 
 
-def write_jobs(place: Path, jobs: pa.Table, plan_id: str) -> None:
+def write_jobs(folder: Path, jobs: pa.Table, plan_id: str) -> None:
     """Write which jobs an audit may hold rows of: those that are given, and those that were there before."""
-    path = place / JOBS_FILE
+    path = folder / JOBS_FILE
     if path.exists():
         before = read_table(path, schema=jobs.schema)
         fresh = pc.is_in(before["job_id"], value_set=jobs["job_id"].combine_chunks())

@@ -108,9 +108,9 @@ def written(
     draw, notes = pictured(result.scene)
     advance(1, "writing")
 
-    def also(place: Path) -> None:
-        write_hints(place / HINTS, said)
-        draw(place)
+    def also(folder: Path) -> None:
+        write_hints(folder / HINTS, said)
+        draw(folder)
 
     if result.worked_out is not None:
         result = replace(result, worked_out=replace(result.worked_out, said=said))

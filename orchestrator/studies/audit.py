@@ -160,11 +160,11 @@ def audit(work: Work, count: int) -> list[RunProgress]:
         chosen = _rows_of(planned, rows["job_id"][:count])
         latest = pc.max(rows["finished_at"]).as_py()
         for one in able:
-            place = home / one.name
-            check_place(folder, place)
-            (place / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
+            target = home / one.name
+            check_place(folder, target)
+            (target / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
             write_json(
-                place / DRAWN_FILE,
+                target / DRAWN_FILE,
                 {
                     "plan_id": planned.id,
                     "until": latest.isoformat() if latest else None,
@@ -172,15 +172,15 @@ def audit(work: Work, count: int) -> list[RunProgress]:
                 },
             )
             part = one.plan(planned, chosen)
-            write_jobs(place, part.jobs, planned.id)
-            pending = part.pending(finished_ids(place))
+            write_jobs(target, part.jobs, planned.id)
+            pending = part.pending(finished_ids(target))
             what = f"auditing with {one.name}"
             progress = RunProgress(len(part), len(part) - len(pending), what=what)
             tell("audit began", by=one.name, jobs=len(part), done=progress.before)
-            again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=place)
+            again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=target)
             Execution(again, pending)()
-            if result_files(place):
-                compact(place)
+            if result_files(target):
+                compact(target)
             tell("audit ended", by=one.name, **progress.summary())
             progresses.append(progress)
     return progresses

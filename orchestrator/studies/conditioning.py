@@ -70,7 +70,7 @@ class Weighing:
 def weigh(
     campaign: Campaign,
     recorded: Recorded,
-    place: Path,
+    folder: Path,
     client: Client,
     watch: ProgressCallback,
     limits: Limits = USUAL_LIMITS,
@@ -91,10 +91,10 @@ def weigh(
         Session(nullcontext(client), weighing, limits).carry_out(plan_of(one), target.absolute())
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
-    return _weigh_bases(campaign, recorded, place, shake)
+    return _weigh_bases(campaign, recorded, folder, shake)
 
 
-def _weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shake) -> Weights:
+def _weigh_bases(campaign: Campaign, recorded: Recorded, folder: Path, shake: Shake) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
     Parameters
@@ -103,7 +103,7 @@ def _weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Sha
         Whose contacts, engine, preset and unmeasured the shakes have.
     recorded : Recorded
         As `Recorded.write` wrote it to the folder.
-    place : Path
+    folder : Path
         Where the shakes go.
 
     Raises
@@ -115,7 +115,7 @@ def _weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Sha
     check_weighable(scene, 1, str(campaign.scene))
     assert scene.unseen is not None
     rows = []
-    for ensemble in ensembles_in(place):
+    for ensemble in ensembles_in(folder):
         known = ensemble.parent.name == ENSEMBLES[0]
         one = replace(
             campaign,

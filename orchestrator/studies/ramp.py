@@ -80,7 +80,7 @@ def chosen_waveforms(ensemble: Ensemble, count: int = _WAVEFORMS) -> list[str]:
     ordered = catalog.sort_values(["pgv_pga_s", "record_id"])["record_id"].to_list()
     if len(ordered) <= count:
         return ordered
-    return [ordered[round(place)] for place in np.linspace(0, len(ordered) - 1, count)]
+    return [ordered[round(path)] for path in np.linspace(0, len(ordered) - 1, count)]
 
 
 def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
@@ -155,18 +155,18 @@ def carry_out(
     places = {name: folder / f"{number:03d}-{key(name)}.csv" for number, name in enumerate(records)}
     waiting = {
         pool.submit(_climbed, str(scene), str(ensemble), name, ramp): name
-        for name, place in places.items()
-        if not place.exists()
+        for name, path in places.items()
+        if not path.exists()
     }
-    for name, place in places.items():
-        if place.exists():
+    for name, path in places.items():
+        if path.exists():
             seen(name)
     for future in as_completed(waiting):
         name = waiting[future]
         with new_file(places[name]) as hidden:
             pd.DataFrame(future.result()).to_csv(hidden, index=False)
         seen(name)
-    tables = [pd.read_csv(place) for place in places.values()]
+    tables = [pd.read_csv(path) for path in places.values()]
     return pd.concat(tables, ignore_index=True)
 
 

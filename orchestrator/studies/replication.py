@@ -100,8 +100,8 @@ class Study:
         InputError
             If it is another's.
         """
-        place, protocol = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
-        there = read_json(place) if place.exists() else protocol
+        path, protocol = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
+        there = read_json(path) if path.exists() else protocol
         differing = ", ".join(key for key in protocol if there.get(key) != protocol[key])
         if differing:
             raise InputError(
@@ -111,7 +111,7 @@ class Study:
                 remedy="give another folder, or the same options to go on",
             )
         out.mkdir(parents=True, exist_ok=True)
-        write_json(place, protocol)
+        write_json(path, protocol)
 
     def campaigns(self, out: Path) -> dict[str, Campaign]:
         """The two campaigns, on scene and ensemble in the study's folder."""
@@ -151,12 +151,12 @@ def carry_out(
     """Shake: the two runs and the ramp, each going on where it was stopped."""
     progresses = []
     for name, campaign in study.campaigns(out).items():
-        place = out / "runs" / name
-        place.parent.mkdir(exist_ok=True)
+        path = out / "runs" / name
+        path.parent.mkdir(exist_ok=True)
         values = ", ".join(f"{static:g}" for static, _ in campaign.friction)
         say(f"run {name}: {len(campaign.azimuth_deg)} azimuths, friction {values}")
         with watcher() as watch:
-            progresses.append(run(plan_of(campaign), place, cluster_of(), watch, stages=[Auditing()]))
+            progresses.append(run(plan_of(campaign), path, cluster_of(), watch, stages=[Auditing()]))
     return progresses
 
 

@@ -236,10 +236,10 @@ def shake_tests(
             unmeasured=unmeasured(sampling.engine),
             audit=0,
         )
-        place = folder / f"realisations_{first}_{last}"
+        target = folder / f"realisations_{first}_{last}"
         with watcher() as watch:
-            run(plan_of(campaign), place, cluster(), watch)
-        _collect(place, ids, answers)
+            run(plan_of(campaign), target, cluster(), watch)
+        _collect(target, ids, answers)
         shaken[uncertain] = last
         _, error = share(answers[1 : last + 1])
         uncertain &= error > sampling.error
@@ -250,9 +250,9 @@ def shake_tests(
     return Shaken(answers[0], _agreed(toppled, shaken), shaken)
 
 
-def _collect(place: Path, ids: list[str], answers: Array) -> None:
+def _collect(target: Path, ids: list[str], answers: Array) -> None:
     """Enter a run's answers, (realisations, tests)."""
-    frame = open_run(place).frame()
+    frame = open_run(target).frame()
     column = frame["record_id"].map({name: number for number, name in enumerate(ids)})
     answers[frame["realisation"], column] = (
         frame["toppled"].astype("Float64").to_numpy(float, na_value=np.nan)

@@ -24,9 +24,9 @@ class SiteCommand(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Hand a name on as --site-name, which the help does not show."""
         named = list(args)
-        for place, word in enumerate(args[:-1]):
-            if word == "--site" and not is_number(args[place + 1]):
-                named[place] = "--site-name"
+        for index, word in enumerate(args[:-1]):
+            if word == "--site" and not is_number(args[index + 1]):
+                named[index] = "--site-name"
         return super().parse_args(ctx, named)
 
 

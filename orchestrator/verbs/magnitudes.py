@@ -292,8 +292,8 @@ class Answer:
         )
         tables = self.tables()
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
-        for place, name in enumerate(("largest_magnitudes", "least_distances")):
-            parts = [pair[place].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
+        for index, name in enumerate(("largest_magnitudes", "least_distances")):
+            parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
             save_table(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
         first = {name: pair[0] for name, pair in tables.items()}
         save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")

@@ -115,8 +115,10 @@ def _plan_atlas(
         f"{len(planned)} jobs of {len(planned.scenes)} rocks, engine {chosen.engine}, preset {chosen.preset}"
     )
     for one in entries["scenes"]:
-        place = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
-        click.echo(f"  {one['rock']}, {one['site']}{place}: {one['jobs']} jobs with {one['records']} records")
+        location = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
+        click.echo(
+            f"  {one['rock']}, {one['site']}{location}: {one['jobs']} jobs with {one['records']} records"
+        )
     if estimated:
         click.echo(words_of(expected, len(planned), workers))
     for one in entries["scenes"]:

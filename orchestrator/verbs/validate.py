@@ -125,22 +125,22 @@ def validate(
             remedy="leave --learn out, or give the record of each test (docs/validation.md)",
         )
     sampling = Sampling(engine, preset, draws, error, seed)
-    place = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
+    folder = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("measuring motions", total=len(experiment.tests))
-        ensemble = ensemble_of(place, experiment, lambda: progress.advance(task))
+        ensemble = ensemble_of(folder, experiment, lambda: progress.advance(task))
         task = progress.add_task("drawing bases", total=draws)
-        scene_of(place, mesh, sampling, lambda kept: progress.update(task, completed=kept))
+        scene_of(folder, mesh, sampling, lambda kept: progress.update(task, completed=kept))
     try:
         shaken = shake_tests(
-            place, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
+            folder, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
         )
     except RunError as stopped:
         msg = f"{stopped}; the rows so far are kept, and the same command resumes"
         raise click.ClickException(msg) from None
     statement = _summary(experiment, ensemble, shaken, learn, sampling)
-    _write(place, statement, "learnt" if learn else "unlearnt")
-    click.echo(json.dumps(statement) if as_json else _words(statement, place))
+    _write(folder, statement, "learnt" if learn else "unlearnt")
+    click.echo(json.dumps(statement) if as_json else _words(statement, folder))
 
 
 def _summary(
@@ -210,19 +210,19 @@ def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {name: (np.isfinite(each), each) for name, each in said.items()}
 
 
-def _write(place: Path, statement: Mapping[str, Any], name: str) -> None:
+def _write(folder: Path, statement: Mapping[str, Any], name: str) -> None:
     """JSON, the tests' table, the scores' table and the calibration plot."""
-    with new_file(place / f"{name}.json") as hidden:
+    with new_file(folder / f"{name}.json") as hidden:
         hidden.write_text(json.dumps(statement, indent=1) + "\n", encoding="utf-8")
     tests = pd.DataFrame(statement["tests"])
-    with new_file(place / f"{name}_tests.csv") as hidden:
+    with new_file(folder / f"{name}_tests.csv") as hidden:
         plain_frame(tests).to_csv(hidden, index=False)
-    with new_file(place / f"{name}_scores.csv") as hidden:
+    with new_file(folder / f"{name}_scores.csv") as hidden:
         plain_frame(table(_rows(statement))).to_csv(hidden)
     overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
     title = f"{statement['n']} tests, Brier score {statement['brier']:.3f}"
     drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)
-    save(drawn, place / f"{name}_calibration")
+    save(drawn, folder / f"{name}_calibration")
 
 
 def _rows(statement: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
@@ -232,7 +232,7 @@ def _rows(statement: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     return {**rows, **statement["rules"], **statement["peers"]}
 
 
-def _words(statement: Mapping[str, Any], place: Path) -> str:
+def _words(statement: Mapping[str, Any], folder: Path) -> str:
     lines = [table(_rows(statement)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
     if statement["intervals"]:
         lines.append("95 % over records: " + _ends(statement["intervals"]))
@@ -251,7 +251,7 @@ def _words(statement: Mapping[str, Any], place: Path) -> str:
         f"{statement['shakes']} shakes, at most {statement['draws']} draws per test, error of a share at most "
         f"{statement['largest_error']:.3f}; {statement['without_motion']} tests have no motion"
     )
-    lines.append(f"{place}: JSON, tables (CSV) and the calibration plot")
+    lines.append(f"{folder}: JSON, tables (CSV) and the calibration plot")
     return "\n".join(lines)
 
 

@@ -52,10 +52,10 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     below = _seismogram(replay, times)
     heading = _heading(title, speed)
     frames = []
-    for time, place, attitude, tilt in zip(times, position, turn, tilts, strict=True):
+    for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
         picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
         picture.paste(heading, (0, 0))
-        picture.paste(_pose(replay, view, place, attitude, time), (0, heading.height))
+        picture.paste(_pose(replay, view, centre_m, attitude, time), (0, heading.height))
         picture.paste(below, (0, heading.height + WIDTH))
         draw = ImageDraw.Draw(picture)
         past = replay.topple_time_s is not None and time >= replay.topple_time_s
@@ -90,9 +90,9 @@ def _view_of(replay: Replay, position: Array) -> _View:
     return _View(frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
 
 
-def _pose(replay: Replay, view: _View, place: Array, attitude: Array, time_s: float) -> Image.Image:
+def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s: float) -> Image.Image:
     """Triangles painted from far to near (orthographic), and the ground's acceleration as an arrow."""
-    rock, pedestal = smooth_surface(replay.placed(place, attitude), replay.scene.rock.faces, ROCK_COLOUR), (
+    rock, pedestal = smooth_surface(replay.placed(centre_m, attitude), replay.scene.rock.faces, ROCK_COLOUR), (
         surfaces_of(replay.scene)[1]
     )  # fmt: skip
     light = view.frame @ np.array([-0.4, 0.55, 0.75])

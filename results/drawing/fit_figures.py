@@ -122,9 +122,9 @@ def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
         axes.axvline(0.0, color="0.7", lw=0.6)
         axes.errorbar(ranking["worse_by"], places, xerr=bars, fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
     lost = ranking["worse_by"].isna() if "worse_by" in ranking else np.full(len(ranking), fill_value=True)
-    for place in places[lost]:
+    for height in places[lost]:
         axes.text(
-            0.04, place, "no fit", va="center", size=6.5, color="0.4", transform=axes.get_yaxis_transform()
+            0.04, height, "no fit", va="center", size=6.5, color="0.4", transform=axes.get_yaxis_transform()
         )
     axes.set_ylim(-0.6, len(ranking) - 0.4)
     axes.set_yticks(places, [short_name(name) for name in ranking["measures"]])

@@ -154,10 +154,10 @@ def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None
     inside = points[(np.abs(points) < 0.9 * reach).all(axis=1)]
     if len(inside):
         allowed = "" if free else " (all)" if one.magnitude == -math.inf else f" ({one.magnitude:.1f})"
-        place = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
+        middle_km = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
         axes.annotate(
-            one.name + allowed, place, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
-            ha="left" if place[0] < 0 else "right", bbox=_PLATE,
+            one.name + allowed, middle_km, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
+            ha="left" if middle_km[0] < 0 else "right", bbox=_PLATE,
         )  # fmt: skip
 
 

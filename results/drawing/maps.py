@@ -258,11 +258,11 @@ def _points_of(axes: Axes, width: Array, height: Array) -> tuple[Array, Array]:
     """Sizes on paper, in points, of widths and heights in the units of framed axes."""
     figure = axes.figure
     assert isinstance(figure, Figure)
-    place, (across_in, up_in) = axes.get_position(), figure.get_size_inches()
+    box, (across_in, up_in) = axes.get_position(), figure.get_size_inches()
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     return (
-        72.0 * across_in * place.width * width / (right - left),
-        72.0 * up_in * place.height * height / (top - bottom),
+        72.0 * across_in * box.width * width / (right - left),
+        72.0 * up_in * box.height * height / (top - bottom),
     )
 
 
@@ -349,13 +349,13 @@ def _colour_bar(
 ) -> None:
     """Beside where the margins end at the right."""
     width = figure.get_size_inches()[0]
-    place = (
+    box = (
         margins["right"] + 0.08 / width,
         margins["bottom"],
         0.1 / width,
         margins["top"] - margins["bottom"],
     )
-    bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes(place))
+    bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes(box))
     bar.set_label(words, size=7.5)
 
 

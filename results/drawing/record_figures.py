@@ -108,7 +108,7 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
             linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
         farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
-        lines += [f"{sign} {_shortened(names[place])}: {value[place]:.3g}" for place in farthest]
+        lines += [f"{sign} {_shortened(names[index])}: {value[index]:.3g}" for index in farthest]
     more = [f"and {len(lines) - _MOST_NAMED} more beyond"] if len(lines) > _MOST_NAMED else []
     axes.set_title("\n".join(lines[:_MOST_NAMED] + more), size=6.5, loc="right")
 

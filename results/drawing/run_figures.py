@@ -70,20 +70,20 @@ def write_maps(
     """
     planes = list(planes)
     for contact, jobs in by_contact(frame).items():
-        place = folder / contact
-        place.mkdir(parents=True, exist_ok=True)
+        target = folder / contact
+        target.mkdir(parents=True, exist_ok=True)
         left_out, title = [], contact_words(jobs, frame)
         for plane in planes:
             table = cells(jobs, plane)
             missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
             left_out.append((plane.name, len(jobs), missing, outside))
-            yield save_table(table, place / f"{plane.name}.csv")
+            yield save_table(table, target / f"{plane.name}.csv")
             drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
-            yield from save(drawn, place / plane.name, _remark(run))
+            yield from save(drawn, target / plane.name, _remark(run))
             if not plane.by_direction:
                 continue
             split = DirectionCells.of(jobs, plane, directions)
-            stem = place / f"{plane.name}_by_direction"
+            stem = target / f"{plane.name}_by_direction"
             left_out.append((stem.name, len(jobs), split.unplaced, outside))
             yield save_table(split.table, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
@@ -91,7 +91,7 @@ def write_maps(
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
             yield from save(direction_figure(split, title, lines), stem, _remark(run))
         counts = pd.DataFrame(left_out, columns=["map", "jobs", "unplaced", "beyond"])
-        yield save_table(counts, place / "unplaced.csv")
+        yield save_table(counts, target / "unplaced.csv")
 
 
 def write_directions(
@@ -109,15 +109,15 @@ def write_directions(
         Each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():
-        place = folder / contact
-        place.mkdir(parents=True, exist_ok=True)
+        target = folder / contact
+        target.mkdir(parents=True, exist_ok=True)
         rose, sector = topple_rose(jobs), None
-        yield save_table(rose, place / "directions.csv")
-        (place / "sector.csv").unlink(missing_ok=True)
+        yield save_table(rose, target / "directions.csv")
+        (target / "sector.csv").unlink(missing_ok=True)
         if sector_deg is not None:
             sector = sector_share(jobs, *sector_deg)
-            yield save_table(pd.DataFrame([sector]), place / "sector.csv")
-        yield from save(rose_figure(rose, quasi_static, sector), place / "directions", _remark(run))
+            yield save_table(pd.DataFrame([sector]), target / "sector.csv")
+        yield from save(rose_figure(rose, quasi_static, sector), target / "directions", _remark(run))
 
 
 def write_friction(
@@ -133,11 +133,11 @@ def write_friction(
         Each file, once it is complete; none where there is one friction only.
     """
     for surroundings, table, jobs in compare_frictions(frame, plane):
-        place = folder / surroundings
-        place.mkdir(parents=True, exist_ok=True)
-        yield save_table(table, place / "friction_cells.csv")
-        yield save_table(jobs, place / "friction_jobs.csv")
-        yield from save(friction_figure(table, jobs), place / "friction", _remark(run))
+        target = folder / surroundings
+        target.mkdir(parents=True, exist_ok=True)
+        yield save_table(table, target / "friction_cells.csv")
+        yield save_table(jobs, target / "friction_jobs.csv")
+        yield from save(friction_figure(table, jobs), target / "friction", _remark(run))
 
 
 def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
@@ -186,19 +186,19 @@ def write_fits(
         Each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():
-        place = folder / contact / "fits"
-        place.mkdir(parents=True, exist_ok=True)
+        target = folder / contact / "fits"
+        target.mkdir(parents=True, exist_ok=True)
         for former in (
-            *(file for stem in ("curves", "fits", "surface") for file in place.glob(f"{stem}.*")),
-            place / "calibration.csv",
+            *(file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")),
+            target / "calibration.csv",
         ):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
-        yield from _write_contact(jobs, place, name, samples, audit_over, advance, run)
+        yield from _write_contact(jobs, target, name, samples, audit_over, advance, run)
 
 
 def _write_contact(
     jobs: pd.DataFrame,
-    place: Path,
+    target: Path,
     name: str,
     samples: int,
     audit_over: Callable[[str], Mapping[str, Audit]],
@@ -208,7 +208,7 @@ def _write_contact(
     known = fits.answered(jobs)
     advance(0, "ranking of the measures")
     ranked = ranking.compare_measures(known)
-    yield save_table(ranked, place / "measures.csv")
+    yield save_table(ranked, target / "measures.csv")
     singles = [measure for measure in ranked["measures"] if measure in COMPARED]
     models = [regression.fit(known, [measure]) for measure in singles]
     both = [names for names in fits.SURFACES if set(names) <= set(singles)]
@@ -220,7 +220,7 @@ def _write_contact(
         resampled.append(None if model.problem else resampling.bootstrap(known, model, samples))
     table = fits.summary(models, resampled)
     _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])
-    yield save_table(table, place / "fits.csv")
+    yield save_table(table, target / "fits.csv")
     curves = [
         replace(resampling.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
         for each, drawn in zip(models, resampled, strict=True)
@@ -232,21 +232,21 @@ def _write_contact(
         if each.measures == fits.SURFACES[0] and (surface := surface_of(each))
     ]
     for surface in surfaces:
-        yield from save(surface_figure(surface, known), place / "surface", _remark(run))
+        yield from save(surface_figure(surface, known), target / "surface", _remark(run))
     if curves:
         for suffix in (".csv", ".json"):
-            yield write_curves(place / f"curves{suffix}", curves, name, surfaces)
+            yield write_curves(target / f"curves{suffix}", curves, name, surfaces)
         if any(curve.measure in OPENQUAKE for curve in curves):
-            yield write_curves(place / "curves.xml", curves, name)
+            yield write_curves(target / "curves.xml", curves, name)
         chosen = fits.headline(models) or next(each for each in models if each.lognormal)
         assert chosen.lognormal is not None  # as chosen
         calibrated = ranking.calibration(known, ranking.out_of_fold(known, chosen.measures))
-        yield save_table(calibrated, place / "calibration.csv")
+        yield save_table(calibrated, target / "calibration.csv")
         observed = ranking.observed_shares(known, chosen.measures[0])
         drawn = resampled[models.index(chosen)]
         toppled = int(known["toppled"].sum())
         figure = fit_figure(chosen.lognormal, drawn, observed, ranked, calibrated, toppled)
-        yield from save(figure, place / "fits", _remark(run))
+        yield from save(figure, target / "fits", _remark(run))
 
 
 def _add_shifts(table: pd.DataFrame, audits: Sequence[Mapping[str, Audit]]) -> None:

@@ -77,12 +77,12 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
 
 def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     shown = drawn[:_MOST_NAMED]
-    for place, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
+    for index, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
         curve = rock.curve
         assert curve is not None  # as chosen
         if curve.median_interval:
-            axes.plot(curve.median_interval, [place, place], color=colour, lw=1.4)
-        axes.plot(curve.median, place, "o", ms=3.5, color=colour)
+            axes.plot(curve.median_interval, [index, index], color=colour, lw=1.4)
+        axes.plot(curve.median, index, "o", ms=3.5, color=colour)
     axes.set_yticks(range(len(shown)), [_short(rock.name) for rock in shown])
     more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
     axes.set(

@@ -138,9 +138,9 @@ def curve_of_rates(
     finite = np.where(np.isinf(rate), 1e300, rate)
     risen = finite[1:] > finite[:-1] * (1.0 + _PRINTED)
     if risen.any():
-        place = int(np.argmax(risen))
+        index = int(np.argmax(risen))
         raise InputError(
-            what=f"the value at {x[place + 1]:g} lies above that at {x[place]:g}: rates must fall", where=where,
+            what=f"the value at {x[index + 1]:g} lies above that at {x[index]:g}: rates must fall", where=where,
             expected=expected, remedy="check the order of the columns, and the program that wrote them",
         )  # fmt: skip
     falling = np.where(np.isinf(rate), rate, np.minimum.accumulate(finite))

@@ -111,13 +111,13 @@ def exponents(
         order = np.argsort(-years)
         spans = -np.diff(np.append(years[order], 0.0))
         standing = np.ones_like(scaled)
-        for place, rock in enumerate(order):
+        for index, rock in enumerate(order):
             curve = fragilities[rock]
             key = (rock, curve.median, curve.beta)
             if key not in known:
                 known = {key: curve.probability(scaled)} if len(known) > len(order) else known
                 known[key] = curve.probability(scaled)
             standing = standing * (1.0 - known[key])
-            if spans[place] > 0:
-                found[number] += spans[place] * ((1.0 - standing) @ rates.T)
+            if spans[index] > 0:
+                found[number] += spans[index] * ((1.0 - standing) @ rates.T)
     return found

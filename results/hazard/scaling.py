@@ -94,8 +94,8 @@ def _crossing(grid: NDArray[np.floating], rising: NDArray[np.floating], value: f
         return math.inf
     if rising[0] > value:
         return 0.0
-    place = int(np.searchsorted(rising, value))
-    if place == 0 or not math.isfinite(rising[place - 1]):
-        return math.exp(grid[place])
-    share = (value - rising[place - 1]) / (rising[place] - rising[place - 1])
-    return math.exp(grid[place - 1] + share * (grid[place] - grid[place - 1]))
+    index = int(np.searchsorted(rising, value))
+    if index == 0 or not math.isfinite(rising[index - 1]):
+        return math.exp(grid[index])
+    share = (value - rising[index - 1]) / (rising[index] - rising[index - 1])
+    return math.exp(grid[index - 1] + share * (grid[index] - grid[index - 1]))

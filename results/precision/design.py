@@ -206,14 +206,14 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
         expected = ndtr(curve.coefficients[0] + curve.coefficients[1] * log_x)
         tells = (expected > _OUTSIDE * low) & (expected < 1.0 - _OUTSIDE * (1.0 - high))
     found: list[int] = []
-    for place, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
+    for index, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
         open_records = np.asarray(free.any(axis=(1, 2)))
         if not open_records.any():
             break
         telling = np.asarray((free & tells[:, None, :]).any(axis=(1, 2)))
         designed = curve is not None and not random_level and bool(telling.any())
         record = _least_visited(telling if designed else open_records, visits, seed)
-        cell = _in_turn(seed, 1, len(chosen) + place, pool.rows.shape[1])
+        cell = _in_turn(seed, 1, len(chosen) + index, pool.rows.shape[1])
         if curve is None or not designed:
             order = random.permutation(pool.rows.shape[2])
         else:
@@ -234,8 +234,8 @@ def _least_visited(able: NDArray[np.bool_], visits: Numbers, seed: int) -> int:
 
 def _in_turn(seed: int, stream: int, number: int, count: int) -> int:
     """Member of a balanced random sequence: all come once, in a random order, before any comes again."""
-    turn, place = divmod(number, count)
-    return int(np.random.default_rng([seed, 1 + stream, turn]).permutation(count)[place])
+    turn, index = divmod(number, count)
+    return int(np.random.default_rng([seed, 1 + stream, turn]).permutation(count)[index])
 
 
 def _first_free(free: NDArray[np.bool_], cell: int, order: Numbers) -> tuple[int, int]:

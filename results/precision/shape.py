@@ -91,19 +91,19 @@ def departure(curve: Curve, answers: Answers) -> Departure | None:
     if p >= _LEVEL:
         return None
     probability = ndtr(curve.coefficients[0] + curve.coefficients[1] * answers.log_x)
-    place = np.searchsorted(_EDGES, probability)
+    bin_of_job = np.searchsorted(_EDGES, probability)
 
     def clarity(part: int) -> float:
-        there = place == part
+        there = bin_of_job == part
         weight, expected = answers.weight[there], probability[there]
         variance = float((weight**2 * expected * (1.0 - expected)).sum())
         # Half a job more, so that the first surprise where all is certain does not count as the clearest.
         return abs(float(weight @ (answers.toppled[there] - expected))) / (variance + 0.5) ** 0.5
 
-    parts = [part for part in range(len(_EDGES) + 1) if (place == part).sum() >= _LEAST_JOBS_BETWEEN]
+    parts = [part for part in range(len(_EDGES) + 1) if (bin_of_job == part).sum() >= _LEAST_JOBS_BETWEEN]
     if not parts:
         return None
-    there = place == max(parts, key=clarity)
+    there = bin_of_job == max(parts, key=clarity)
     weight = answers.weight[there]
     expected, observed = (
         float(np.average(of[there], weights=weight)) for of in (probability, answers.toppled)

@@ -73,13 +73,13 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
     if _is_number(header[0]):
         refuse(path, f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
-    measures = [place for place, name in enumerate(header) if measure_with_unit(name)]
-    values = [place for place, name in enumerate(header) if _says_value(name)]
+    measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
+    values = [index for index, name in enumerate(header) if _says_value(name)]
     if len(header) == 2 and len(measures) == 1:
         return measures[0], 1 - measures[0]
     if not measures:
         first = next(
-            name for place, name in enumerate(header) if place not in values or len(values) == len(header)
+            name for index, name in enumerate(header) if index not in values or len(values) == len(header)
         )
         remedy = "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)"
         refuse(

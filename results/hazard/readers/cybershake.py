@@ -59,19 +59,19 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
 
 def _first_curve(path: Path, lines: Sequence[str]) -> list[tuple[float, float]]:
     """Points below the first name that says CyberShake, or below the first name."""
-    heads = [place for place, line in enumerate(lines) if line.replace(" ", "").startswith("#Name:")]
-    own = [place for place in heads if re.search(r"CS Run|CyberShake", lines[place])]
+    heads = [index for index, line in enumerate(lines) if line.replace(" ", "").startswith("#Name:")]
+    own = [index for index in heads if re.search(r"CS Run|CyberShake", lines[index])]
     start = (own or heads or [0])[0]
     points: list[tuple[float, float]] = []
-    for place in range(start + 1, len(lines)):
-        cells = lines[place].split()
+    for index in range(start + 1, len(lines)):
+        cells = lines[index].split()
         if not cells or cells[0].startswith("#"):
             if points:
                 break
             continue
         if len(cells) != 2:
-            refuse(path, f"line {place + 1} has {len(cells)} values, level and probability are expected")
-        points.append((number(path, place + 1, cells[0]), number(path, place + 1, cells[1])))
+            refuse(path, f"line {index + 1} has {len(cells)} values, level and probability are expected")
+        points.append((number(path, index + 1, cells[0]), number(path, index + 1, cells[1])))
     if not points:
         refuse(path, "holds no curve")
     return points

@@ -110,7 +110,7 @@ def _realisations(path: Path, header: list[str], rows: list[tuple[int, list[str]
 def _curves(
     path: Path, stated: dict[str, str], header: list[str], rows: list[tuple[int, list[str]]], hints: Hints
 ) -> list[Statement]:
-    places = [place for place, name in enumerate(header) if name.startswith("poe-")]
+    places = [index for index, name in enumerate(header) if name.startswith("poe-")]
     absent = [name for name in ("lon", "lat") if name not in header]
     if absent or not rows:
         refuse(path, f"has no column {', '.join(absent)}" if absent else "has no site")
@@ -134,11 +134,11 @@ def _curves(
             "add investigation_time=50.0 to its first line, or give --values 50",
         )
     kind, key = _kind(path, stated.get("kind", ""))
-    levels = [number(path, 2, header[place].removeprefix("poe-")) * unit for place in places]
+    levels = [number(path, 2, header[index].removeprefix("poe-")) * unit for index in places]
     found = []
     for line, row in wanted_rows(path, rows, header, "custom_site_id", hints.site):
         site = (number(path, line, row[header.index("lon")]), number(path, line, row[header.index("lat")]))
-        poes = [number(path, line, row[place]) for place in places]
+        poes = [number(path, line, row[index]) for index in places]
         if kind == "fractile":  # by the engine's rule they may rise where branches' curves cross
             poes = np.minimum.accumulate(poes).tolist()
         curve = curve_of_probabilities(

@@ -173,7 +173,7 @@ class Execution:
                 raise ConnectionError(LOST)
 
     def _rejoin(self, error: BaseException) -> None:
-        """Hand out anew what is in flight, once the scheduler answers again or another does at its address."""
+        """Hand out again what is in flight, once the scheduler answers again or another does at its address."""
         if self.client.cluster is not None:  # a scheduler in this process is not started again
             raise RunError(LOST) from error
         for batch in self._flying.values():

@@ -239,7 +239,7 @@ def plan_of(campaign: Campaign) -> Plan:
         _check_atlas(parts)
     if not parts:
         what = f"none of {len(left_out)} rocks can be read; {left_out[0][0]}: {left_out[0][1]}"
-        raise InputError(what, where=str(campaign.scene), expected="scenes", remedy="make them anew")
+        raise InputError(what, where=str(campaign.scene), expected="scenes", remedy="make them again")
     jobs = pa.concat_tables([part.jobs for part in parts]).unify_dictionaries().combine_chunks()
     return Plan(campaign, tuple(part.scenes[0] for part in parts), jobs, left_out=tuple(left_out))
 

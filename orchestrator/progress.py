@@ -1,4 +1,4 @@
-"""How far something is: a bar on a terminal; in a log one line after ten seconds, and one a minute."""
+"""How far something is: a bar on a terminal; in a log one line after ten seconds, and one per minute."""
 
 from __future__ import annotations
 

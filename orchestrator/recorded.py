@@ -31,7 +31,7 @@ class Recorded:
     ----------
     records : tuple of Record
     paths : tuple of str
-        As they were given, one a record.
+        As they were given, one per record.
     """
 
     records: tuple[Record, ...]

@@ -14,7 +14,7 @@ from toppling.workers.seating import settled
 def check_stands(campaign: Campaign, scene: Scene) -> Settling:
     """Make sure that the rock stands by itself with every friction of the campaign, and say how far it settles.
 
-    Otherwise every job would find it out anew. Where the campaign has realisations, only the nominal one is looked at.
+    Otherwise every job would find it out again. Where the campaign has realisations, only the nominal one is looked at.
 
     Returns
     -------

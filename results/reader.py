@@ -37,7 +37,7 @@ _RUN_COLUMN = {
 
 
 class Run:
-    """A run's folder, read anew at each question, so that a run that goes on shows what it has.
+    """A run's folder, read again at each question, so that a run that goes on shows what it has.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Run:
                 "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
                 where=str(self.path),
                 expected="a run of all levels",
-                remedy="read it with the program that made it (versions in run.json), or run its campaign anew",
+                remedy="read it with the program that made it (versions in run.json), or run its campaign again",
             )
 
     @property
@@ -126,7 +126,7 @@ class Run:
             return {}
 
     def table(self) -> pa.Table:
-        """All rows under `results.schema.SCHEMA`, one a job."""
+        """All rows under `results.schema.SCHEMA`, one per job."""
         table = read_steady([self.root], lambda: newest_rows(result_files(self.root)))
         return table if self.root == self.path else table.filter(self._own)
 

@@ -58,7 +58,7 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     ValueError
         If there are no rows, a row has a column that the schema does not know, or lacks a required one.
     FileNotFoundError
-        If there is no such folder: one that vanished under a run is not made anew, its earlier rows are gone.
+        If there is no such folder: one that vanished under a run is not made again, its earlier rows are gone.
     """
     table = table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
@@ -192,7 +192,7 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
 
 
 def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
-    """Rows of some files under `SCHEMA`, one a job."""
+    """Rows of some files under `SCHEMA`, one per job."""
     tables = [read_table(path, columns=columns, schema=SCHEMA) for path in files]
     return _newest_attempts(pa.concat_tables(tables)) if tables else SCHEMA.empty_table()
 
@@ -289,7 +289,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
             f"the columns {', '.join(wrong)} are missing or of another type",
             where=str(path),
             expected=f"results of schema version {SCHEMA_VERSION}",
-            remedy="read the run with the program that wrote it (versions in run.json), or start it anew",
+            remedy="read the run with the program that wrote it (versions in run.json), or start it again",
         )
     log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
     return False

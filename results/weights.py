@@ -43,7 +43,7 @@ _NOTES = b"toppling.weights"
 
 _no_weights = refusals(
     expected="weights of the bases, as the run wrote them",
-    remedy="go on with the run by 'toppling run': it makes them anew if they are removed",
+    remedy="go on with the run by 'toppling run': it makes them again if they are removed",
 )
 
 
@@ -120,7 +120,7 @@ class Weights:
                     f"is not there, but {EARLIER_FILE} of an earlier version",
                     where=str(path),
                     expected="a run of this version",
-                    remedy="read it with the program that made it (versions in run.json), or run its campaign anew",
+                    remedy="read it with the program that made it (versions in run.json), or run its campaign again",
                 )
             raise _no_weights("is not there", path)
         table = read_table(path, required=True)

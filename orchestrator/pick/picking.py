@@ -100,7 +100,7 @@ class Picking:
     said : UserHints
         Hints from the start.
     kept : Answer, optional
-        What came of these hints before: then the cloud is what was kept of it, and is not split anew.
+        What came of these hints before: then the cloud is what was kept of it, and is not split again.
     """
 
     def __init__(

@@ -213,7 +213,7 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
 
 
 def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
-    """The scene as jobs shake it, settled with their highest friction: a scanned rock is seldom exactly at rest."""
+    """The scene as jobs shake it, settled with their highest friction: a scanned rock is rarely exactly at rest."""
     static, kinetic = frictions(jobs)[-1]
     with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
         return settled(scene.with_contact(ContactProperties(static, kinetic)))

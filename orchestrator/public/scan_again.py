@@ -1,4 +1,4 @@
-"""A scanned scene whose hidden base is drawn anew, and what was said of a scan as it is kept."""
+"""A scanned scene whose hidden base is drawn again, and what was said of a scan as it is kept."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ def scan_again(
     touch_only: bool = False,
     advance: Callable[..., None] = unseen,
 ) -> Scanned:
-    """Draw the base of a scanned scene anew, with what its scan has worked out: no clouds are read.
+    """Draw the base of a scanned scene again, with what its scan has worked out: no clouds are read.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def scan_again(
 def written_again(
     scene: Path, out: Path | None, drawn: "Scene", kept: "WorkedOut", replaces: bool = False
 ) -> Scanned:
-    """Write a scene whose base was drawn anew in place of the former one, or into another folder.
+    """Write a scene whose base was drawn again in place of the former one, or into another folder.
 
     Parameters
     ----------

@@ -200,7 +200,7 @@ def check_versions(folder: Path) -> None:
             f"the run was made with physics version {there}, here is {here}",
             where=str(folder),
             expected="one version, so that answers differ by the settings alone",
-            remedy="audit it with the environment that it was made with, or run the campaign anew",
+            remedy="audit it with the environment that it was made with, or run the campaign again",
         )
 
 

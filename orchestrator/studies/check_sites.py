@@ -1,4 +1,4 @@
-"""Seismograms of scenarios at many sites, each shaken with the rocks that stand there: a row a rock and seismogram."""
+"""Seismograms of scenarios at many sites, each shaken with the rocks that stand there."""
 
 import dataclasses
 import os

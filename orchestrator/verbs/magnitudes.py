@@ -226,7 +226,7 @@ class Answer:
 
     @property
     def drawn(self) -> list[Lognormal]:
-        """Fragilities of records drawn anew, where they are known."""
+        """Fragilities of resampled records, where they are known."""
         resampled = self.rock.resampled
         return resampled.lognormals(self.rock.curve.measure) if resampled and len(resampled.fitted) else []
 

@@ -179,7 +179,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     "--again",
     type=PATH,
     metavar="SCENE",
-    help="Draw the base of a scanned scene anew, with other hints on it (--contact to --base), in seconds.",
+    help="Draw the base of a scanned scene again, with other hints on it (--contact to --base), in seconds.",
 )
 @click.option(
     "--pick",
@@ -216,7 +216,7 @@ def scan(
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
     stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull, --base and --outline narrow
     them down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
-    anew, in place of the former ones or in the folder --out.
+    again, in place of the former ones or in the folder --out.
 
     --pick shows the cloud in a browser, where hints are clicks. The page is served to this machine only, at an address
     that holds a secret; --port and --open concern it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST. With

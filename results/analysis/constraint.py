@@ -163,7 +163,7 @@ def branch_table(update: Update) -> pd.DataFrame:
 def _interval(
     rocks: Sequence[Standing], statement: Callable[[Sequence[Standing]], float]
 ) -> tuple[float, float]:
-    """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`analysis.fits.bootstrap`)."""
+    """Interval (95 %) of what is told of some rocks, as their records are resampled (`analysis.fits.bootstrap`)."""
     known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
     if len(known) < len(rocks):
         return (math.nan, math.nan)
@@ -210,7 +210,7 @@ def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]
     Returns
     -------
     dict
-        measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, records drawn anew; None where a
+        measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; None where a
         curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
     """
     curves = [rock.curve for rock in rocks]

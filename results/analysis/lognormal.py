@@ -60,7 +60,7 @@ class Lognormal:
     median_interval : (float, float) or None
         Ends of the median's 95 % interval, where they are known.
     resampled : Resampled or None
-        The same curve of records drawn anew, where it is known.
+        The same curve of resampled records, where it is known.
     """
 
     measure: str
@@ -84,7 +84,7 @@ class Lognormal:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """The same model fitted to records drawn anew.
+    """The same model fitted to resampled records.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class Resampled:
 
 
 def expanded_interval(values: NDArray[np.float64], records: int, level: float = 0.95) -> NDArray[np.float64]:
-    """Ends (2, ...) of the interval of values (samples, ...) over records drawn anew; null without samples.
+    """Ends (2, ...) of the interval of values (samples, ...) over resampled records; null without samples.
 
     Percentiles of a bootstrap are narrow by sqrt((n - 1) / n) and know no Student's t; with few records the level is
     raised by as much (Hesterberg 2015, expanded percentiles). Ends are values that occur: infinite ones have no mean.

@@ -1,6 +1,6 @@
 """How well probabilities foretell an experiment's outcomes: scores, simple rules beside them, draws learnt from others.
 
-Tests of one record at several amplitudes are not independent: intervals draw records anew, and whatever learns from
+Tests of one record at several amplitudes are not independent: intervals resample records, and whatever learns from
 outcomes predicts a record without having seen any test of it.
 """
 
@@ -24,7 +24,7 @@ from toppling.models.shares import jeffreys_mean
 _CALLED_FROM = 0.5
 """Probability from which on a rock is called overturned."""
 _SAMPLES = 500
-"""Of records drawn anew, for intervals of 95 %."""
+"""Of resampled records, for intervals of 95 %."""
 _SURE = 1e-3
 """Probabilities nearer to 0 or 1 count as this near in logarithmic scores: who says never may be wrong."""
 _ROUNDS = 200
@@ -83,7 +83,7 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
 def intervals(
     overturned: Truths, probability: Array, group: NDArray[Any], seed: int = 0
 ) -> dict[str, list[float | None]]:
-    """Intervals of 95 % of the scores, by drawing records anew; none of tests of one record."""
+    """Intervals of 95 % of the scores, by resampling records; none of tests of one record."""
     if len(np.unique(group)) < 2:
         return {}
     random = np.random.default_rng(seed)
@@ -99,7 +99,7 @@ def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
     """Intervals of 90 % of the scores that draws would have were each of them in turn the specimen.
 
     All tests are of one specimen, so what nobody measured of it is one draw for them all: even where the distribution
-    drawn from is right, shares are not calibrated over its tests, and the slope is seldom 1. Scores outside of these
+    drawn from is right, shares are not calibrated over its tests, and the slope is rarely 1. Scores outside of these
     intervals say that the specimen is none of the draws.
 
     Parameters
@@ -229,7 +229,7 @@ def simple_rules(intensity: pd.DataFrame, overturned: Truths, group: NDArray[Any
 
 
 def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
-    """Scores of several predictors, one a row."""
+    """Scores of several predictors, one per row."""
     names = (
         "n",
         "accuracy",

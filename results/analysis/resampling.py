@@ -1,4 +1,4 @@
-"""Fits repeated on records drawn anew, and the intervals that follow.
+"""Fits repeated on resampled records, and the intervals that follow.
 
 Records are drawn, never jobs: scaled and turned copies of one record are not independent.
 """
@@ -15,7 +15,7 @@ from toppling.results.analysis.reflected import reflected
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
 
 LEAST_RECORDS = 5
-"""Fewer cannot be drawn anew: their resamples are too often the same few."""
+"""Fewer cannot be resampled: their resamples are too often the same few."""
 
 SAMPLES = 200
 """Of resampled records, for intervals of 95 %."""

@@ -24,7 +24,7 @@ class Draws:
     Parameters
     ----------
     curves : list of lists of Lognormal
-        Of each draw, one a rock.
+        Of each draw, one per rock.
     years : (draws, rocks) array
     carries : tuple of str
         What differs between draws: fragility, age, or both.

@@ -73,7 +73,7 @@ def scale_factor_interval(
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
 ) -> tuple[float, float]:
-    """Interval (95 %) of the factor with all that is uncertain drawn anew, as `events.bootstrap` draws it."""
+    """Interval (95 %) of the factor with everything uncertain resampled, as `events.bootstrap` draws it."""
     random = np.random.default_rng(seed)
     readings = readings or (branch,)
     found = []
@@ -117,7 +117,7 @@ class EventUpdate:
 
     @cached_property
     def drawn(self) -> NDArray[np.float64]:
-        """Survival under each branch with all drawn anew, (draws, branches)."""
+        """Survival under each branch with everything resampled, (draws, branches)."""
         return np.array(bootstrap_branches(self.rocks, self.events, self.exposure)).T
 
     @cached_property
@@ -125,7 +125,7 @@ class EventUpdate:
         """Table of `rank_branches`, with kept_weight (rejected branches removed) and the factors.
 
         scale_factor is of motions, rate_factor of rates, and each has _low and _high (95 %: events, records and ages
-        drawn anew).
+        drawn again).
         """
         table = rank_branches(self.rocks, self.events, self.exposure, self.confidence, list(self.drawn.T))
         left = table["prior_weight"].where(~table["rejected"], 0.0)

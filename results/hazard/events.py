@@ -5,7 +5,7 @@ at several sites feel the same events, and taking them as independent would be b
 nu = sum r_e (1 - prod(1 - F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson.
 
 A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `bootstrap` draws every
-event a Poisson number of times anew.
+event a Poisson number of times.
 """
 
 import math
@@ -22,13 +22,13 @@ from toppling.results.hazard.ages import STOUTER, Exposure, Since
 from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
 
 DRAWS = 200
-"""Of the events anew, and of the fragilities with them."""
+"""Resamples of the events, and of the fragilities with them."""
 
 _AGES = 1
 """Seed of the ages of draws: branches are compared under the same ones."""
 
 NEGLIGIBLE = 1e-12
-"""Toppling probability of an event below which it is not drawn anew."""
+"""Toppling probability of an event below which it is not resampled."""
 
 _LEAST_LOGARITHM = -745.0
 """Of a probability of survival: exp gives 0, and 0 times it is 0."""
@@ -130,7 +130,7 @@ class FeltRock:
     site : int
         Number of the site.
     drawn : sequence of the same
-        Fragilities of records drawn anew; empty where they are not known.
+        Fragilities of resampled records; empty where they are not known.
     since : Since or None
         When it became as fragile as it is; None where it has always been.
     """
@@ -182,7 +182,7 @@ def bootstrap(
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
 ) -> NDArray[np.float64]:
-    """Survival with all that is uncertain drawn anew: events, fragilities of other records where known, and ages.
+    """Survival with everything uncertain resampled: events, fragilities of other records where known, and ages.
 
     Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
     would. Each sample takes one of the branch's readings, in turn.
@@ -244,19 +244,19 @@ def rank_branches(
 ) -> pd.DataFrame:
     """Survival and Bayes weight of each branch, by all rocks together.
 
-    `drawn` are survivals of each branch with all drawn anew (`bootstrap_branches`), where these are known.
+    `drawn` are survivals of each branch with everything resampled (`bootstrap_branches`), where these are known.
 
     Returns
     -------
     DataFrame
         One row a branch, in the set's order: name, model, events, effective_events (that bear the toppling rate),
-        toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages drawn anew),
+        toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages resampled),
         rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets the rocks
         survive), rank (1 is the branch that the rocks favour most).
     """
     lines = []
-    anew = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
-    for branch, prior, survivals in zip(events.branches, events.prior, anew, strict=True):
+    resampled = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
+    for branch, prior, survivals in zip(events.branches, events.prior, resampled, strict=True):
         low, high = np.quantile(survivals, [0.025, 0.975])
         survives = survival(rocks, branch, exposure)
         lines.append({

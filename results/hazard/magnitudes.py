@@ -177,13 +177,13 @@ def largest_magnitudes(
     Parameters
     ----------
     drawn : sequence of Lognormal
-        Of records drawn anew; empty where they are not known.
+        Of resampled records; empty where they are not known.
 
     Returns
     -------
     DataFrame
         One row a distance: distance_km, magnitude (infinite where no magnitude of the models is excluded, minus
-        infinity where all are), magnitude_low, magnitude_high (95 %, records drawn anew; null where not known).
+        infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null where not known).
     """
     return _crossings(
         grid.magnitude, drawn, fragility, lambda one: excess(grid, one, occurrence).T, "distance_km", "magnitude",
@@ -200,7 +200,7 @@ def least_distances(
     -------
     DataFrame
         One row a magnitude: magnitude, distance_km (0 where no distance of the models is excluded, infinite where
-        all are), distance_km_low, distance_km_high (95 %, records drawn anew; null where not known).
+        all are), distance_km_low, distance_km_high (95 %, resampled records; null where not known).
     """
     # Far is what is allowed: along falling distance the excess rises, as it does along magnitude.
     table = _crossings(

@@ -29,7 +29,7 @@ class Surface:
     basis : Basis or None
         Where it is known; its strongest shaking is in the first measure.
     resampled : Resampled or None
-        The same surface of records drawn anew, where it is known.
+        The same surface of resampled records, where it is known.
     """
 
     measures: tuple[str, ...]
@@ -96,7 +96,7 @@ def surface_of(fitted: Fit) -> Surface | None:
 
 
 def drawn_surfaces(resampled: Resampled, measures: Sequence[str]) -> list[Surface]:
-    """Surfaces of records drawn anew, in the order drawn; a sample without a fit topples at no motion."""
+    """Surfaces of resampled records, in the order drawn; a sample without a fit topples at no motion."""
     found = iter(resampled.coefficients)
     never = Surface(tuple(measures), (-math.inf, *(0.0 for _ in measures)))
     return [

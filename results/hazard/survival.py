@@ -21,7 +21,7 @@ class Standing:
     years : (n,) array
         Equally likely ages; one where it is known.
     resampled : Resampled or None
-        The same curve of records drawn anew; None for a curve of a file, which does not keep them.
+        The same curve of resampled records; None for a curve of a file, which does not keep them.
     together : bool
         Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
     """

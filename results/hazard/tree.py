@@ -56,7 +56,7 @@ class HazardTree:
     weights_from : str
         Who states the weights: a file, the command line, or nobody ("equal").
     fractiles : dict of HazardCurve by probability
-        As the files state them. They are no branches, and cannot be weighted anew.
+        As the files state them. They are no branches, and cannot be weighted again.
     parts : tuple of HazardCurve
         Contributions that add up to the one branch: by source type, by ground-motion model.
     """

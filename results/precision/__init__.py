@@ -1,4 +1,4 @@
 """A statement of stated precision from few jobs: the curve, what is asked of it, and which jobs tell most of it."""
 
 STATEMENT_FILE = "statement.json"
-"""Of a run: what it states, written anew after every round."""
+"""Of a run: what it states, written again after every round."""

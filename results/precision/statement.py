@@ -1,4 +1,4 @@
-"""What a run of few jobs states: a file of its folder, written anew after every round."""
+"""What a run of few jobs states: a file of its folder, written again after every round."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -88,7 +88,7 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
             "is of another layout",
             where=str(path),
             expected=f"schema version {SCHEMA_VERSION}",
-            remedy="remove it and go on with the run: it is written anew",
+            remedy="remove it and go on with the run: it is written again",
         )
     check_plan_id(run, path, content.get("plan_id"))
     return list(content["statements"])

@@ -68,7 +68,7 @@ _METHOD = (
     "fractiles are of probabilities over the investigation time, level by level, as OpenQuake computes them. The scale "
     "factor is that by which all motions of a curve may be multiplied before survival falls to one minus the "
     "confidence; the rate factor that of its rates. Motions outside a curve's points are not counted. Intervals of "
-    "95 % draw records anew (bootstrap) and ages from their distribution; 5 to 95 % are fractiles over branches.</p>"
+    "95 % resample records (bootstrap) and ages from their distribution; 5 to 95 % are fractiles over branches.</p>"
 )
 
 
@@ -81,7 +81,7 @@ def _hazard(constraint: Constraint, statement: dict[str, Any], document: Documen
         ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by the "
         "rock's survival; each branch is a line, the darker the more weight it has now."
         if many
-        else ": one curve, which cannot be weighted anew."
+        else ": one curve, which cannot be weighted again."
     )
     parts = [document.figure(lambda width: hazard_figure(constraint.update, width), caption)]  # type: ignore[arg-type]
     if many:

@@ -25,7 +25,7 @@ _METHOD = (
     "probability exp(&minus;&nu;A), averaged over the ages. Branches are weighted by Bayes' rule, w' &prop; w "
     "P(survival). Rates of exceedance are counted from the events; fractiles are over branches, as OpenQuake computes "
     "them. The scale factor is that by which all motions may be multiplied before survival falls to one minus the "
-    "confidence; the rate factor that of the rates. Intervals of 95 % draw records and ages anew, and the events of a "
+    "confidence; the rate factor that of the rates. Intervals of 95 % resample records and ages, and the events of a "
     "catalogue.</p>"
 )
 

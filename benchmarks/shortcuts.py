@@ -110,7 +110,7 @@ def main() -> None:
         task = progress.add_task("shaking", total=(2 + 1 / FLOOR_OF) * len(jobs))
         rows = pd.concat(
             compare(
-                partial(answers, scene, ensemble, kept=KEPT, seen=partial(progress.advance, task)),
+                partial(answers, scene, ensemble, kept=KEPT, advance=partial(progress.advance, task)),
                 share,
             )
             for scene, share in zip(scenes, shares, strict=True)

@@ -107,7 +107,7 @@ def estimate(
     scene: Scene,
     ensemble: Ensemble,
     pending: NDArray[np.int64] | None = None,
-    seen: Callable[[], None] = lambda: None,
+    advance: Callable[[], None] = lambda: None,
 ) -> TimeEstimate | None:
     """Time some jobs of a plan and say what all cost.
 
@@ -117,7 +117,7 @@ def estimate(
         The plan's.
     pending : (n,) int array or None
         Rows of the jobs that are left; all unless given.
-    seen : callable
+    advance : callable
         Called for each job that was timed.
 
     Returns
@@ -139,7 +139,7 @@ def estimate(
             for row in chosen:
                 cost_s.append(pool.submit(_timed_s, planned.spec(int(row))).result())
                 timed_rows.append(int(row))
-                seen()
+                advance()
                 if time.monotonic() > end:
                     break
     except BrokenProcessPool:

@@ -34,7 +34,7 @@ class _Stop:
     """Whether and when a stop was asked for. No dataclass, whose import takes longer than that of all else here."""
 
     asked_at: float | None = None
-    held = 0
+    blocked = 0
 
 
 _STOP = _Stop()
@@ -105,7 +105,7 @@ def _raise_unless_held() -> None:
     error = sys.exc_info()[1]  # of the main thread, which was interrupted here
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
-    if error is None and not _STOP.held:
+    if error is None and not _STOP.blocked:
         raise KeyboardInterrupt
 
 
@@ -127,11 +127,11 @@ def signals_as_stop() -> Iterator[None]:
 @contextmanager
 def held_back() -> Iterator[None]:
     """Inside no KeyboardInterrupt is raised; one that is due is raised at the end."""
-    _STOP.held += 1
+    _STOP.blocked += 1
     try:
         yield
     finally:
-        _STOP.held -= 1
+        _STOP.blocked -= 1
         if _STOP.asked_at is not None:
             _raise_unless_held()
 

@@ -94,7 +94,7 @@ def try_out(
     azimuths_deg: Sequence[float],
     friction: tuple[float, float],
     preset: str,
-    seen: Callable[[], object] = lambda: None,
+    advance: Callable[[], object] = lambda: None,
 ) -> Pilot:
     """Shake a few records harder and harder until most of them topple the rock.
 
@@ -106,7 +106,7 @@ def try_out(
         Each record has one of them.
     friction : (float, float)
         Static and kinetic.
-    seen : callable
+    advance : callable
         Called after each job.
     """
     assets = Assets(scene, ensemble)
@@ -134,7 +134,7 @@ def try_out(
             spent_s += time.perf_counter() - began_s
             motion_s += duration[record]
             jobs += 1
-            seen()
+            advance()
         if sum(map(math.isfinite, topples_at.values())) >= _MOST_SHARE * len(records):
             break
     mean_s = float(np.mean([*duration.values()]))

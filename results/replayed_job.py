@@ -59,10 +59,10 @@ class Replay:
         """First and last time of the part in which something is to be seen; the whole motion where the rock rests."""
         path = self.trajectory
         off = np.linalg.norm(path.position_m - path.position_m[0], axis=1)
-        seen = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
-        if not len(seen):
+        moving = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
+        if not len(moving):
             return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
-        return max(float(path.time_s[seen[0]]) - _LEAD_S, 0.0), float(path.time_s[-1])
+        return max(float(path.time_s[moving[0]]) - _LEAD_S, 0.0), float(path.time_s[-1])
 
     def placed(self, position_m: Array, quaternion_xyzw: Array) -> Array:
         """Vertices of the rock in a pose, (n, 3)."""

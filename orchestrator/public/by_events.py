@@ -117,7 +117,7 @@ def judged_by_events(
     asked: HazardQuestion,
     options: EventOptions,
     confidence: float,
-    seen: Callable[[], None],
+    advance: Callable[[], None],
 ) -> EventStatement:
     """Judge rocks event by event.
 
@@ -129,7 +129,7 @@ def judged_by_events(
         Its measure may be two, joined by a plus.
     options : EventOptions
     confidence : float
-    seen : callable
+    advance : callable
         Called before each bootstrap sample of records.
     """
     measures = tuple(asked.measure.split("+")) if asked.measure else ()
@@ -142,7 +142,7 @@ def judged_by_events(
     else:
         events, measures = _of_curves(rocks, hazard, asked, options, measures)
     sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())
-    felt_rocks = [_felt(rocks, number, site, measures, seen) for number, site in enumerate(sites)]
+    felt_rocks = [_felt(rocks, number, site, measures, advance) for number, site in enumerate(sites)]
     refuse_twins(rocks.paths, [rock.fragility.basis for rock in felt_rocks])
     return under_events(felt_rocks, rocks.ages, events, confidence, away)
 
@@ -178,12 +178,12 @@ def _measure_of(events: EventSet, rocks: Rocks) -> str:
 
 
 def _felt(
-    rocks: Rocks, number: int, site: int, measures: tuple[str, ...], seen: Callable[[], None]
+    rocks: Rocks, number: int, site: int, measures: tuple[str, ...], advance: Callable[[], None]
 ) -> FeltRock:
     name, path = rocks.names[number], rocks.paths[number]
     if len(measures) > 1:
-        one = felt_by_both(name, path, rocks.jobs.get(path), measures, seen)
+        one = felt_by_both(name, path, rocks.jobs.get(path), measures, advance)
         return FeltRock(one.name, one.fragility, site, one.drawn, rocks.since[number])
     years = np.unique(rocks.ages[:, number])
-    standing = standing_rock(name, path, measures[0], rocks.jobs.get(path), years, seen)
+    standing = standing_rock(name, path, measures[0], rocks.jobs.get(path), years, advance)
     return felt(standing, site, rocks.since[number])

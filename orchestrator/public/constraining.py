@@ -200,7 +200,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     tree = read_tree(question.hazard, asked, measures_shared(paths)) if question.hazard else None
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [
-        standing_rock(name, path, over, jobs.get(path), ages, seen=advance)
+        standing_rock(name, path, over, jobs.get(path), ages, advance=advance)
         for name, path, ages in zip(names_of(paths), paths, question.ages, strict=True)
     ]
     if dates.together or any(question.since):

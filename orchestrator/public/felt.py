@@ -113,7 +113,7 @@ def felt(rock: Standing, site: int, since: Since | None) -> FeltRock:
 
 
 def felt_by_both(
-    name: str, path: Path, jobs: Jobs | None, measures: tuple[str, ...], seen: Callable[[], None]
+    name: str, path: Path, jobs: Jobs | None, measures: tuple[str, ...], advance: Callable[[], None]
 ) -> FeltRock:
     """A rock whose fragility is over two measures, from a run or a file of curves.
 
@@ -130,7 +130,7 @@ def felt_by_both(
         frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
         fitted = fit(frame, measures) if len(frame) else None
         surface, why = surface_of(fitted) if fitted else None, f" ({fitted.problem})" if fitted else ""
-        drawn = bootstrap(frame, fitted, seen=seen) if fitted and surface else None
+        drawn = bootstrap(frame, fitted, advance=advance) if fitted and surface else None
         if surface:
             surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
     if surface is None:

@@ -45,7 +45,7 @@ def of_atlases(
     for path in rocks:
         of_atlas = open_run(path).rocks if path.is_dir() else ()
         for rock in of_atlas:
-            known = _heard(rock.frame(), measure)
+            known = _with_measure(rock.frame(), measure)
             if len(known) and fit(known, [measure]).lognormal:
                 found.append((rock.path, rock.entry["age"]))
             else:
@@ -69,14 +69,14 @@ def measures_shared(rocks: Sequence[Path]) -> list[str]:
 
 
 def standing_rock(
-    name: str, path: Path, measure: str, jobs: Jobs | None, years: np.ndarray, seen: Callable[[], None]
+    name: str, path: Path, measure: str, jobs: Jobs | None, years: np.ndarray, advance: Callable[[], None]
 ) -> Standing:
     """A rock with the fragility of a run or of a file, and its bootstrap samples of records where these are known."""
     if jobs is None:
         curve = read_curves(path).get(measure)
         resampled = curve.resampled if curve else None
     else:
-        curve, resampled = _fit(jobs, measure, seen)
+        curve, resampled = _fit(jobs, measure, advance)
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
@@ -145,18 +145,18 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     return joined(own, also) if own else also
 
 
-def _fit(jobs: Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
+def _fit(jobs: Jobs, measure: str, advance: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
     """Fragility of a run, and of bootstrap samples of its records."""
-    heard = _heard(jobs.frame, measure)
-    fitted = fit(heard, [measure]) if len(heard) else None
+    measured = _with_measure(jobs.frame, measure)
+    fitted = fit(measured, [measure]) if len(measured) else None
     if fitted is None or (curve := fitted.lognormal) is None:
         return None, None
     return replace(curve, basis=basis_of(jobs.frame, measure, jobs.completeness)), bootstrap(
-        heard, fitted, seen=seen
+        measured, fitted, advance=advance
     )
 
 
-def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
+def _with_measure(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Jobs with an answer whose measure is known."""
     return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
 
@@ -165,7 +165,7 @@ def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """What the motions that a rock survived say about its base, and the resulting shift of the median."""
     assert jobs.weights is not None
     summary = jobs.weights.summary(jobs.frame)
-    alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
+    alike = fit(_with_measure(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
     (of_contact,) = summary.pop("contacts")
     return {
         **summary,

@@ -124,10 +124,10 @@ def answers(
     setting: Setting,
     *,
     processes: int = 2,
-    seen: Callable[[], None] = lambda: None,
+    advance: Callable[[], None] = lambda: None,
     kept: Path | None = None,
 ) -> pd.DataFrame:
-    """Shake every job with one setting, in some processes; `seen` is called for each job.
+    """Shake every job with one setting, in some processes; `advance` is called for each job.
 
     Answers are written to the folder `kept` and taken from there when the same jobs are asked for again: a comparison
     may be interrupted, or grow. Another physics version, scene, ensemble or setting makes another file there.
@@ -150,11 +150,11 @@ def answers(
     known = {Job(row["record_id"], row["pga_m_s2"], row["azimuth_deg"]): row for row in rows}
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
-        seen()
+        advance()
     with pool_of(processes, _load, stands, ensemble) as pool:
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
-            seen()
+            advance()
             if path and (len(known) % _KEPT_AT_ONCE == 0 or job == missing[-1]):
                 _write(path, _frame(known.values()))
     return _frame(known[job] for job in jobs)

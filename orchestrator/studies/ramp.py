@@ -87,7 +87,7 @@ def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
     """Shake a rock with one waveform, level by level until it topples; one row a level."""
     waveform = _uniaxial(record) if ramp.uniaxial else record
     contact = ContactProperties(ramp.friction, ramp.friction, ramp.restitution)
-    held = scene.with_contact(contact)
+    held_scene = scene.with_contact(contact)
     rows: list[dict[str, Any]] = []
     for level in ramp.levels_m_s2():
         try:
@@ -95,7 +95,7 @@ def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
         except InputError as error:
             rows.append(_row(record, level) | {"status": "refused", "message": error.what})
             break
-        result = shake(held, imposed.motion, ramp.preset)
+        result = shake(held_scene, imposed.motion, ramp.preset)
         measures = {name: imposed.intensity[name] for name in ("pga_m_s2", "pgv_m_s", "pgv_pga_s", "pgd_m")}
         found = {"status": result.status, "toppled": result.toppled, "max_tilt_deg": result.max_tilt_deg}
         rows.append(_row(record, level) | measures | found)
@@ -129,7 +129,7 @@ def carry_out(
     ramp: Ramp,
     folder: Path,
     pool: Executor,
-    seen: Callable[[str], None] = lambda _: None,
+    advance: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
     """Climb with every waveform, each a task of its own; what is done already is read from the folder.
 
@@ -142,7 +142,7 @@ def carry_out(
         Keeps a table a waveform, so that an interrupted ramp goes on.
     pool : Executor
         Processes here, or a cluster's.
-    seen : callable
+    advance : callable
         Told each waveform that is done.
 
     Returns
@@ -160,12 +160,12 @@ def carry_out(
     }
     for name, path in places.items():
         if path.exists():
-            seen(name)
+            advance(name)
     for future in as_completed(waiting):
         name = waiting[future]
         with new_file(places[name]) as hidden:
             pd.DataFrame(future.result()).to_csv(hidden, index=False)
-        seen(name)
+        advance(name)
     tables = [pd.read_csv(path) for path in places.values()]
     return pd.concat(tables, ignore_index=True)
 

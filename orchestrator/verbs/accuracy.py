@@ -69,9 +69,9 @@ def accuracy(
     jobs = draw_jobs(motions, count, pga_m_s2)
     compared = settings(explore=explore)
     compared[FLOOR] = Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0)
-    with bar("shaking", count * len(compared)) as seen:
+    with bar("shaking", count * len(compared)) as advance:
         said = {
-            name: answers(rock, motions, jobs, one, processes=workers, seen=seen, kept=out / "answers")
+            name: answers(rock, motions, jobs, one, processes=workers, advance=advance, kept=out / "answers")
             for name, one in compared.items()
         }
     table = compare(said, said[CONVERGED])

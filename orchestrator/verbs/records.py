@@ -172,10 +172,10 @@ def fetch(
     client = connect(service)
     event = find_event(connect(event_service) if event_service else client, event_id) if event_id else None
     names = [name.strip() for name in stations.split(",")] if stations else []
-    with bar("fetching") as seen:
+    with bar("fetching") as shown:
 
         def advance(total: int) -> None:
-            seen(0, total=total) if total else seen()
+            shown(0, total=total) if total else shown()
 
         came = fetched(
             client,

@@ -146,15 +146,19 @@ def learnt(
     (tests,) array
     """
     predicted = np.empty(len(overturned))
-    for seen, hidden in LeaveOneGroupOut().split(toppled.T, overturned, group):
-        left(group[hidden[0]])
-        weights, (stands, topples) = weighted_draws(toppled[:, seen], overturned[seen], group[seen])
-        known = np.isfinite(toppled[:, hidden])
-        said = np.where(toppled[:, hidden] > 0.5, topples, stands)
-        heard = (weights[:, None] * known).sum(axis=0)
+    for training, held_out in LeaveOneGroupOut().split(toppled.T, overturned, group):
+        left(group[held_out[0]])
+        weights, (stands, topples) = weighted_draws(
+            toppled[:, training], overturned[training], group[training]
+        )
+        known = np.isfinite(toppled[:, held_out])
+        said = np.where(toppled[:, held_out] > 0.5, topples, stands)
+        evidence_weight = (weights[:, None] * known).sum(axis=0)
         mean = (weights[:, None] * known * said).sum(axis=0)
-        predicted[hidden] = np.where(
-            heard > 0.0, mean / np.where(heard > 0.0, heard, 1.0), overturned[seen].mean()
+        predicted[held_out] = np.where(
+            evidence_weight > 0.0,
+            mean / np.where(evidence_weight > 0.0, evidence_weight, 1.0),
+            overturned[training].mean(),
         )
     return predicted
 
@@ -215,16 +219,18 @@ def simple_rules(intensity: pd.DataFrame, overturned: Truths, group: NDArray[Any
     quadratic = np.column_stack([pga, ratio, pga**2, pga * ratio, ratio**2])
     pgv = intensity["pgv_m_s"].to_numpy()
     rules: dict[str, Callable[[NDArray, NDArray], Array]] = {
-        "one PGV threshold": lambda seen, hidden: _threshold(pgv, overturned, seen, hidden),
-        "logistic in ln PGA, ln PGV/PGA": lambda seen, hidden: _logistic(linear, overturned, seen, hidden),
-        "quadratic in ln PGA, ln PGV/PGA": lambda seen, hidden: _logistic(
-            quadratic, overturned, seen, hidden
+        "one PGV threshold": lambda training, held_out: _threshold(pgv, overturned, training, held_out),
+        "logistic in ln PGA, ln PGV/PGA": lambda training, held_out: _logistic(
+            linear, overturned, training, held_out
+        ),
+        "quadratic in ln PGA, ln PGV/PGA": lambda training, held_out: _logistic(
+            quadratic, overturned, training, held_out
         ),
     }
     said = {name: np.empty(len(overturned)) for name in rules}
-    for seen, hidden in LeaveOneGroupOut().split(linear, overturned, group):
+    for training, held_out in LeaveOneGroupOut().split(linear, overturned, group):
         for name, rule in rules.items():
-            said[name][hidden] = rule(seen, hidden)
+            said[name][held_out] = rule(training, held_out)
     return said
 
 
@@ -260,22 +266,22 @@ def _rate(responsibility: Array, overturned: Truths) -> float:
     return float(jeffreys_mean((responsibility * overturned).sum(), responsibility.sum()))
 
 
-def _threshold(measure: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:
+def _threshold(measure: Array, overturned: Truths, training: NDArray, held_out: NDArray) -> Array:
     """1 above the threshold that is most often right among the tests seen, 0 below."""
-    order = np.sort(measure[seen])
+    order = np.sort(measure[training])
     between = np.sqrt(order[1:] * order[:-1])
-    right = [(overturned[seen] == (measure[seen] > each)).mean() for each in between]
-    return (measure[hidden] > between[int(np.argmax(right))]).astype(float)
+    right = [(overturned[training] == (measure[training] > each)).mean() for each in between]
+    return (measure[held_out] > between[int(np.argmax(right))]).astype(float)
 
 
-def _logistic(features: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:
+def _logistic(features: Array, overturned: Truths, training: NDArray, held_out: NDArray) -> Array:
     """Logistic regression, hardly regularised, so that separated outcomes have a fit."""
-    if len(np.unique(overturned[seen])) < 2:
-        return np.full(len(hidden), float(overturned[seen].mean()))
-    centre, spread = features[seen].mean(axis=0), features[seen].std(axis=0)
+    if len(np.unique(overturned[training])) < 2:
+        return np.full(len(held_out), float(overturned[training].mean()))
+    centre, spread = features[training].mean(axis=0), features[training].std(axis=0)
     scaled = (features - centre) / np.where(spread > 0.0, spread, 1.0)
-    model = LogisticRegression(C=100.0, max_iter=1000).fit(scaled[seen], overturned[seen])
-    return np.asarray(model.predict_proba(scaled[hidden])[:, 1])
+    model = LogisticRegression(C=100.0, max_iter=1000).fit(scaled[training], overturned[training])
+    return np.asarray(model.predict_proba(scaled[held_out])[:, 1])
 
 
 def _calibration_slope(overturned: Truths, probability: Array) -> float:

@@ -30,12 +30,12 @@ def bootstrap(
     fitted: Fit,
     samples: int = SAMPLES,
     seed: int = 0,
-    seen: Callable[[], None] = lambda: None,
+    advance: Callable[[], None] = lambda: None,
 ) -> Resampled:
     """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`.
 
-    `seen` is called before each sample. Rocks that were shaken by the same records are given the same draws, as other
-    records would have been other records for all of them; rocks of other records are given draws of their own.
+    `advance` is called before each sample. Rocks shaken by the same records get the same draws, as other records would
+    have been other records for all of them.
     """
     groups = grouped(frame, fitted.measures)
     design = design_of(groups, fitted.measures)
@@ -45,7 +45,7 @@ def bootstrap(
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
     found = []
     for number in range(len(fitted_again)):
-        seen()
+        advance()
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
         again = regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
         if again is None or is_flat(again):

@@ -82,10 +82,10 @@ def _draw_fractiles(axes: Axes, update: Update) -> None:
 
 def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
     low, high = curves.fractiles[0.05], curves.fractiles[0.95]
-    bears = np.isfinite(low) & np.isfinite(high) & (high > 0)
+    positive = np.isfinite(low) & np.isfinite(high) & (high > 0)
     axes.fill_between(
-        curves.levels[bears], np.maximum(low[bears], _LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
-        lw=0, label=label,
+        curves.levels[positive], np.maximum(low[positive], _LEAST_RATE / 10), high[positive], color=MAIN_COLOUR,
+        alpha=0.3, lw=0, label=label,
     )  # fmt: skip
 
 
@@ -93,8 +93,8 @@ def _bearing(
     levels: NDArray[np.float64], rates: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points of a curve that have a rate."""
-    bears = np.isfinite(rates) & (rates > 0)
-    return levels[bears], rates[bears]
+    positive = np.isfinite(rates) & (rates > 0)
+    return levels[positive], rates[positive]
 
 
 def _frame(axes: Axes, update: Update, width_in: float) -> None:

@@ -123,8 +123,8 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     for line, dashes, colour in interface_lines(scene):
         _draw_line(axes, line @ frame, seen_through, _ON_SURFACE * scene.rock.height_m, dashes, colour)
     # The same scale in all views, about the rock: a wide pedestal would make it small.
-    seen = scene.rock.vertices_m @ frame
-    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    projected = scene.rock.vertices_m @ frame
+    middle = 0.5 * (projected.min(axis=0) + projected.max(axis=0))
     reach = _VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
     axes.set(
         aspect="equal",
@@ -150,12 +150,17 @@ def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dash
         Stroke(linewidth=2.8, foreground="white", alpha=0.8),
         withStroke(linewidth=2.2, foreground="white"),
     ]
-    seen, covered = (
+    projected, covered = (
         np.where((behind == is_hidden)[:, None], points[:, :2], np.nan) for is_hidden in (False, True)
     )
     axes.plot(covered[:, 0], covered[:, 1], ":", lw=0.8, alpha=0.9, color=colour)
     axes.plot(
-        seen[:, 0], seen[:, 1], dashes, lw=1.5, color=colour, path_effects=halo if dashes == "-" else None
+        projected[:, 0],
+        projected[:, 1],
+        dashes,
+        lw=1.5,
+        color=colour,
+        path_effects=halo if dashes == "-" else None,
     )
 
 
@@ -188,9 +193,9 @@ def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
-    seen = scene.rock.vertices_m[scene.rock.faces][:, :, :2]
+    projected = scene.rock.vertices_m[scene.rock.faces][:, :, :2]
     axes.add_collection(
-        PolyCollection(list(seen), facecolors=_SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
+        PolyCollection(list(projected), facecolors=_SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
     )
     for line, dashes, colour in interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)

@@ -144,9 +144,15 @@ def curve_of_rates(
             expected=expected, remedy="check the order of the columns, and the program that wrote them",
         )  # fmt: skip
     falling = np.where(np.isinf(rate), rate, np.minimum.accumulate(finite))
-    bears = (falling > 0) & np.isfinite(falling)
+    positive = (falling > 0) & np.isfinite(falling)
     return HazardCurve(
-        name, measure, x[bears], falling[bears], certain=x[np.isinf(falling)], never=x[falling == 0], **stated
+        name,
+        measure,
+        x[positive],
+        falling[positive],
+        certain=x[np.isinf(falling)],
+        never=x[falling == 0],
+        **stated,
     )
 
 

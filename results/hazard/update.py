@@ -181,17 +181,17 @@ def mean_curve(tree: HazardTree, curves: Statistics) -> HazardCurve:
     """The mean of a tree as a curve, of the levels at which it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]
-    bears = (curves.mean > 0) & np.isfinite(curves.mean)
-    rates = np.minimum.accumulate(curves.mean[bears])
-    return HazardCurve(MEAN, tree.measure, curves.levels[bears], rates, site=tree.site, years=tree.years)
+    positive = (curves.mean > 0) & np.isfinite(curves.mean)
+    rates = np.minimum.accumulate(curves.mean[positive])
+    return HazardCurve(MEAN, tree.measure, curves.levels[positive], rates, site=tree.site, years=tree.years)
 
 
 def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
     """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
-    bears = (rates > 0) & np.isfinite(rates)
-    if bears.sum() < 2:
+    positive = (rates > 0) & np.isfinite(rates)
+    if positive.sum() < 2:
         return math.nan
-    x, falling = levels[bears], np.minimum.accumulate(rates[bears])
+    x, falling = levels[positive], np.minimum.accumulate(rates[positive])
     if not falling[-1] <= annual_rate <= falling[0]:
         return math.nan
     return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
@@ -312,8 +312,8 @@ def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
     """Per cent by which the mean's rate at a level has changed."""
     if after is None or math.isnan(level):
         return math.nan
-    bears = (after.mean > 0) & np.isfinite(after.mean)
-    x, rates = after.levels[bears], after.mean[bears]
+    positive = (after.mean > 0) & np.isfinite(after.mean)
+    x, rates = after.levels[positive], after.mean[positive]
     if not (len(x) > 1 and x[0] <= level <= x[-1]):
         return math.nan
     return 100.0 * (math.exp(np.interp(math.log(level), np.log(x), np.log(rates))) / rate - 1.0)

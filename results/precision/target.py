@@ -122,8 +122,8 @@ def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
     count = 0.5 * curve.pairs_share * curve.jobs**2
     if not count:
         return _USUAL_CORRELATION
-    seen = min(pairs / (independent * curve.pairs_share * curve.jobs), 1.0)
-    return (count * seen + _USUAL_PAIRS * _USUAL_CORRELATION) / (count + _USUAL_PAIRS)
+    pair_weight = min(pairs / (independent * curve.pairs_share * curve.jobs), 1.0)
+    return (count * pair_weight + _USUAL_PAIRS * _USUAL_CORRELATION) / (count + _USUAL_PAIRS)
 
 
 def estimate(curve: Curve, target: Target, records: int) -> Estimate:

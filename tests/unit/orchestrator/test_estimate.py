@@ -63,7 +63,7 @@ def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
 def test_a_small_plan_is_timed_too(planned):
     scene, ensemble = Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble)
     seen = []
-    told = estimate(planned, scene, ensemble, np.arange(50), seen=lambda: seen.append(1))
+    told = estimate(planned, scene, ensemble, np.arange(50), advance=lambda: seen.append(1))
     assert told.timed == len(seen) == 6
     assert told.work_s > 0
     assert estimate(planned, scene, ensemble, np.arange(0)) is None

@@ -13,7 +13,7 @@ from toppling.models.arrays import Array
 from toppling.models.frames import plane_axes
 from toppling.models.scan.base import CELLS_PER_HEIGHT
 from toppling.models.scan.gap_seen import PLACES_ACROSS
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.sheet import Planes, Sheet
 from toppling.models.scan.surfels import Surfels
 
@@ -23,7 +23,8 @@ _NARROW_PER_HEIGHT = 0.05
 """The same where the surface bends: what lies farther off may bend otherwise."""
 _UPWARD = 0.3
 """Cosine to the vertical above which a patch can carry a rock."""
-_LEAST_PATCHES = 60
+_LEAST_PATCHES, _LEAST_RIM = 60, 12
+"""Of the ring, and of the rock's rim: four small feet show few."""
 _OFF_PER_HEIGHT = 0.01
 """A surface that stays so near to one plane below the rock is that plane, as for contacts (`ground.kind`)."""
 _LEAST_BEND_DEG = 3.0
@@ -63,7 +64,7 @@ def carried_surface(
         Plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
     beside, away, rim = _ring(surfels, rock, height_m)
-    if beside.sum() < _LEAST_PATCHES or len(rim) < _LEAST_PATCHES:
+    if beside.sum() < _LEAST_PATCHES or len(rim) < _LEAST_RIM:
         return None
     points, normals, away = surfels.points_m[beside], surfels.normals[beside], away[beside]
     frame = given or _plane_of(points, _areas(points))
@@ -145,10 +146,10 @@ def _areas(points: Array) -> Array:
 
 
 def _plane_of(points: Array, area: Array) -> Interface:
-    """Plane by least squares, equal areas with an equal say."""
-    centre = np.average(points, axis=0, weights=area)
-    normal = np.linalg.svd((points - centre) * np.sqrt(area)[:, None], full_matrices=False)[2][2]
-    normal = normal * (np.sign(normal[2]) or 1.0)
+    """Plane nearest to the points, equal areas with an equal say; strays high up the rock have none."""
+    centre, normal, _, _ = reweighted_plane(
+        points, area, lambda height, weight: float(np.sqrt(np.average(height**2, weights=weight)))
+    )
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), 0.0)
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
@@ -64,7 +64,7 @@ class DrawStatics:
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            held = held_on_surface(rock, feet, self.interface, azimuths_deg)
+            held = held_on_surface(rock, low, self.interface, azimuths_deg)
             return held, held
         seat = Seat.of(rock, plane)
         lift_off, toppling = zip(
@@ -102,24 +102,30 @@ def _hull_over(rock: Rock, interface: Interface) -> Array:
 
 def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     """Quasi-static toppling accelerations (n,) of a rock on its own mesh, m/s2."""
-    feet = _hull_over(rock, interface)
-    feet = feet[feet[:, 2] < _HIGH_FEET_PER_HEIGHT * rock.height_m]
+    over = interface.over(rock.vertices_m)
+    feet, low = (
+        each[each[:, 2] < _HIGH_FEET_PER_HEIGHT * rock.height_m]
+        for each in (_hull_over(rock, interface), over)
+    )
     on_feet = dataclasses.replace(rock, feet_m=interface.scene(feet))
-    return held_on_surface(on_feet, feet, interface, tuple(float(each) for each in azimuths_deg))
+    return held_on_surface(on_feet, low, interface, tuple(float(each) for each in azimuths_deg))
 
 
-def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg: tuple[float, ...]) -> Array:
+def held_on_surface(
+    rock: Rock, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
+) -> Array:
     """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.
 
-    The rests follow from the clearances of the feet (n, 3: u, v, clearance), which close with small turns as over a
-    plane; what each of them holds follows from friction cones where its contacts are, along the surface's normals.
+    The rests follow from the clearances of the rock's feet, which close with small turns as over a plane; what each of
+    them holds follows from friction cones where the contacts (m, 3: u, v, clearance), of which the feet are the
+    outermost, then touch, along the surface's normals: on facets friction acts within the outline too.
     """
-    plane = Pedestal(interface.point_m, interface.normal)
-    seat = Seat.of(rock, plane)
-    down, places = interface.axes.T, feet + interface.rise(feet)
+    seat = Seat.of(rock, Pedestal(interface.point_m, interface.normal))
+    down, places = interface.axes.T, contacts + interface.rise(contacts)
+    above = (interface.scene(contacts) - rock.com_m) @ seat.frame.T + seat.pose.com
     # Where two facets meet, along the second axis, a foot stands on both.
     aside = 0.5 * interface.lattice_m * np.array([[1.0, 0.0, 0.0]])
-    sides = [interface.normals(feet + aside), interface.normals(feet - aside)]
+    sides = [interface.normals(contacts + aside), interface.normals(contacts - aside)]
     com = interface.flat(rock.com_m[None])[0]
     gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
     held: dict[bytes, Array] = {}
@@ -127,23 +133,39 @@ def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg:
     for row, azimuth in enumerate(azimuths_deg):
         push = -down @ horizontal_unit_vector(azimuth)
         for pose, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
-            touching = np.flatnonzero(pose.points[:, 2] <= pose.points[:, 2].min() + seat.tolerance)
-            key = touching.tobytes()
+            closed_m = pose.points[:, 2].min() + seat.tolerance
+            key = (pose.points[:, 2] <= closed_m).tobytes()
             if key not in held:
-                turn = _turn(seat.pose.points, pose.points, seat.frame, down)
-                arms = (places[touching] - com) @ turn.T
-                normals = np.vstack([side[touching] for side in sides])
-                held[key] = wrenches(np.vstack([arms, arms]), normals, FRICTION)
+                turn, moved = _turned(seat.pose.points, pose.points, above)
+                change = down @ seat.frame.T
+                touching = moved[:, 2] <= closed_m
+                carrying = [_outermost(places[touching], side[touching]) for side in sides]
+                arms = np.vstack([at - com for at, _ in carrying]) @ (change @ turn @ change.T).T
+                held[key] = wrenches(arms, np.vstack([normals for _, normals in carrying]), FRICTION)
             far = farthest_load(held[key], gravity, push, rock.half_diagonal_m)
             found[row] = max(found[row], far if far is not None else 0.0)
     return found
 
 
-def _turn(before: Array, after: Array, frame: Array, axes: Array) -> Array:
-    """Rotation (3, 3) between two poses of points, in the axes (rows) of the interface instead of the seat's frame."""
-    turn = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))[0].as_matrix()
-    change = axes @ frame.T
-    return np.asarray(change @ turn @ change.T)
+def _turned(before: Array, after: Array, points: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) between two poses of the same body, and other points of it, given before, as they are after."""
+    middle = before.mean(axis=0)
+    turn = Rotation.align_vectors(after - after.mean(axis=0), before - middle)[0].as_matrix()
+    return turn, (points - middle) @ turn.T + after.mean(axis=0)
+
+
+def _outermost(places: Array, normals: Array) -> tuple[Array, Array]:
+    """Of contacts that share a normal, those between which the others lie: together they bear the same loads."""
+    _, facet = np.unique(normals.round(9), axis=0, return_inverse=True)
+    kept = []
+    for number in range(facet.max() + 1 if len(facet) else 0):
+        own = np.flatnonzero(facet.ravel() == number)
+        try:
+            kept.append(own[ConvexHull(places[own, :2]).vertices])
+        except QhullError:
+            kept.append(own)
+    rows = np.concatenate(kept) if kept else np.zeros(0, int)
+    return places[rows], normals[rows]
 
 
 def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:

@@ -25,6 +25,9 @@ _FOLLOWED_SHARE = 0.1
 
 _MOST_POSES = 300
 
+_SETTLED_IN = 30
+"""Short steps after a long one, which close its gaps: over an open one a rock rolls aside, as if it were held."""
+
 
 @compiled
 def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> float:
@@ -84,7 +87,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
             else:
                 break
         pose[:] = trial
-        for _ in range(4):
+        for _ in range(_SETTLED_IN):
             _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
         cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
         if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:

@@ -48,6 +48,7 @@ from toppling.results.drawing.study_figures import (
 )
 from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
+from toppling.workers.engines import DEFAULT
 from toppling.workers.seating import settled
 
 MAIN, _FRICTION = "main", "friction"
@@ -85,12 +86,14 @@ class Study:
     azimuth_deg : tuple of float
     audit : int or None
         Of both runs, as in a campaign.
+    engine : str
     """
 
     pga_m_s2: tuple[float, ...] = tuple(float(level) for level in range(1, 20))
     azimuth_deg: tuple[float, ...] = tuple(45.0 * number for number in range(8))
     preset: str = "standard"
     audit: int | None = None
+    engine: str = DEFAULT
 
     def check(self, out: Path) -> None:
         """Make sure that a folder is new or of this study.
@@ -101,7 +104,7 @@ class Study:
             If it is another's.
         """
         path, protocol = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
-        there = read_json(path) if path.exists() else protocol
+        there = dataclasses.asdict(Study()) | (read_json(path) if path.exists() else protocol)
         differing = ", ".join(key for key in protocol if there.get(key) != protocol[key])
         if differing:
             raise InputError(
@@ -124,6 +127,7 @@ class Study:
             friction=((1.0, 1.0),),
             preset=self.preset,
             audit=self.audit,
+            engine=self.engine,
         )
         lower = tuple((value, value) for value in _FRICTIONS)
         return {MAIN: main, _FRICTION: dataclasses.replace(main, azimuth_deg=(weakest,), friction=lower)}

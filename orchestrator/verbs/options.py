@@ -9,6 +9,7 @@ import click
 from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError
 from toppling.orchestrator.spelling import OneOf
+from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
 PATH = click.Path(path_type=Path)
@@ -50,6 +51,9 @@ processes_option = click.option(
     "--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes."
 )
 preset_option = click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
+engine_option = click.option(
+    "--engine", type=OneOf(list(ENGINES)), default=DEFAULT, show_default=True, help="Physics engine."
+)
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:

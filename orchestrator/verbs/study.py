@@ -4,13 +4,15 @@ import json
 import logging
 import shutil
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, preset_option
+from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, engine_option, json_option, preset_option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.studies.replication import Study
 
 _SEED = 1
+_ECHO_CLIFFS = "echo-cliffs"
 
 
 @click.command()
@@ -28,6 +31,11 @@ _SEED = 1
     "--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock."
 )
 @click.option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
+@click.option(
+    "--rock",
+    type=OneOf([_ECHO_CLIFFS]),
+    help="The study's own rock, as far as it is printed, instead of scans.",
+)
 @click.option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
 @click.option("--metadata", type=FILE, help="Metadata table of the record files.")
 @click.option("--count", type=click.IntRange(5), default=140, show_default=True, help="Synthetic records.")
@@ -40,6 +48,7 @@ _SEED = 1
 )
 @click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
 @preset_option
+@engine_option
 @click.option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
 @json_option("Print findings and counts as JSON.")
 @cluster_options
@@ -47,12 +56,14 @@ def study(
     out: Path,
     scan: tuple[Path, ...],
     scene: Path | None,
+    rock: str | None,
     records: Path | None,
     metadata: Path | None,
     count: int,
     pga_step: float,
     directions: str,
     preset: str,
+    engine: str,
     audit: int | None,
     as_json: bool,
     **where: Any,
@@ -73,17 +84,17 @@ def study(
     from toppling.orchestrator.studies import replication as stages
     from toppling.orchestrator.verbs.run import FAILED_JOBS
 
-    if scan and scene:
-        raise click.UsageError("--scan and --scene exclude each other")
+    if sum(map(bool, (scan, scene, rock))) > 1:
+        raise click.UsageError("--scan, --scene and --rock exclude each other")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
-    chosen = _study_of(pga_step, int(directions), preset, audit)
+    chosen = replace(_study_of(pga_step, int(directions)), preset=preset, audit=audit, engine=engine)
     cluster_of(out, **where)  # wrong options are said before any work
     say = partial(click.echo, err=True)
     try:
         with signals_as_stop():
             chosen.check(out)
-            _have_scene(out, scan, scene, say)
+            _have_scene(out, scan, scene, rock, say)
             _have_records(out, records, metadata, count, say)
             _say_time(chosen, out, where, say)
             progresses = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
@@ -96,13 +107,15 @@ def study(
     except KeyboardInterrupt:
         click.echo("stopped; finished work is kept, and the same command resumes", err=True)
         sys.exit(INTERRUPTED)
-    if as_json:
-        content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
-        click.echo(json.dumps({"study": str(out), "runs": stages.summaries(progresses), **content}))
-    else:
-        click.echo("\n".join([str(page), *(one.line for one in found), _session_words(progresses)]))
+    lines = [str(page), *(one.line for one in found), _session_words(progresses)]
+    click.echo(_as_json(out, stages.summaries(progresses)) if as_json else "\n".join(lines))
     if any(progress.failed for progress in progresses):
         sys.exit(FAILED_JOBS)
+
+
+def _as_json(out: Path, runs: dict[str, Any]) -> str:
+    content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
+    return json.dumps({"study": str(out), "runs": runs, **content})
 
 
 def _session_words(progresses: list[Any]) -> str:
@@ -130,18 +143,25 @@ def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as
     return found, write_page(report_page(Content(opened)), out / "report.html")
 
 
-def _study_of(pga_step: float, directions: int, preset: str, audit: int | None) -> "Study":
+def _study_of(pga_step: float, directions: int) -> "Study":
     """The study with levels from 1 to 19 m/s2 and directions all around."""
     from toppling.orchestrator.studies.replication import Study
 
     steps = round(18.0 / pga_step)
     levels = (round(1.0 + step * pga_step, 9) for step in range(steps + 1) if step * pga_step <= 18.0)
     azimuths = tuple(360.0 * number / directions for number in range(directions))
-    return Study(pga_m_s2=tuple(levels), azimuth_deg=azimuths, preset=preset, audit=audit)
+    return Study(pga_m_s2=tuple(levels), azimuth_deg=azimuths)
 
 
-def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, say: Any) -> None:
+def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str | None, say: Any) -> None:
     if (out / "scene").exists():
+        return
+    if rock is not None:
+        from toppling.models.echo_cliffs import echo_cliffs
+        from toppling.results.drawing.scene_figures import draw_scene
+
+        made = echo_cliffs()
+        draw_scene(made, made.save(out / "scene") / "scene.png")
         return
     if scene is not None:
         from toppling.models.folder import new_folder
@@ -224,9 +244,6 @@ def _have_constraint(out: Path, run: Path) -> None:
 
     context = click.get_current_context()
     try:
-        context.invoke(
-            constrain, rocks=(run,), hazard=(), age=(), where=None, measure=None, confidence=0.95, site=None, ratio=1.0,
-            out=out / "constraint", as_json=False,
-        )  # fmt: skip
+        context.invoke(constrain, rocks=(run,), out=out / "constraint")
     except InputError as error:
         click.echo(f"no constraint: {error}", err=True)

@@ -31,7 +31,14 @@ from toppling.orchestrator.studies.validation import (
     shake_tests,
     unmeasured,
 )
-from toppling.orchestrator.verbs.options import EXISTING_FOLDER, FILE, FOLDER, json_option, workers_option
+from toppling.orchestrator.verbs.options import (
+    EXISTING_FOLDER,
+    FILE,
+    FOLDER,
+    engine_option,
+    json_option,
+    workers_option,
+)
 from toppling.results.analysis.prediction_scores import (
     calibration,
     intervals,
@@ -44,7 +51,6 @@ from toppling.results.analysis.prediction_scores import (
 )
 from toppling.results.drawing.style import save
 from toppling.results.drawing.validation_figures import calibration_figure
-from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
 _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
@@ -72,9 +78,7 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
     "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03, show_default=True,
     help="Standard error of a test's share below which no draws are added.",
 )  # fmt: skip
-@click.option(
-    "--engine", type=click.Choice(list(ENGINES)), default=DEFAULT, show_default=True, help="Physics engine."
-)
+@engine_option
 @click.option(
     "--preset",
     type=click.Choice(list(PRESETS)),

@@ -20,10 +20,10 @@ _NARROW_RECORDS = 20
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     """Fits as the page shows them, without medians far beyond what was shaken."""
     strongest = [float(known[name].max()) for name in summary["measures"]]
-    far = {
-        name: summary[name].astype(float) > [FAR_SHAKEN * value for value in strongest]
-        for name in ("median", "median_low", "median_high")
-    }
+    medians = summary.reindex(columns=["median", "median_low", "median_high"]).astype(
+        float
+    )  # none without a fit
+    far = medians.gt([FAR_SHAKEN * value for value in strongest], axis=0)
     table = pd.DataFrame({
         "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
         "strongest shaken": [_three_digits(value) for value in strongest],

@@ -163,6 +163,13 @@ def test_time_steps_that_differ_in_no_digit_shown_are_told_once(tmp_path):
     assert "time step 0.0049, 0.00978764 s" in accuracy_section(open_run(tmp_path), frame, Document())
 
 
+def test_a_table_of_measures_without_any_fit_says_why():
+    summary = pd.DataFrame({"measures": ["pga_m_s2"], "problem": ["separated"]})
+    table = fit_table(summary, pd.DataFrame({"pga_m_s2": [2.0, 8.0]}))
+    assert table["problem"].tolist() == ["separated"]
+    assert table["median (95 %)"].tolist() == [""]
+
+
 def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
     known = pd.DataFrame({"pga_m_s2": [1.0, 5.0], "pgd_m": [0.1, 0.2], "cav_m_s": [1.0, 2.0]})
     summary = pd.DataFrame({

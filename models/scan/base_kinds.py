@@ -17,6 +17,8 @@ BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
 _EVIDENCE_SHARE = 0.15
 """Power to which the rim's likelihood is taken: errors of neighbouring places are not independent."""
+_LEAST_EVIDENCE = 0.3
+"""Ratio by which a rim tells a rough base from a rounded one at most: no base is quite of one kind."""
 _EDGE_PER_WIDTH, _EDGE_LENGTH_PER_WIDTH, _EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
 """Of a flat base's edge, over the root of its area: how high it is broken, over what length, and how rough it is."""
 _BOWL_PER_WIDTH = 0.05
@@ -83,7 +85,9 @@ def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     kind = np.array([gap.kind for gap in gaps])
     found = [each for each in KINDS if (kind == each).any()]
     evidence = [logsumexp(likelihood[kind == each]) - np.log((kind == each).sum()) for each in found]
-    logs = _EVIDENCE_SHARE * np.array(evidence) + np.log([BEFORE[each] for each in found])
+    told = _EVIDENCE_SHARE * (np.array(evidence) - np.max(evidence))
+    least = [-np.inf if each == FLAT else np.log(_LEAST_EVIDENCE) for each in found]
+    logs = np.maximum(told, least) + np.log([BEFORE[each] for each in found])
     return dict(zip(found, np.exp(logs - logsumexp(logs)).tolist(), strict=True))
 
 

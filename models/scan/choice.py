@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.frames import slope_of_normal
@@ -40,12 +41,23 @@ def choose(
     if rivals:
         raise InputError(
             f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
-            + _tops([standing[0], *rivals], origin_m),
+            + _tops([standing[0], *rivals], origin_m)
+            + (
+                "; one may fall against another"
+                if any(_in_reach(standing[0], each) for each in rivals)
+                else ""
+            ),
             where="segmentation",
             expected="one rock, or a hint which one",
             remedy="name one by --near X Y in survey coordinates, as printed here, or crop the cloud",
         )
     return standing[0]
+
+
+def _in_reach(one: Candidate, other: Candidate) -> bool:
+    """Whether two things stand nearer to each other than the lower one is high."""
+    places, others = (each.surfels.points_m[each.rock, :2] for each in (one, other))
+    return bool(cKDTree(places).query(others)[0].min() < min(one.height_m, other.height_m))
 
 
 def _nothing_stands(

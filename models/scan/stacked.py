@@ -8,7 +8,7 @@ from toppling.models.scan.doubt import SECTORS, Doubt, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 
-_TOLD_EXCESS = 0.4
+_TOLD_EXCESS = 0.35
 """Share of the directions in which a joint must show, beyond what shows in most planes parallel to it."""
 _CREASE_DEG = 35.0
 _FROM, _TO = 0.15, 0.9

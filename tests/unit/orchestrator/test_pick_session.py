@@ -140,6 +140,21 @@ def test_fewer_than_three_points_say_nothing_of_the_interface_yet(picking, work)
     assert len(work.splits) == 1
 
 
+def test_an_outline_splits_the_cloud_anew_and_is_the_interface(picking, work):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    square = ((100.0, 200.0, 1.0), (101.0, 200.0, 1.0), (101.0, 201.0, 1.0), (100.0, 201.0, 1.0))
+    outlined = UserHints(near=NEAR[0].near, outline=square)
+    assert outlined.hint().encloses
+    assert outlined.hint().interface.normal == pytest.approx([0.0, 0.0, 1.0])
+    picking.say(outlined)
+    until(picking, lambda state: state["current"])
+    assert len(work.splits) == 2
+    picking.say(NEAR[0])
+    until(picking, lambda state: state["current"])
+    assert [inspection.says_nothing for _, inspection in work.bases] == [True] * len(work.bases)
+
+
 def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
     work.go.set()
     until(picking, lambda state: state["current"])

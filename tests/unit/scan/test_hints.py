@@ -1,6 +1,7 @@
 """What hints of the base may say: pulls that some base bears, places at the base, a scene within its own interval."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.scan.nominal import nominal_draw, smooth_fits_inspection, within_interval
 from toppling.models.scan.pulls import check_joint, check_spanned, fits
 from toppling.models.scan.standing import check_inspection
-from toppling.models.scan.unseen import AZIMUTHS_DEG, DrawnBases, draw_bases
+from toppling.models.scan.unseen import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
 from toppling.models.unseen import BaseDraw, UnseenBase
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
@@ -290,3 +291,13 @@ def test_hints_narrow_the_draws_and_not_the_errors_that_no_draw_shows():
     free, known = (dataclasses.replace(drawn, hinted=hinted).interval_m_s2() for hinted in (False, True))
     np.testing.assert_allclose(free[1] - free[0], 1.645 * unseen.OTHER_ERRORS_SHARE * SMOOTH)
     np.testing.assert_allclose(known[2] - known[1], 1.645 * unseen.HINTED_ERRORS_SHARE * SMOOTH)
+
+
+@pytest.mark.parametrize(("east_m", "told"), [(0.7, "0.2 m beside every place"), (0.3, "no contacts around")])
+def test_a_weight_line_is_told_by_how_far_it_passes_beside_all_that_may_touch(east_m, told):
+    square = np.array([[x, y] for x in (-0.5, 0.5) for y in (-0.5, 0.5)] + [[2.0, 0.0]])
+    seen_open = np.array([0.0, 0.0, 0.0, 0.0, 0.01])  # daylight below the last place
+    part = SimpleNamespace(observed=SimpleNamespace(places_m=square, floor_m=seen_open))
+    said = contradiction(part, np.array([east_m, 0.0]), LEVEL, Inspection())
+    assert told in said.what
+    assert f"at {east_m:.2f}, 0.00" in said.what

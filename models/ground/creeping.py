@@ -20,8 +20,11 @@ _TIPPING_SHARE = 0.004
 _PASSED = 0.9
 """Share of the largest acceleration that was held, below which it is past it."""
 
-_FOLLOWED_SHARE = 0.1
-"""Of R: way on which it is followed past the largest."""
+_FOLLOWED_SHARE = 0.4
+"""Of R: way on which it is followed past the largest: over the facets of a coarse rounded base."""
+
+_PRECISION = 2e-4
+"""Share to which the largest acceleration is found."""
 
 _MOST_POSES = 300
 
@@ -54,28 +57,21 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
     stands so much less, that nothing larger follows. Infinite from `most_m_s2` on.
     """
     pose, start = sim.pose[0].copy(), sim.pose[0].copy()
-    still = 1e-4 * math.sqrt(square(sim.gravity_m_s2))
+    still = _still_m_s2(sim)
     peak, trial = pose.copy(), pose.copy()
-    best, here = 0.0, 0.05 * most_m_s2
+    best = 0.0
     least_cosine = math.cos(0.5 * _TIPPED_RAD)
     for _ in range(_MOST_POSES):
-        low, high = 0.0, here
-        while _gives_way(sim, pose, push, high) < still:
-            low, high = high, 1.5 * high
-            if low > most_m_s2:
+        if _gives_way(sim, pose, push, (1.0 + _PRECISION) * best) < still:
+            best, peak[:] = _held_m_s2(sim, pose, push, best, most_m_s2), pose
+            if best > most_m_s2:
                 return np.inf
-        while high - low > 2e-4 * max(best, high):
-            middle = 0.5 * (low + high)
-            if _gives_way(sim, pose, push, middle) < still:
-                low = middle
-            else:
-                high = middle
-        if low > best:
-            best, peak[:] = low, pose
-        here = max(low, 0.02 * best)
-        if low < _PASSED * best and moved_m(peak, pose, sim.farthest_m) > _FOLLOWED_SHARE * sim.size_m:
+        elif (
+            moved_m(peak, pose, sim.farthest_m) > _FOLLOWED_SHARE * sim.size_m
+            and _gives_way(sim, pose, push, _PASSED * best) >= still
+        ):
             return best
-        pushed = 1.02 * max(low, best) + 500.0 * still
+        pushed = 1.02 * best + 500.0 * still
         way, step_s = 0.0, sim.step_s
         for _ in range(20):
             trial[:] = pose
@@ -93,6 +89,29 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
         if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
             break
     return best
+
+
+@inner
+def _still_m_s2(sim: Grounded) -> float:
+    return 1e-4 * math.sqrt(square(sim.gravity_m_s2))
+
+
+@inner
+def _held_m_s2(sim: Grounded, pose: Array, push: Array, least: float, most: float) -> float:
+    """Largest acceleration along a push that a pose at rest stands, which stands the least; more than `most` if any."""
+    still = _still_m_s2(sim)
+    low, high = least, max(1.1 * least, 0.05 * most)
+    while _gives_way(sim, pose, push, high) < still:
+        low, high = high, 1.5 * high
+        if low > most:
+            return low
+    while high - low > _PRECISION * high:
+        middle = 0.5 * (low + high)
+        if _gives_way(sim, pose, push, middle) < still:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 @inner

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from reference.bodies import revolved, round_cap
 
 from toppling.models.rock import Rock
 from toppling.models.round_base import refined, rounded_base_of
@@ -11,29 +12,6 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import box
 
 G = 9.81
-
-
-def revolved(profile, sides):
-    """A body of revolution about z: rings at (radius, height), closed by its lowest and highest points."""
-    around = 2.0 * np.pi * np.arange(sides) / sides
-    rings = [np.column_stack([r * np.cos(around), r * np.sin(around), 0 * around + z]) for r, z in profile]
-    vertices = np.vstack([[[0.0, 0.0, 0.0]], *rings, [[0.0, 0.0, profile[-1][1]]]])
-    here, after = np.arange(sides), (np.arange(sides) + 1) % sides
-    faces = [np.column_stack([0 * here, 1 + after, 1 + here])]
-    for k in range(len(profile) - 1):
-        a, b = 1 + k * sides + here, 1 + k * sides + after
-        faces += [np.column_stack([a, b, b + sides]), np.column_stack([a, b + sides, a + sides])]
-    last = 1 + (len(profile) - 1) * sides
-    faces.append(np.column_stack([last + here, last + after, 0 * here + len(vertices) - 1]))
-    return vertices, np.vstack(faces)
-
-
-def round_cap(edge_m, radius_m=0.65, half_width_m=0.3, height_m=1.0):
-    """A cylinder on a spherical cap."""
-    rim = math.asin(half_width_m / radius_m)
-    angles = np.linspace(0.0, rim, max(2, math.ceil(radius_m * rim / edge_m)) + 1)[1:]
-    profile = [(radius_m * math.sin(t), radius_m * (1.0 - math.cos(t))) for t in angles]
-    return revolved([*profile, (half_width_m, height_m)], math.ceil(2.0 * np.pi * half_width_m / edge_m))
 
 
 def smooth_cap_m_s2(rock, radius_m=0.65, half_width_m=0.3):

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.bodies import round_cap
 from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
 
@@ -198,6 +199,16 @@ def test_a_surface_that_is_a_plane_gives_the_planes_answer():
         assert one.outcome == other.outcome
         assert min(one.max_tilt_deg, 60.0) == pytest.approx(min(other.max_tilt_deg, 60.0), rel=0.02, abs=0.05)
         assert one.slip_m == pytest.approx(other.slip_m, rel=0.05, abs=0.003) or one.toppled
+
+
+def test_a_rounded_base_tips_over_its_facets_on_a_surface_as_on_the_plane():
+    """Past one facet a rock may come to stand on the next, at a larger acceleration."""
+    cap = round_cap(0.02)
+    level = np.array([[-6.0, -6.0, 0.0], [6.0, -6.0, 0.0], [6.0, 6.0, 0.0], [-6.0, 6.0, 0.0]])
+    on_surface = Scene.from_mesh(cap, pedestal=(level, np.array([[0, 1, 2], [0, 2, 3]])))
+    ((_, on_plane),) = Scene.from_mesh(cap).quasi_static_toppling_m_s2([20.0])
+    ((_, tipped),) = on_surface.grounded.quasi_static_toppling_m_s2([20.0])
+    assert tipped == pytest.approx(on_plane, rel=0.01)
 
 
 def with_wall(distance_m, height_m=1.0, thickness_m=0.3):

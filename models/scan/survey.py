@@ -37,6 +37,7 @@ from toppling.models.scan.measure import (
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
+from toppling.models.scan.rim_seen import unseen_rim
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
@@ -197,7 +198,9 @@ def _checked_doubts(
     check_seen_enough(observed, interface, closed)
     check_not_sunk(observed, interface)
     check_can_stand(closed.rock, interface)
-    return doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
+    rim = unseen_rim(observed, interface, closed.rock.com_m)
+    found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
+    return found if rim is None else [rim, *found]
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:

@@ -37,8 +37,11 @@ COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/
 """Whose code is compiled: what changes in them makes all of it anew."""
 
 
-COMPLETE = "complete"
-"""File that stands in a folder of compiled code when all that a shake on a plane needs is there."""
+PLANE, SURFACE = "plane", "surface"
+"""Kinds of ground."""
+
+COMPLETE = {PLANE: "complete", SURFACE: "complete-surface"}
+"""Files that stand in a folder of compiled code when all that a shake on such ground needs is there."""
 
 
 def _hash() -> str:
@@ -74,16 +77,18 @@ def _only_writable_by(folder: Path, *users: int) -> bool:
 def _take_shipped(folder: Path) -> None:
     """Copy what an image ships for this program and processor, unless it has been; only what root or we made."""
     shipped = os.environ.get(_SHIPPED_VARIABLE)
-    if not shipped or (folder / COMPLETE).exists():
+    if not shipped or (folder / COMPLETE[PLANE]).exists():
         return
     source = Path(shipped) / folder.name
-    if (source / COMPLETE).exists() and all(
+    if (source / COMPLETE[PLANE]).exists() and all(
         _only_writable_by(each, 0, os.getuid()) for each in (source.parent, source)
     ):
-        ignored = shutil.ignore_patterns(COMPLETE, "lock")
+        ignored = shutil.ignore_patterns(*COMPLETE.values(), "lock")
         shutil.copytree(source, folder, ignore=ignored, copy_function=_copy_whole, dirs_exist_ok=True)
         folder.chmod(0o700)
-        (folder / COMPLETE).touch()
+        for marker in COMPLETE.values():
+            if (source / marker).exists():
+                (folder / marker).touch()
 
 
 def _copy_whole(source: str, target: str) -> None:

@@ -7,32 +7,31 @@ import fcntl
 import gc
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 
-from toppling.models.compiled import COMPLETE, FOLDER
+from toppling.models.compiled import COMPLETE, FOLDER, PLANE
 
-_ENSURED = threading.Event()
+_ENSURED: set[str] = set()
 
 
-def ensure_compiled(use_everything: Callable[[], object]) -> None:
+def ensure_compiled(use_everything: Callable[[], object], ground: str = PLANE) -> None:
     """Compile by using everything once, unless that was done before; of several processes one does it.
 
     Without a folder that is a process's own matter and happens when it first shakes.
     """
-    if _ENSURED.is_set():
+    if ground in _ENSURED:
         return
-    _ENSURED.set()
-    if FOLDER is None or is_compiled():
+    _ENSURED.add(ground)
+    if FOLDER is None or is_compiled(ground):
         return
     with (FOLDER / "lock").open("w") as lock:
         with contextlib.suppress(OSError):  # a file system without locks: two processes may do it twice
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if not is_compiled():
+        if not is_compiled(ground):
             sys.stderr.write("compiling for this machine, once: about half a minute\n")
             with _rare_collections():
                 use_everything()
-            (FOLDER / COMPLETE).touch()
+            (FOLDER / COMPLETE[ground]).touch()
 
 
 @contextlib.contextmanager
@@ -48,9 +47,9 @@ def _rare_collections() -> Iterator[None]:
         gc.unfreeze()
 
 
-def is_compiled() -> bool:
-    """Whether the next process finds everything compiled."""
-    return FOLDER is not None and (FOLDER / COMPLETE).exists()
+def is_compiled(ground: str = PLANE) -> bool:
+    """Whether the next process finds compiled what a shake on this kind of ground needs."""
+    return FOLDER is not None and (FOLDER / COMPLETE[ground]).exists()
 
 
 def compile_apart() -> None:

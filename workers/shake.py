@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.compiled import SURFACE
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -74,6 +75,8 @@ def shake(
     """
     _check_kinds(scene, motion)
     compile_once()
+    if not scene.ground.is_plane:
+        _compile_surfaces()
     began = time.perf_counter()
     pool = pool or ENGINES[DEFAULT].process_pool()
     options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
@@ -124,11 +127,20 @@ def compile_once() -> None:
 def compile_everything() -> None:
     """Compile what shakes on planes and on other surfaces need: for an image that ships compiled code."""
     compile_once()
+    _compile_surfaces()
+
+
+def _compile_surfaces() -> None:
+    """As :func:`compile_once`, for shakes on surfaces."""
+    ensure_compiled(lambda: _small_shake(_block_in_groove()), SURFACE)
+
+
+def _block_in_groove() -> Scene:
     block = box(0.1, 0.1, 0.3).moved(np.eye(3), (0.0, 0.0, 0.31))
     groove = [[-1, -1, 0.1], [0, -1, 0], [1, -1, 0.1], [-1, 1, 0.1], [0, 1, 0], [1, 1, 0.1]]
     walls = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
     rock = block.vertices_m, block.faces
-    _small_shake(Scene.from_mesh(rock, pedestal=(np.array(groove, float), walls), friction=0.8))
+    return Scene.from_mesh(rock, pedestal=(np.array(groove, float), walls), friction=0.8)
 
 
 def _small_shake(scene: Scene | None = None) -> None:

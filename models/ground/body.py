@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,10 +14,11 @@ from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
 from toppling.models.ground.creeping import largest_held_m_s2, settle
-from toppling.models.ground.equilibrium import held_polygon, is_held, wrenches
+from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
 from toppling.models.ground.pairs import Pairs, no_pairs
-from toppling.models.ground.stepping import Grounded
+from toppling.models.ground.stepping import Grounded, work_room
+from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
@@ -96,7 +97,7 @@ class GroundedBody:
 
     def stands(self, pose: Array) -> bool:
         """Whether its contacts can hold the rock in a pose."""
-        return is_held(self.wrenches(pose), self.load_m_s2(), self.size_m)
+        return bool(are_held(self.wrenches(pose), self.load_m_s2()[None], self.size_m)[0])
 
     def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
@@ -104,6 +105,7 @@ class GroundedBody:
             self.rock, self.ground, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
             np.zeros(6, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
             self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
+            work_room(),
         )  # fmt: skip
 
     def touching(self, pose: Array) -> Array:
@@ -218,7 +220,7 @@ class GroundedBody:
         return rock.moved(rotation, com - rotation @ rock.com_m)
 
 
-@lru_cache(maxsize=8)  # rocks and pedestals compare by identity
+@kept
 def grounded_body(
     rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float]
 ) -> GroundedBody:

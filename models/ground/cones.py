@@ -10,81 +10,73 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from toppling.models.compiled import Array, inner
-from toppling.models.ground.sticking import push, stick_at_once
+from toppling.models.ground.carrying import SolverRoom, Touching, carry_at_once, push
 
 _SWEEPS = 400
 """Over all contacts, at most."""
 
 _SWEEPS_BETWEEN = 8
-"""After so many contacts that all stick are solved for at once."""
+"""After so many, those that carry are solved for at once again."""
 
 _DIRECTIONS = 12
 """Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
 
 
-@inner(allocates=True)
-def solve_cones(
-    contacts: Any,
-    count: int,
-    friction: tuple[float, float],
-    inverse_inertia: Array,
-    velocity: Array,
-    enough_m_s: float,
-) -> int:
-    """Change a velocity (6,) by the impulses of contacts; those that these have are applied first. Sweeps taken."""
-    mobility, inverse, basis = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    for i in range(count):
-        _prepare(contacts[i], inverse_inertia, basis[i], mobility[i], inverse[i])
-        push(contacts[i].arm_m, contacts[i].impulse, inverse_inertia, velocity)
-    own, slip, new, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+@inner
+def solve_cones(at: Touching) -> int:
+    """Change the velocity by the impulses of contacts; those that these have are applied first. Sweeps taken."""
+    for i in range(at.count):
+        _prepare(at.contacts[i], i, at.inverse_inertia, at.room)
+        push(at.contacts[i].arm_m, at.contacts[i].impulse, at.inverse_inertia, at.velocity)
+    first = 1 if at.count == 1 else 0  # one that sticks is found in one sweep, and seen in the next
     for sweep in range(_SWEEPS):
         largest = 0.0
-        for i in range(count):
-            one, axes = contacts[i], basis[i]
-            r, p = one.arm_m, one.impulse
-            u = (
-                velocity[0] + velocity[4] * r[2] - velocity[5] * r[1],
-                velocity[1] + velocity[5] * r[0] - velocity[3] * r[2],
-                velocity[2] + velocity[3] * r[1] - velocity[4] * r[0],
-            )
-            for k in range(3):
-                own[k] = axes[k, 0] * p[0] + axes[k, 1] * p[1] + axes[k, 2] * p[2]
-                slip[k] = axes[k, 0] * u[0] + axes[k, 1] * u[1] + axes[k, 2] * u[2]
-            for k in range(3):
-                slip[k] -= (
-                    mobility[i, k, 0] * own[0] + mobility[i, k, 1] * own[1] + mobility[i, k, 2] * own[2]
-                )
-            slip[0] -= one.floor_m_s
-            _one_cone(mobility[i], inverse[i], slip, friction, own, new)
-            moved = 0.0
-            for k in range(3):
-                change[k] = (
-                    axes[0, k] * (new[0] - own[0])
-                    + axes[1, k] * (new[1] - own[1])
-                    + axes[2, k] * (new[2] - own[2])
-                )
-                moved = max(moved, abs(change[k]))
-            if moved > 0.0:
-                push(r, change, inverse_inertia, velocity)
-                for k in range(3):
-                    p[k] += change[k]
-                largest = max(largest, moved)
-        if largest < enough_m_s:
+        for i in range(at.count):
+            largest = max(largest, _change_one(at, i))
+        if largest < at.enough_m_s:
             return sweep + 1
-        if sweep % _SWEEPS_BETWEEN == 2 and stick_at_once(
-            contacts, count, friction[0], inverse_inertia, velocity, basis, enough_m_s
-        ):
+        if sweep % _SWEEPS_BETWEEN == first and carry_at_once(at):
             return sweep + 1
     return _SWEEPS
 
 
-@inner(allocates=True)
-def _prepare(one: Any, inverse_inertia: Array, axes: Array, mobility: Array, inverse: Array) -> None:
-    """Axes of a contact (rows: normal, two tangents), its mobility (3, 3) in them, and the inverse of that."""
-    n, r = one.normal, one.arm_m
+@inner
+def _change_one(at: Touching, i: int) -> float:
+    """Change the impulse of a contact to what its cone allows, the others' being kept; by how much, at most."""
+    one, axes, m, velocity = at.contacts[i], at.room.axes[i], at.room.mobility[i], at.velocity
+    own, slip, new, change = at.room.vectors[0], at.room.vectors[1], at.room.vectors[2], at.room.vectors[3]
+    r, p = one.arm_m, one.impulse
+    u = (
+        velocity[0] + velocity[4] * r[2] - velocity[5] * r[1],
+        velocity[1] + velocity[5] * r[0] - velocity[3] * r[2],
+        velocity[2] + velocity[3] * r[1] - velocity[4] * r[0],
+    )
+    for k in range(3):
+        own[k] = axes[k, 0] * p[0] + axes[k, 1] * p[1] + axes[k, 2] * p[2]
+        slip[k] = axes[k, 0] * u[0] + axes[k, 1] * u[1] + axes[k, 2] * u[2]
+    for k in range(3):
+        slip[k] -= m[k, 0] * own[0] + m[k, 1] * own[1] + m[k, 2] * own[2]
+    slip[0] -= one.floor_m_s
+    _one_cone(m, at.room.inverse[i], slip, at.friction, own, new)
+    moved = 0.0
+    for k in range(3):
+        change[k] = (
+            axes[0, k] * (new[0] - own[0]) + axes[1, k] * (new[1] - own[1]) + axes[2, k] * (new[2] - own[2])
+        )
+        moved = max(moved, abs(change[k]))
+    if moved > 0.0:
+        push(r, change, at.inverse_inertia, velocity)
+        for k in range(3):
+            p[k] = p[k] + change[k] if new[0] > 0.0 else 0.0  # to the bit: it tells which contacts carry
+    return moved
+
+
+@inner
+def _prepare(one: Any, number: int, inverse_inertia: Array, room: SolverRoom) -> None:
+    """Note the axes of a contact, its mobility in them, and the inverse of that."""
+    n, r, turned = one.normal, one.arm_m, room.turned
+    axes, mobility, inverse = room.axes[number], room.mobility[number], room.inverse[number]
     k = 0
     if abs(n[1]) < abs(n[k]):
         k = 1
@@ -100,7 +92,6 @@ def _prepare(one: Any, inverse_inertia: Array, axes: Array, mobility: Array, inv
     axes[2, 0] = n[1] * axes[1, 2] - n[2] * axes[1, 1]
     axes[2, 1] = n[2] * axes[1, 0] - n[0] * axes[1, 2]
     axes[2, 2] = n[0] * axes[1, 1] - n[1] * axes[1, 0]
-    turned = np.empty((3, 3))
     for i in range(3):
         turned[i, 0] = r[1] * axes[i, 2] - r[2] * axes[i, 1]
         turned[i, 1] = r[2] * axes[i, 0] - r[0] * axes[i, 2]

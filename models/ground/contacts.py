@@ -7,20 +7,28 @@ vertex it has one, along the shortest way (Ericson 2005, section 5.1.5, for the 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import Pairs, between, group_end, moved_m, nearest, refresh
-from toppling.models.ground.vectors import cross, dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.ground.pairs import (
+    FEATURES_AT_A_POINT,
+    RADIUS,
+    WAY,
+    Pairs,
+    PointRoom,
+    between,
+    group_end,
+    moved_m,
+    nearest,
+    refresh,
+)
+from toppling.models.ground.vectors import copy, cross, dot, minus, plus, rotation_of, turned, turned_back
 
-MOST = 128
+MOST = 512
 """Contacts that are looked at in one pose; of more, those with the least gaps."""
-
-_FEATURES = 24
-"""Edges and vertices that are nearest to one point at most."""
 
 _SAME_NORMAL = 1e-7
 """Faces under one point whose normals' product misses 1 by less are one."""
@@ -66,27 +74,10 @@ def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, po
     return count + 1
 
 
-class _Room(NamedTuple):
-    """Where the contacts of one point are put together."""
-
-    found: Array  # (contacts, 7): normal, gap, place
-    ids: Indices  # of edges and vertices that are nearest to it
-    hits: Indices  # by so many of their triangles
-    spots: Array
-    sums: Array  # of these triangles' normals
-    inside: Array  # least distance over them
-
-
-@inner(allocates=True)
-def _room() -> _Room:
-    return _Room(
-        np.empty((8, 7)), np.empty(_FEATURES, np.int64), np.empty(_FEATURES, np.int64),
-        np.empty((_FEATURES, 3)), np.empty((_FEATURES, 3)), np.empty(_FEATURES),
-    )  # fmt: skip
-
-
 @inner
-def _meet(p: Any, triangles: Indices, mesh: ContactMesh, margin: float, vertices: bool, room: _Room) -> int:
+def _meet(
+    p: Any, triangles: Indices, mesh: ContactMesh, margin: float, vertices: bool, room: PointRoom
+) -> int:
     """Contacts of one point with the triangles near it, into the rows of `room.found`; how many."""
     features, count = 0, 0
     for t in triangles:
@@ -120,13 +111,13 @@ def _meet(p: Any, triangles: Indices, mesh: ContactMesh, margin: float, vertices
 
 
 @inner
-def _keep_feature(room: _Room, features: int, name: int, n: Any, depth: float, c: Any) -> int:
+def _keep_feature(room: PointRoom, features: int, name: int, n: Any, depth: float, c: Any) -> int:
     """Note an edge or a vertex that is nearest to a point, or one more of its triangles; how many there are."""
     k = 0
     while k < features and room.ids[k] != name:
         k += 1
     if k == features:
-        if features == _FEATURES:
+        if features == FEATURES_AT_A_POINT:
             return features
         features += 1
         room.ids[k], room.hits[k], room.inside[k] = name, 0, np.inf
@@ -173,18 +164,19 @@ def _leads_out(mesh: ContactMesh, index: int, normal: Any, leaning: float) -> bo
 
 @inner
 def _near_a_plane(
-    p: Any, triangles: Indices, begin: int, end: int, normals: Array, offsets_m: Array, margin_m: float
+    p: Any, mesh: ContactMesh, triangles: Indices, apart_m: Array, way_m: float, margin_m: float
 ) -> bool:
-    """Whether a point is as near to one of some triangles' planes as a contact with the triangle must be."""
+    """Whether a point is as near to one of some triangles' planes as a contact must be; notes the way to each."""
     near = False
-    for place in range(begin, end):
+    for place in range(len(triangles)):
         t = triangles[place]
-        off = normals[t, 0] * p[0] + normals[t, 1] * p[1] + normals[t, 2] * p[2] - offsets_m[t]
-        near = near or abs(off) <= 1.001 * margin_m
+        off = abs(dot(mesh.normals[t], p) - mesh.offsets_m[t])
+        near = near or off <= 1.001 * margin_m
+        apart_m[place] = max(apart_m[place], way_m + off)
     return near
 
 
-@inner(allocates=True)
+@inner
 def contacts_in(
     rock: ContactMesh,
     ground: ContactMesh,
@@ -199,9 +191,12 @@ def contacts_in(
     A point of the rock touches a face only where no edge beside it dips below that face by more than the sine
     `leaning`; 1 keeps those that may touch it once the rock has tilted.
     """
-    turn, room, count = np.empty((3, 3)), _room(), 0
+    turn, room, count = pairs.turn, pairs.point, 0
     rotation_of(pose, turn)
-    near_m = margin_m + moved_m(pairs.pose, pose, pairs.radius_m[0])
+    pairs.lengths_m[WAY] += moved_m(pairs.looked_at, pose, pairs.lengths_m[RADIUS])
+    copy(pose, pairs.looked_at)
+    way_m = pairs.lengths_m[WAY]
+    near_m = margin_m + way_m
     found, end = room.found, 0
     first, triangles, apart_m, listed = (
         pairs.rock_point,
@@ -215,9 +210,9 @@ def contacts_in(
         if not near:
             continue
         p = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.points[index]]))
-        if not _near_a_plane(p, triangles, begin, end, ground.normals, ground.offsets_m, margin_m):
+        if not _near_a_plane(p, ground, triangles[begin:end], apart_m[begin:end], way_m, margin_m):
             continue
-        for i in range(_meet(p, pairs.ground_triangle[begin:end], ground, margin_m, True, room)):
+        for i in range(_meet(p, triangles[begin:end], ground, margin_m, True, room)):
             if not _leads_out(rock, index, turned_back(turn, found[i]), leaning):
                 continue
             count = _add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
@@ -228,39 +223,49 @@ def contacts_in(
         if not near:
             continue
         place = ground.vertices_m[ground.points[index]]
-        p = turned_back(turn, minus(place, pose))
-        for i in range(_meet(p, pairs.rock_triangle[begin:end], rock, margin_m, False, room)):
+        p, triangles = turned_back(turn, minus(place, pose)), pairs.rock_triangle[begin:end]
+        if not _near_a_plane(p, rock, triangles, pairs.apart_m[1, begin:end], way_m, margin_m):
+            continue
+        for i in range(_meet(p, triangles, rock, margin_m, False, room)):
             n = turned(turn, found[i])
             if not _leads_out(ground, index, n, LEANING):
                 continue
             count = _add(
                 out, count, (1 << 60) + 8 * index + i, found[i, 3], (-n[0], -n[1], -n[2]), place, pose
             )
+    edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(pairs.found[2]):
-        if pairs.apart_m[2, k] < near_m:
-            ends = pairs.rock_edge[k], pairs.ground_edge[k]
-            count = _across((rock, ground), ends, (pose, turn), margin_m, out, count)
+        if pairs.apart_m[2, k] >= near_m:
+            continue
+        if pairs.rock_edge[k] != edge:
+            edge = pairs.rock_edge[k]
+            a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
+            b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
+        placed = edge, a, minus(b, a), pairs.ground_edge[k]
+        count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
+        pairs.apart_m[2, k] = way_m + apart_m
     return count
 
 
 @inner
-def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, count: int) -> int:
-    """Add the contact of two edges that cross, if the way between them leads out of both bodies.
+def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, count: int) -> tuple[int, float]:
+    """Add the contact of two edges that cross, if the way between them leads out of both bodies; their distance too.
 
-    Rock and ground, an edge of each, and the rock's pose and rotation.
+    Rock and ground; the rock's edge, its start and its way to its end, the ground's edge; the rock's pose and rotation.
     """
-    (rock, ground), (i, j), (pose, turn) = bodies, edges, placed
-    a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[i, 0]]))
-    b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[i, 1]]))
+    (rock, ground), (i, a, way, j), (pose, turn) = bodies, edges, placed
     c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
-    way, other = minus(b, a), minus(d, c)
-    s, t, _ = between(a, way, c, other)
+    other = minus(d, c)
+    s, t, far = between(a, way, c, other)
+    apart_m = math.sqrt(far)
+    if apart_m >= margin_m:
+        return count, apart_m
     if not (1e-9 < s < 1.0 - 1e-9 and 1e-9 < t < 1.0 - 1e-9):
-        return count
+        return count, apart_m
     n = cross(way, other)
     size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(way, way) * dot(other, other))
     if size < 1e-4 * scale:
-        return count
+        return count, apart_m
     n = (n[0] / size, n[1] / size, n[2] / size)
     own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
     for _ in range(2):
@@ -271,10 +276,10 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
             gap = dot(n, minus(plus(a, s, way), place))
             if -margin_m < gap < margin_m:
                 key = (2 << 60) + i * len(ground.edges) + j
-                return _add(out, count, key, gap, n, place, pose)
-            return count
+                return _add(out, count, key, gap, n, place, pose), apart_m
+            return count, apart_m
         n = (-n[0], -n[1], -n[2])
-    return count
+    return count, apart_m
 
 
 @compiled

@@ -10,6 +10,7 @@ from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import square
 from toppling.models.ground.stepping import Grounded, advance
+from toppling.models.ground.vectors import copy
 
 _TIPPED_RAD = 0.8
 """A rock that tips slowly is followed so far."""
@@ -125,17 +126,26 @@ def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vec
     )
 
 
-@inner(allocates=True)
+@inner
 def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> float:
     """Acceleration along a push with which the centre of mass leaves a pose at rest, m/s2."""
-    there, velocity = pose.copy(), np.zeros(6)
+    there, velocity = _from_rest(sim, pose)
     advance(sim, sim.step_s, _load(sim, push, acceleration, sim.step_s), there, velocity, True, np.inf)
     return (velocity[0] * push[0] + velocity[1] * push[1] + velocity[2] * push[2]) / sim.step_s
 
 
-@inner(allocates=True)
+@inner
+def _from_rest(sim: Grounded, pose: Array) -> tuple[Array, Array]:
+    """A copy of a pose, and no velocity."""
+    copy(pose, sim.work.start)
+    for k in range(6):
+        sim.work.still[k] = 0.0
+    return sim.work.start, sim.work.still
+
+
+@inner
 def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
     """Move from rest for one step; the way of the point that moved most."""
-    before, velocity = pose.copy(), np.zeros(6)
+    before, velocity = _from_rest(sim, pose)
     advance(sim, step_s, increment, pose, velocity, True, np.inf)
     return moved_m(before, pose, sim.farthest_m)

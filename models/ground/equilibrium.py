@@ -13,19 +13,19 @@ _SIDES = 32
 _DIRECTIONS = 48
 """In which the border of the loads that are held is looked for."""
 
+_HELD_WITHIN = 1e-8
+"""Share of a load that a mixture of wrenches may miss: rounding."""
+
 
 def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     """Forces and moments about the centre of mass (6, n) of the edges of the contacts' friction pyramids."""
-    columns = []
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES if friction > 0.0 else np.zeros(1)
-    for arm, normal in zip(arms_m, normals, strict=True):
-        helper = np.eye(3)[np.argmin(np.abs(normal))]
-        one = np.cross(normal, helper)
-        one /= np.linalg.norm(one)
-        other = np.cross(normal, one)
-        force = normal + friction * (np.cos(angle)[:, None] * one + np.sin(angle)[:, None] * other)
-        columns.append(np.hstack([force, np.cross(arm, force)]))
-    return np.vstack(columns).T if columns else np.zeros((6, 0))
+    one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    one /= np.linalg.norm(one, axis=1)[:, None]
+    other = np.cross(normals, one)
+    across = np.cos(angle)[:, None] * one[:, None] + np.sin(angle)[:, None] * other[:, None]
+    force = normals[:, None] + friction * across  # contacts, sides, 3
+    return np.concatenate([force, np.cross(arms_m[:, None], force)], axis=2).reshape(-1, 6).T
 
 
 def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: float) -> float | None:
@@ -58,13 +58,25 @@ def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: flo
     return float(solved.x[-1]) if solved.status == 0 else None
 
 
-def is_held(columns: Array, load_m_s2: Array, size_m: float) -> bool:
-    """Whether contacts with the given :func:`wrenches` (6, n) hold a rock's weight, a specific force (3,).
+def are_held(columns: Array, loads_m_s2: Array, size_m: float) -> Flags:
+    """Which specific forces (n, 3) on the centre of mass contacts with the given :func:`wrenches` (6, k) hold.
 
-    Of a load that leans it says whether they hold it or a heavier one: for that ask :func:`farthest_load`.
+    A load is held where a mixture of the wrenches opposes it, which non-negative least squares finds without error
+    (Lawson and Hanson 1974); sizes of loads do not matter.
     """
-    far = farthest_load(columns, load_m_s2, np.array([0.0, 0.0, -1e-6]), size_m)
-    return far is not None and far >= 0.0
+    if columns.shape[1] == 0:
+        return np.zeros(len(loads_m_s2), bool)
+    scaled = columns / np.array([1.0, 1.0, 1.0, size_m, size_m, size_m])[:, None]
+    return np.array([_misses(scaled, load) <= _HELD_WITHIN for load in loads_m_s2], bool)
+
+
+def _misses(scaled: Array, load_m_s2: Array) -> float:
+    """What the nearest mixture of wrenches leaves of a load, as a share of it."""
+    size = float(np.linalg.norm(load_m_s2))
+    try:
+        return float(scipy.optimize.nnls(scaled, np.append(-load_m_s2 / size, np.zeros(3)))[1])
+    except RuntimeError:  # it has found none in the steps that it takes at most
+        return np.inf
 
 
 def held_polygon(columns: Array, size_m: float) -> Array:
@@ -93,6 +105,9 @@ def held(half_planes: Array, loads_m_s2: Array, margin: float = 1e-6) -> Flags:
     """Which of some loads (n, 3) lie within half planes of :func:`held_polygon`."""
     if len(half_planes) == 0:
         return np.zeros(len(loads_m_s2), bool)
-    down = -loads_m_s2[:, 2]
-    outside = loads_m_s2[:, :2] @ half_planes[:, :2].T - down[:, None] * (half_planes[:, 2] - margin)
-    return (down > 0.0) & (outside <= 0.0).all(axis=1)
+    down, limits = -loads_m_s2[:, 2], half_planes[:, 2] - margin
+    inside: Flags = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) <= limits.min() * down
+    far = np.flatnonzero(~inside)
+    outside = loads_m_s2[far, :2] @ half_planes[:, :2].T - down[far, None] * limits
+    inside[far] = (outside <= 0.0).all(axis=1)
+    return inside & (down > 0.0)

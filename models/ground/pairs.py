@@ -9,7 +9,25 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, inner
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.vectors import dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
+
+MOST_AT_A_POINT, FEATURES_AT_A_POINT = 8, 24
+"""Contacts of one point, and edges and vertices that are nearest to it, at most."""
+
+
+RADIUS, REACH, WAY = range(3)
+"""Of `Pairs.lengths_m`."""
+
+
+class PointRoom(NamedTuple):
+    """Where the contacts of one point are put together."""
+
+    found: Array  # (contacts, 7): normal, gap, place
+    ids: Indices  # of edges and vertices that are nearest to it
+    hits: Indices  # by so many of their triangles
+    spots: Array
+    sums: Array  # of these triangles' normals
+    inside: Array  # least distance over them
 
 
 class Pairs(NamedTuple):
@@ -22,17 +40,24 @@ class Pairs(NamedTuple):
     rock_triangle: Indices
     rock_edge: Indices
     ground_edge: Indices
-    apart_m: Array  # (3, room): distance of each pair, by kind
+    apart_m: Array  # (3, room): of each pair, by kind, the way that the rock goes before it can touch
     pose: Array  # (7,) in which they were found; the first NaN if never
-    radius_m: Array  # (1,): from the centre of mass to the rock's farthest vertex
+    looked_at: Array  # (7,): the latest pose that was looked at
+    lengths_m: (
+        Array  # from the centre of mass to the farthest vertex; the reach in which they were found; way since
+    )
+    turn: Array  # (3, 3): rotation of the pose that is looked at
+    point: PointRoom
 
 
 def no_pairs(room: int) -> Pairs:
     """Room for so many of each kind."""
-    some = [np.zeros(room, np.int64) for _ in range(6)]
+    some, features = [np.zeros(room, np.int64) for _ in range(6)], FEATURES_AT_A_POINT
     return Pairs(
         np.zeros(3, np.int64), some[0], some[1], some[2], some[3], some[4], some[5],
-        np.zeros((3, room)), np.full(7, np.nan), np.zeros(1),
+        np.zeros((3, room)), np.full(7, np.nan), np.zeros(7), np.zeros(3), np.zeros((3, 3)),
+        PointRoom(np.zeros((MOST_AT_A_POINT, 7)), np.zeros(features, np.int64), np.zeros(features, np.int64),
+                  np.zeros((features, 3)), np.zeros((features, 3)), np.zeros(features)),
     )  # fmt: skip
 
 
@@ -100,26 +125,25 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
 
 
 @inner
-def _list_edges(placed: Array, rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Pairs) -> int:
-    """Pairs of edges within a reach; the rock's vertices as they are placed."""
-    count = 0
+def _list_edges(
+    of: tuple[Array, Indices], rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Pairs
+) -> int:
+    """Pairs of edges within a reach, of the rock's vertices as they are placed, and a mark on each edge of ground."""
+    count, (placed, seen) = 0, of
     for i in range(len(rock.edges)):
         a, b = placed[rock.edges[i, 0]], placed[rock.edges[i, 1]]
         way = minus(b, a)
         length = math.sqrt(dot(way, way))
         parts = int(length / ground.cell_m) + 1
-        begin = count
         for part in range(parts):
             cell = _cell(ground, plus(a, (part + 0.5) / parts, way))
             if cell < 0:
                 continue
             for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):
                 j = ground.near_edges[place]
-                known = False
-                for k in range(begin, count):
-                    known = known or pairs.ground_edge[k] == j
-                if known or count >= len(pairs.rock_edge):
+                if seen[j] == i or count >= len(pairs.rock_edge):
                     continue
+                seen[j] = i
                 c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
                 _, _, far = between(a, way, c, minus(d, c))
                 if far < reach * reach:
@@ -149,7 +173,7 @@ def between(a: Any, way: Any, c: Any, other: Any) -> tuple[float, float, float]:
 @inner(allocates=True)
 def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
     """Find the features that are within a reach of each other."""
-    turn = np.empty((3, 3))
+    turn, seen = pairs.turn, np.full(len(ground.edges), -1)
     rotation_of(pose, turn)
     placed, farthest = np.empty_like(rock.vertices_m), 0.0
     for i in range(len(placed)):
@@ -164,9 +188,10 @@ def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
     near_rock = (pairs.ground_point, pairs.rock_triangle, pairs.apart_m[1])
     pairs.found[0] = _list_points(placed[rock.points], ground, reach, near_ground)
     pairs.found[1] = _list_points(theirs, rock, reach, near_rock)
-    pairs.found[2] = _list_edges(placed, rock, ground, reach, pairs)
-    pairs.pose[:] = pose
-    pairs.radius_m[0] = math.sqrt(farthest)
+    pairs.found[2] = _list_edges((placed, seen), rock, ground, reach, pairs)
+    copy(pose, pairs.pose)
+    copy(pose, pairs.looked_at)
+    pairs.lengths_m[RADIUS], pairs.lengths_m[REACH], pairs.lengths_m[WAY] = math.sqrt(farthest), reach, 0.0
 
 
 @inner

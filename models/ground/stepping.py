@@ -13,23 +13,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, Vector, compiled, inner
+from toppling.models.compiled import Array, Indices, Vector, inner
+from toppling.models.ground.carrying import SolverRoom, Touching, solver_room
 from toppling.models.ground.cones import solve_cones
-from toppling.models.ground.contacts import LEANING, contacts_in
+from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import Pairs, moved_m, refresh
+from toppling.models.ground.pairs import REACH, Pairs, moved_m, refresh
 from toppling.models.ground.rigid import invert, move, spin, square
-from toppling.models.ground.vectors import rotation_of
+from toppling.models.ground.vectors import copy, cross, rotation_of
 
 _MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
 
 _TOUCHING_SHARE = 2e-6
-"""Of R: a contact so near carries."""
+"""Of R: a contact so near carries, and comes no nearer: small gaps that differ are none."""
 
-_MARGIN_SHARE = 0.003
-"""Of R: contacts so near are looked at in a step, and as many more as the rock may move in it."""
+_MARGIN_SHARE = 1e-4
+"""Of R: contacts so near are looked at in a step, and those to which a point comes that is twice as fast as any."""
 
 _SLACK_SHARE = 0.05
 """Of R: way of the rock over which the features that may touch are kept."""
@@ -42,6 +43,29 @@ _CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
 
 _RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
+
+
+class Work(NamedTuple):
+    """What a step works on, so that it makes no arrays."""
+
+    middle: Array  # (7,): pose in the middle of it
+    free: Array  # (6,): velocity, at first without contacts
+    momentum: Array  # (3,): angular
+    shift: Array  # (6,): out of what was penetrated
+    turn: Array  # (3, 3)
+    inverse: Array  # (3, 3): of the inertia
+    spare: Any  # (1,): a contact
+    start: Array  # (7,): pose before a step that gathers no speed
+    still: Array  # (6,): its velocity
+    solver: SolverRoom
+
+
+def work_room() -> Work:
+    """Room for one step."""
+    return Work(
+        np.zeros(7), np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(1, CONTACT),
+        np.zeros(7), np.zeros(6), solver_room(MOST),
+    )  # fmt: skip
 
 
 class Grounded(NamedTuple):
@@ -66,23 +90,12 @@ class Grounded(NamedTuple):
     time_s: Array
     pose: Array
     velocity: Array
-
-
-@compiled(allocates=True)
-def take_steps(sim: Grounded, steps: int) -> None:
-    """Go on by so many steps; the trajectory's arrays have room."""
-    for _ in range(steps):
-        last = sim.counts[1]
-        sim.pose[last + 1], sim.velocity[last + 1] = sim.pose[last], sim.velocity[last]
-        begin = sim.counts[2] * sim.step_s
-        _step(sim, begin, sim.pose[last + 1], sim.velocity[last + 1])
-        sim.counts[1], sim.counts[2] = last + 1, sim.counts[2] + 1
-        sim.time_s[last + 1] = sim.counts[2] * sim.step_s
+    work: Work
 
 
 @inner
-def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
-    """One step, cut at its impacts."""
+def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
+    """Move by one step, which is cut at its impacts."""
     gone = 0.0
     for impact in range(_MOST_IMPACTS + 1):
         left = sim.step_s - gone
@@ -104,7 +117,7 @@ def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
             _impact(sim, pose, velocity)
 
 
-@inner(allocates=True)
+@inner
 def advance(
     sim: Grounded,
     step_s: float,
@@ -118,8 +131,9 @@ def advance(
 
     Infinite where none closes; the time itself where one closes just at its end.
     """
-    middle, turn, inverse = pose.copy(), np.empty((3, 3)), np.empty((3, 3))
-    momentum, free = np.empty(3), np.empty(6)
+    middle, free, momentum = sim.work.middle, sim.work.free, sim.work.momentum
+    turn, inverse = sim.work.turn, sim.work.inverse
+    copy(pose, middle)
     rotation_of(pose, turn)
     spin(turn, sim.inertia_m2, velocity[3:], momentum)
     move(middle, velocity, 0.5 * step_s)
@@ -128,13 +142,13 @@ def advance(
     for k in range(3):
         free[k] = velocity[k] + increment[k]
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
-    far = moved_m(pose, middle, sim.farthest_m)
-    margin = _MARGIN_SHARE * sim.size_m + 2.0 * far
+    fastest = max(_fastest_m_s(sim, velocity), _fastest_m_s(sim, free))
+    margin = _MARGIN_SHARE * sim.size_m + step_s * fastest
     _look(sim, middle, margin)
     count = contacts_in(sim.rock, sim.ground, sim.pairs, middle, margin, LEANING, sim.trial)
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
-    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, free, _enough_m_s(sim))
+    sim.counts[4] += solve_cones(_touching(sim, count, free))
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
@@ -153,12 +167,13 @@ def advance(
         sim.contacts[k] = sim.trial[k]
     sim.counts[0] = count
     move(middle, free, 0.5 * step_s)
-    pose[:], velocity[:] = middle, free
-    _take_back(sim, count, step_s, inverse, pose, velocity)
+    copy(middle, pose)
+    copy(free, velocity)
+    _take_back(sim, count, step_s, pose, velocity)
     return step_s if lands >= 0 else np.inf
 
 
-@inner(allocates=True)
+@inner
 def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Array, whole: bool) -> int:
     """Put contacts that carry in this step first, with their floors; those that may land after them, marked."""
     touching, chosen = _TOUCHING_SHARE * sim.size_m, 0
@@ -172,12 +187,12 @@ def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Arr
             carries = True
         one.lands = 0 if carries else 1
         if carries:
-            one.floor_m_s = -2.0 * max(one.gap_m, 0.0) / step_s
+            one.floor_m_s = -2.0 * max(one.gap_m - touching, 0.0) / step_s
             if one.gap_m < 0.5 * step_s * max(closing, 0.0) + touching:
                 if i != chosen:
-                    kept = sim.trial[chosen : chosen + 1].copy()
+                    sim.work.spare[0] = sim.trial[chosen]
                     sim.trial[chosen] = sim.trial[i]
-                    sim.trial[i] = kept[0]
+                    sim.trial[i] = sim.work.spare[0]
                 chosen += 1
     # Those that are neither end the list.
     end = chosen
@@ -211,19 +226,18 @@ def _warm(sim: Grounded, count: int, step_s: float) -> None:
                     one.impulse[axis] = share * sim.contacts[k].impulse[axis]
 
 
-@inner(allocates=True)
+@inner
 def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """Change the velocity at once by the contacts that touch in a pose."""
-    turn, inverse = np.empty((3, 3)), np.empty((3, 3))
-    rotation_of(pose, turn)
-    invert(turn, sim.inertia_m2, inverse)
+    rotation_of(pose, sim.work.turn)
+    invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
     margin = 20.0 * _TOUCHING_SHARE * sim.size_m
     _look(sim, pose, margin)
     count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
     for i in range(count):
         closing = -_rate(sim.trial[i], velocity)
         sim.trial[i].floor_m_s = sim.restitution * closing if closing > sim.resolved_m_s else 0.0
-    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, velocity, _enough_m_s(sim))
+    sim.counts[4] += solve_cones(_touching(sim, count, velocity))
     sim.counts[0] = count
     for i in range(count):
         sim.contacts[i] = sim.trial[i]
@@ -231,14 +245,21 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 
 
 @inner
-def _enough_m_s(sim: Grounded) -> float:
-    return _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
+def _touching(sim: Grounded, count: int, velocity: Array) -> Touching:
+    """The first contacts, and the velocity that they are to change."""
+    enough_m_s = _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
+    return Touching(sim.trial, count, sim.friction, sim.work.inverse, velocity, enough_m_s, sim.work.solver)
 
 
-@inner(allocates=True)
-def _take_back(
-    sim: Grounded, count: int, step_s: float, inverse: Array, pose: Array, velocity: Array
-) -> None:
+@inner
+def _fastest_m_s(sim: Grounded, velocity: Array) -> float:
+    """Speed of the rock's fastest point, at most."""
+    spin = (velocity[3], velocity[4], velocity[5])
+    return math.sqrt(square(velocity)) + math.sqrt(square(spin)) * sim.farthest_m
+
+
+@inner
+def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: Array) -> None:
     """Move the rock out of what it has penetrated, by a share, without giving it speed."""
     deepest = 0.0
     for i in range(count):
@@ -248,7 +269,9 @@ def _take_back(
         deepest = max(deepest, -gap)
     if deepest <= 0.1 * _TOUCHING_SHARE * sim.size_m:
         return
-    shift, arm = np.zeros(6), np.empty(3)
+    shift, inverse = sim.work.shift, sim.work.inverse
+    for k in range(6):
+        shift[k] = 0.0
     for _ in range(8):
         for i in range(count):
             one = sim.contacts[i]
@@ -256,9 +279,7 @@ def _take_back(
             if missing <= 0.0:
                 continue
             n, r = one.normal, one.arm_m
-            arm[0] = r[1] * n[2] - r[2] * n[1]
-            arm[1] = r[2] * n[0] - r[0] * n[2]
-            arm[2] = r[0] * n[1] - r[1] * n[0]
+            arm = cross(r, n)
             mobility = 1.0
             for a in range(3):
                 for b in range(3):
@@ -275,8 +296,8 @@ def _take_back(
 @inner
 def _look(sim: Grounded, pose: Array, margin: float) -> None:
     """Find the features that may touch, unless those found last still serve."""
-    slack = _SLACK_SHARE * sim.size_m
-    if math.isnan(sim.pairs.pose[0]) or not moved_m(sim.pairs.pose, pose, sim.farthest_m) + margin < slack:
+    slack, reach = _SLACK_SHARE * sim.size_m, sim.pairs.lengths_m[REACH]
+    if not moved_m(sim.pairs.pose, pose, sim.farthest_m) + margin < reach:  # nor before any was found
         refresh(sim.rock, sim.ground, pose, max(slack, 2.0 * margin), sim.pairs)
 
 

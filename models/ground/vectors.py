@@ -17,6 +17,13 @@ def rotation_of(pose: Array, turn: Array) -> None:
 
 
 @inner
+def copy(source: Array, target: Array) -> None:
+    """Copy one array into another; an assignment of arrays takes Numba's compiler long."""
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@inner
 def dot(a: Any, b: Any) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

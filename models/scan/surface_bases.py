@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import cKDTree
@@ -12,6 +10,7 @@ from toppling.models.arrays import Array
 from toppling.models.compiled import Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
+from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base
@@ -102,7 +101,7 @@ def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interf
     return moved + interface.rise(moved)
 
 
-@lru_cache(maxsize=8)  # interfaces compare by identity
+@kept
 def surface_of(interface: Interface) -> Pedestal:
     """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
     sheet = interface.sheet

@@ -340,3 +340,55 @@ def test_a_rest_is_certain_only_under_loads_that_the_cones_hold(left, right):
     for share, held in ((0.5, True), (1.05, False), (2.0, False), (20.0, False)):
         loads = np.array([body.load_m_s2(), body.load_m_s2(np.array([share * threshold, 0.0, 0.0]))])
         assert holds(body, body.resting_pose, loads) is held
+
+
+def cliff(lip_m, drop_m=3.0, reach_m=6.0):
+    """Level ground for x below the lip, and a face that falls from there."""
+    s = reach_m
+    profile = [(-s, 0.0), (lip_m, 0.0), (lip_m + 0.05, -drop_m)]
+    vertices = np.array([[x, y, z] for y in (-s, s) for x, z in profile])
+    i = np.arange(2)
+    return vertices, np.vstack([np.column_stack([i, i + 1, i + 4]), np.column_stack([i, i + 4, i + 3])])
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 20.0, 45.0])
+@pytest.mark.parametrize("lip_m", [0.05, 0.12])
+def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
+    """The lip is an edge below a face: it carries where the base's edges cross it, and not at the corners beyond."""
+    way = math.radians(yaw_deg)
+    turn = np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn, (0.0, 0.0, HALF_HEIGHT_M))
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
+    assert not scene.ground.is_plane
+    ((_, over_lip),) = scene.quasi_static_toppling_m_s2([180.0])
+    assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
+
+
+def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
+    """A pulse that tips it over the lip, and one that does not, about what Housner's block needs."""
+    lip_m = 0.1
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
+    inertia = scene.rock.inertia_per_mass_m2[1, 1]
+    lasting_s, height = 0.3, HALF_HEIGHT_M
+    arm = math.hypot(lip_m, height)
+
+    def falls(level):
+        """The same by a fine integration of the pendulum about the lip; it does not fall where it comes back."""
+        tilt, rate, step = 0.0, 0.0, 1e-5
+        for k in range(200_000):
+            a = level if k * step < lasting_s else 0.0
+            x = lip_m * math.cos(tilt) - height * math.sin(tilt)
+            z = height * math.cos(tilt) + lip_m * math.sin(tilt)
+            rate += step * (a * z - G * x) / (inertia + arm**2)
+            tilt += step * rate
+            if tilt < 0.0 or x < -0.2:
+                return x < -0.2
+        return False
+
+    low, high = G * lip_m / height, 4.0 * G * lip_m / height
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if falls(middle) else (middle, high)
+    for share, topples in ((0.985, False), (1.015, True)):
+        assert shake(scene, pulse(-share * high, lasting_s), "standard").toppled is topples

@@ -16,13 +16,17 @@ from toppling.workers.options import PRESETS, NumericalOptions
 if TYPE_CHECKING:
     from toppling.models.ground.stepping import Grounded
     from toppling.models.scene import Scene
+    from toppling.workers.ground.stepping import GroundWatch
     from toppling.workers.history import StateHistory
     from toppling.workers.observation import Watch
     from toppling.workers.problem import Problem
 
 
-GroundSteps = Callable[["Grounded", int], None]
-"""Takes so many steps of a rock on ground that is no plane; the trajectory's arrays have room."""
+GroundSteps = Callable[["Grounded", int, "GroundWatch"], int]
+"""Takes blocks of so many steps of a rock on ground that is no plane, one or until a look is called for.
+
+The trajectory's arrays have room for one. Returns the index of the pose in which the last block began.
+"""
 
 
 class Integrator(Protocol):

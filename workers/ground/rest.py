@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -13,7 +12,8 @@ from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.equilibrium import farthest_load, is_held, wrenches
+from toppling.models.ground.equilibrium import are_held, wrenches
+from toppling.models.kept import kept
 from toppling.workers import quaternion as quat
 
 TOUCHING_SHARE = 1e-3
@@ -22,7 +22,7 @@ TOUCHING_SHARE = 1e-3
 _SURE_SHARE = 0.9
 """Of friction: with as much a rock is held that certainly rests."""
 
-_SETTLING_STEPS, _SETTLING_ROUNDS = 100, 5
+_SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
 """In which a rock that is let down from its present pose must come to stand."""
 
 _UNMOVED_SHARE = 0.02
@@ -41,11 +41,10 @@ def holds(body: GroundedBody, pose: Array, loads_m_s2: Array) -> bool:
         return False
     near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
     columns = wrenches(near["arm_m"], near["normal"], _SURE_SHARE * body.friction[0])
-    weight = body.load_m_s2()
-    if not is_held(columns, weight, body.size_m):
+    leaning = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) / -loads_m_s2[:, 2]
+    if not are_held(columns, loads_m_s2[leaning.argmax()][None], body.size_m).all():
         return False
-    farthest = (farthest_load(columns, weight, load - weight, body.size_m) for load in _outermost(loads_m_s2))
-    return all(share is not None and share >= 1.0 for share in farthest)
+    return bool(are_held(columns, _outermost(loads_m_s2), body.size_m).all())
 
 
 def _outermost(loads_m_s2: Array) -> Array:
@@ -91,7 +90,7 @@ def least_overturning_j_kg(body: GroundedBody, rest: Array) -> float:
     return _least_j_kg(body, rest)
 
 
-@lru_cache(maxsize=8)  # bodies compare by identity
+@kept
 def _least_where_it_stood_j_kg(body: GroundedBody) -> float:
     return _least_j_kg(body, body.resting_pose)
 

@@ -10,16 +10,18 @@ import numpy as np
 from toppling.models.compiled import Array
 from toppling.models.ground.body import PAIRS, RESTING_SHARE
 from toppling.models.ground.contacts import CONTACT, MOST
-from toppling.models.ground.equilibrium import held, is_held, wrenches
+from toppling.models.ground.equilibrium import are_held, held, wrenches
 from toppling.models.ground.excitation import excitation
 from toppling.models.ground.pairs import no_pairs
-from toppling.models.ground.stepping import Grounded
+from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
 from toppling.workers.engines.protocol import Engine, GroundSteps
 from toppling.workers.ground.rest import TOUCHING_SHARE, energy_j_kg, holds, least_overturning_j_kg, let_down
+from toppling.workers.ground.stepping import GroundWatch
+from toppling.workers.observation import travel_m
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
@@ -27,8 +29,8 @@ from toppling.workers.start import given_state
 _STEEP = 0.5
 """Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
-_LOOKS_AFTER = 10.0
-"""Of sqrt(R / g): between two looks at the energy that is left after the motion."""
+_LOOKS_AFTER, _HOLDS_AFTER = 10.0, 4.0
+"""Of sqrt(R / g): between two looks at the energy that is left after the motion; at whether a rest lasts through it."""
 
 _ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
@@ -78,9 +80,10 @@ class GroundShaking:
             time_s=np.zeros(_ROOM),
             pose=np.zeros((_ROOM, 7)),
             velocity=np.zeros((_ROOM, 6)),
+            work=work_room(),
         )
         self.sim.pose[0], self.sim.velocity[0] = pose, start
-        self.skipped_s, self._deepest_m = 0.0, 0.0
+        self.skipped_s, self._deepest_m = 0.0, np.zeros(1)
         self._next_look_s = 0.0
         self._stands_in: Array | None = None
         touching = body.contacts(pose, RESTING_SHARE * body.size_m)
@@ -105,11 +108,26 @@ class GroundShaking:
             return "never_moved"
         block = problem.options.termination.block
         while True:
-            since = self.last
             self._make_room(block)
-            self._take_steps(self.sim, block)
+            since = self._take_steps(self.sim, block, self._watch())
             if ended_by := self._ended_by(since):
                 return ended_by
+
+    def _watch(self) -> GroundWatch:
+        """What calls for the next look."""
+        problem, up = self.problem, self.body.scene_from_support[2]
+        over_s = problem.motion.duration_s
+        return GroundWatch(
+            up=(up[0], up[1], up[2]),
+            upright=tuple(problem.contact.support_from_body[2]),
+            fastest_m_s=problem.speed_limit_m_s,
+            fallen_m=TOPPLED_FALL * self._stood_m,
+            least_cosine=math.cos(math.radians(LARGEST_OPEN_TILT_DEG)),
+            drift_m_s=problem.rest_speed_m_s,
+            look_at_s=min(self._next_look_s, over_s) if problem.shortcuts else over_s,
+            until_s=max(self._next_look_s, over_s),
+            deepest_m=self._deepest_m,
+        )
 
     def _skip_rest(self) -> bool:
         """Skip to the last block before a sample that the contacts at rest cannot hold; whether they hold all."""
@@ -131,13 +149,9 @@ class GroundShaking:
         problem, sim = self.problem, self.sim
         poses, velocity = sim.pose[since : self.last + 1], sim.velocity[self.last]
         speed = float(np.linalg.norm(velocity[:3]))
-        self._deepest_m = max(
-            self._deepest_m, -float(sim.contacts["gap_m"][: sim.counts[0]].min(initial=0.0))
-        )
         if not (np.isfinite(poses).all() and speed <= problem.speed_limit_m_s):
             return "speed_limit"
-        tilts = problem.contact.tilts_deg(poses[:, 3:])
-        if tilts.max() > LARGEST_OPEN_TILT_DEG:
+        if problem.contact.tilts_deg(poses[:, 3:]).max() > LARGEST_OPEN_TILT_DEG:
             return "tilted"
         if self._has_fallen(poses[-1]):
             return "fallen"
@@ -159,10 +173,8 @@ class GroundShaking:
 
     def _drift_m_s(self, since: int) -> float:
         """Mean speed from a pose to the latest one."""
-        start, end = self.sim.pose[since], self.sim.pose[self.last]
-        way = float(np.linalg.norm(end[:3] - start[:3]))
-        turned = 2.0 * float(np.linalg.norm(quat.product(end[3:], quat.inverse(start[3:]))[:3]))
-        return (way + turned * self.body.size_m) / float(self.sim.time_s[self.last] - self.sim.time_s[since])
+        way = travel_m(self.sim.pose[since], self.sim.pose[self.last], self.body.size_m)
+        return way / float(self.sim.time_s[self.last] - self.sim.time_s[since])
 
     def _is_held_to_the_end(self) -> bool:
         """Whether the contacts of a rock that rests hold all that is left of the motion."""
@@ -170,7 +182,7 @@ class GroundShaking:
         gravity = self.body.load_m_s2()
         loads = np.vstack([gravity - self.sim.excitation[first:, :3], gravity])
         held = holds(self.body, self.sim.pose[self.last], loads)
-        self._next_look_s = self.time_s + _LOOKS_AFTER * self.problem.unit_s
+        self._next_look_s = self.time_s + _HOLDS_AFTER * self.problem.unit_s
         return held
 
     def _will_stand(self, over_s: float) -> bool:
@@ -230,7 +242,7 @@ class GroundShaking:
         low = over_m < over_m.min(initial=np.inf) + TOPPLED_FALL * self._stood_m
         below = near[low & (near["normal"] @ up > _STEEP)]
         columns = wrenches(below["arm_m"], below["normal"], self.body.friction[0])
-        return is_held(columns, self.body.load_m_s2(), self.body.size_m)
+        return bool(are_held(columns, self.body.load_m_s2()[None], self.body.size_m)[0])
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 1 < len(self.sim.time_s):
@@ -260,7 +272,7 @@ class GroundShaking:
             pose,
             trajectory=trajectory,
             lodged=self._lodged(ended_by),
-            penetration_m=self._deepest_m,
+            penetration_m=float(self._deepest_m[0]),
             steps=int(sim.counts[3]),
             engine_steps=int(sim.counts[5]),
             simulated_s=self.time_s - self.skipped_s,

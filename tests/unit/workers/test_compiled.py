@@ -218,3 +218,17 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
     after = rtsys.get_allocation_stats()
     assert after.mi_alloc > before.mi_alloc  # it slips, which is solved with arrays made on the way
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
+
+
+def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypatch):
+    from toppling.workers import compiled as room
+
+    monkeypatch.setattr(room, "FOLDER", tmp_path)
+    monkeypatch.setattr(room, "_ENSURED", set())
+    used = []
+    for _ in range(2):
+        for ground in (room.PLANE, "surface"):
+            room.ensure_compiled(lambda ground=ground: used.append(ground), ground)
+            assert room.is_compiled(ground)
+        room._ENSURED.clear()  # as in the next process
+    assert used == ["plane", "surface"]

@@ -21,7 +21,6 @@ import math
 import numpy as np
 
 from toppling.models.compiled import compiled, inner
-from toppling.models.ground.stepping import take_steps
 from toppling.workers.contact.active_set import MOST_ACTIVE
 from toppling.workers.contact.events import time_to_contact_s
 from toppling.workers.contact.gaps import find_rates, look, lowest_looked_at_m
@@ -46,6 +45,7 @@ from toppling.workers.engines.bullet.solved_steps import (
 )
 from toppling.workers.engines.bullet.world import WORLD
 from toppling.workers.engines.protocol import GroundSteps, StepCheckError
+from toppling.workers.ground.stepping import take_steps
 from toppling.workers.history import ROOM, StateHistory, rest_until
 from toppling.workers.observation import Watch, calls_for_look
 from toppling.workers.problem import Problem

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from toppling.models.errors import InputError
-from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.kind import FLAT_SHARE
 from toppling.models.ground.stepping import Grounded
 from toppling.models.kept import kept
@@ -15,6 +14,7 @@ from toppling.models.scene import Scene
 from toppling.workers.engines.mujoco.pieces import ground_pieces, hollow_m, rock_pieces
 from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
 from toppling.workers.engines.protocol import GroundSteps
+from toppling.workers.ground.stepping import GroundWatch
 from toppling.workers.problem import Problem
 
 _MOST_PIECES = {"rock": 100, "ground": 3000}
@@ -34,7 +34,7 @@ def ground_steps(problem: Problem) -> GroundSteps:
     gravity_m_s2 = scene.grounded.load_m_s2()
     forces = forces_m_s2(problem.motion, step_s, gravity_m_s2, problem.contact.scene_from_support)
 
-    def take_steps(sim: Grounded, steps: int) -> None:
+    def take_steps(sim: Grounded, steps: int, watch: GroundWatch) -> int:  # a look after each block
         last, grid = sim.counts[1], sim.counts[2]
         new = slice(last + 1, last + steps + 1)
         sim.pose[new], sim.velocity[new] = stepper.states(
@@ -42,16 +42,11 @@ def ground_steps(problem: Problem) -> GroundSteps:
         )
         sim.time_s[new] = (grid + 1 + np.arange(steps)) * step_s
         sim.counts[[1, 2, 3, 5]] += steps
-        _note_contacts(sim, scene.grounded)
+        near = scene.grounded.contacts(sim.pose[sim.counts[1]], FLAT_SHARE * scene.grounded.size_m)
+        watch.deepest_m[0] = max(watch.deepest_m[0], -near["gap_m"].min(initial=0.0))
+        return int(last)
 
     return take_steps
-
-
-def _note_contacts(sim: Grounded, body: GroundedBody) -> None:
-    """Where the rock is after a block, for what looks at its contacts: as our own geometry sees it."""
-    near = body.contacts(sim.pose[sim.counts[1]], FLAT_SHARE * body.size_m)
-    sim.counts[0] = len(near)
-    sim.contacts[: len(near)] = near
 
 
 @kept

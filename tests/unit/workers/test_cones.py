@@ -1,0 +1,93 @@
+"""Impulses of contacts: Signorini's and Coulomb's laws, whatever the normals."""
+
+import numpy as np
+import pytest
+
+from toppling.models.compiled import compiled
+from toppling.models.ground.carrying import Touching, solver_room
+from toppling.models.ground.cones import solve_cones
+from toppling.models.ground.contacts import CONTACT
+from toppling.models.ground.equilibrium import are_held, farthest_load, wrenches
+
+ENOUGH_M_S = 1e-8
+
+
+@compiled
+def solve(contacts, friction, inverse_inertia, velocity, room):
+    return solve_cones(
+        Touching(contacts, len(contacts), friction, inverse_inertia, velocity, ENOUGH_M_S, room)
+    )
+
+
+def tall_block_on_facets(random, count, slope_deg):
+    """Feet of a block of .4 x .4 x 1.2 m, each with a normal that leans some way, and a velocity toward them."""
+    contacts = np.zeros(count, CONTACT)
+    feet = np.array([[0.2, 0.2, -0.6], [-0.2, 0.2, -0.6], [-0.2, -0.2, -0.6], [0.2, -0.2, -0.6]])
+    contacts["arm_m"] = feet[:count]
+    way, slope = random.uniform(0.0, 2.0 * np.pi, count), np.radians(random.uniform(0.0, slope_deg, count))
+    contacts["normal"] = np.column_stack(
+        [np.sin(slope) * np.cos(way), np.sin(slope) * np.sin(way), np.cos(slope)]
+    )
+    velocity = np.concatenate([random.normal(size=2) * 0.3, [-0.5], random.normal(size=3) * 0.3])
+    inertia = np.array([(0.16 + 1.44) / 12.0, (0.16 + 1.44) / 12.0, 0.32 / 12.0])
+    return contacts, velocity, np.diag(1.0 / inertia)
+
+
+def local(contacts, velocity):
+    """Normal impulses, tangential ones (n, 3), and the same of the velocities."""
+    normal = contacts["normal"]
+    u = velocity[:3] + np.cross(velocity[3:], contacts["arm_m"])
+    parts = []
+    for vector in (contacts["impulse"], u):
+        along = (vector * normal).sum(axis=1)
+        parts += [along, vector - along[:, None] * normal]
+    return parts
+
+
+@pytest.mark.parametrize("friction", [(0.2, 0.2), (0.8, 0.8), (0.7, 0.5)])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_each_contact_is_open_sticks_or_slips_against_its_friction(count, friction):
+    random = np.random.default_rng(4)
+    for _ in range(60):
+        contacts, velocity, inverse = tall_block_on_facets(random, count, 20.0)
+        before = velocity.copy()
+        sweeps = solve(contacts, friction, inverse, velocity, solver_room(count))
+        if sweeps == 400 and friction[0] > friction[1]:  # then there need not be any impulses that agree
+            continue
+        assert sweeps < 400
+        pressed, rubbed, parts, slips = local(contacts, velocity)
+        size, speed = np.linalg.norm(rubbed, axis=1), np.linalg.norm(slips, axis=1)
+        carries = pressed > 1e-12
+        assert (pressed >= 0.0).all()
+        assert (parts >= -1e-6).all()
+        assert np.abs(parts[carries]).max(initial=0.0) < 1e-6
+        assert (size <= friction[0] * pressed + 1e-9).all()
+        fast = carries & (speed > 1e-5)
+        assert size[fast] == pytest.approx(friction[1] * pressed[fast], rel=1e-6)
+        assert (rubbed[fast] * slips[fast]).sum(axis=1) == pytest.approx(-size[fast] * speed[fast], rel=1e-6)
+        assert velocity[:3] - before[:3] == pytest.approx(contacts["impulse"].sum(axis=0))
+
+
+def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
+    """A square slab that lands flat on a row of points: any share of the weight will do, and none may close."""
+    contacts = np.zeros(40, CONTACT)
+    along = np.linspace(-0.4, 0.4, 20)
+    contacts["arm_m"][:, 0] = np.repeat([-0.3, 0.3], 20)
+    contacts["arm_m"][:, 1], contacts["arm_m"][:, 2] = np.tile(along, 2), -0.2
+    contacts["normal"][:, 2] = 1.0
+    velocity = np.array([0.01, 0.0, -0.5, 0.1, 0.2, 0.0])
+    assert solve(contacts, (0.8, 0.8), np.diag([6.0, 6.0, 4.0]), velocity, solver_room(40)) < 20
+    assert np.abs(velocity).max() < 1e-6
+
+
+def test_what_is_held_by_least_squares_is_what_the_linear_programme_holds():
+    random = np.random.default_rng(8)
+    for _ in range(40):
+        contacts, _, _ = tall_block_on_facets(random, 4, 30.0)
+        columns = wrenches(contacts["arm_m"], contacts["normal"], 0.6)
+        weight, way = np.array([0.0, 0.0, -9.81]), np.append(random.normal(size=2), 0.0)
+        far = farthest_load(columns, weight, way, 0.65)
+        if far is None or not np.isfinite(far):
+            continue
+        loads = weight + np.outer([far - 1e-3, far + 1e-3], way)
+        assert are_held(columns, loads, 0.65).tolist() == [True, False]

@@ -1,0 +1,66 @@
+"""Steps of a rock on a surface, block after block, until it must be looked at. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.ground.rigid import square
+from toppling.models.ground.stepping import Grounded, step
+from toppling.models.ground.vectors import copy, dot, minus
+from toppling.workers.observation import travel_m
+from toppling.workers.quaternion import normal_in_body
+
+
+class GroundWatch(NamedTuple):
+    """What calls for a look at a rock on a surface: until it does nothing ends the shake."""
+
+    up: Vector  # support frame
+    upright: Vector  # the interface's normal in body axes in the pose of the scene
+    fastest_m_s: float  # a speed above it does, and a state that is not finite
+    fallen_m: float  # a centre of mass that has lost more height
+    least_cosine: float  # of a tilt above the largest one
+    drift_m_s: float  # a block with less drift
+    look_at_s: float  # no drift before this time
+    until_s: float  # every block from then on
+    deepest_m: Array  # (1,): deepest contact at the end of a block, written here
+
+
+@compiled
+def take_steps(sim: Grounded, block: int, watch: GroundWatch) -> int:
+    """Go on by blocks of so many steps until one calls for a look, or there is no room for another.
+
+    Returns
+    -------
+    int
+        Index of the pose in which the last block began.
+    """
+    while True:
+        since = sim.counts[1]
+        for _ in range(block):
+            last = sim.counts[1]
+            copy(sim.pose[last], sim.pose[last + 1])
+            copy(sim.velocity[last], sim.velocity[last + 1])
+            step(sim, sim.counts[2] * sim.step_s, sim.pose[last + 1], sim.velocity[last + 1])
+            sim.counts[1], sim.counts[2] = last + 1, sim.counts[2] + 1
+            sim.time_s[last + 1] = sim.counts[2] * sim.step_s
+        for k in range(sim.counts[0]):
+            watch.deepest_m[0] = max(watch.deepest_m[0], -sim.contacts[k].gap_m)
+        if _calls_for_look(sim, watch, since) or sim.counts[1] + block + 1 >= len(sim.time_s):
+            return since
+
+
+@inner
+def _calls_for_look(sim: Grounded, watch: GroundWatch, since: int) -> bool:
+    last = sim.counts[1]
+    start, end, velocity, time_s = sim.pose[since], sim.pose[last], sim.velocity[last], sim.time_s[last]
+    if not math.sqrt(square(velocity)) <= watch.fastest_m_s or time_s >= watch.until_s:
+        return True
+    if dot(minus(sim.pose[0], end), watch.up) > watch.fallen_m:
+        return True
+    for index in range(since, last + 1):
+        if not dot(normal_in_body(sim.pose[index]), watch.upright) >= watch.least_cosine:
+            return True
+    drift_m_s = travel_m(start, end, sim.size_m) / (time_s - sim.time_s[since])
+    return time_s >= watch.look_at_s and drift_m_s < watch.drift_m_s

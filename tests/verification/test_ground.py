@@ -186,13 +186,19 @@ def test_along_a_groove_the_walls_press_harder_than_the_plane():
     assert shake(scene, motion, "fast").slip_m < 0.9 * shake(level, motion, "fast").slip_m
 
 
+def as_surface(scene):
+    """The same scene, to be shaken on its surface where a plane would do."""
+    forced = Scene(scene.rock, scene.pedestal, scene.contact)
+    vars(forced)["ground"] = type(scene.ground)(False, "asked for")
+    return forced
+
+
 def test_a_surface_that_is_a_plane_gives_the_planes_answer():
     """Where the surface's own kernel is used on a plane, outcomes and largest tilts are the engine's."""
     on_surface = block_on(0, 0)
     on_plane = Scene.from_mesh((on_surface.rock.vertices_m, on_surface.rock.faces), friction=0.8)
     assert on_surface.ground.is_plane
-    forced = Scene(on_surface.rock, on_surface.pedestal, on_surface.contact)
-    vars(forced)["ground"] = type(on_surface.ground)(False, "asked for")
+    forced = as_surface(on_surface)
     for level in (4.0, 7.0, 10.0):
         motion = pulse(level, 0.2, azimuth_deg=25.0)
         one, other = shake(forced, motion, "standard"), shake(on_plane, motion, "standard")
@@ -359,9 +365,9 @@ def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
     turn = np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn, (0.0, 0.0, HALF_HEIGHT_M))
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
-    assert not scene.ground.is_plane
-    ((_, over_lip),) = scene.quasi_static_toppling_m_s2([180.0])
-    assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
+    for each in (scene, as_surface(scene)):
+        ((_, over_lip),) = each.quasi_static_toppling_m_s2([180.0])
+        assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
 
 
 def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
@@ -390,5 +396,6 @@ def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if falls(middle) else (middle, high)
-    for share, topples in ((0.985, False), (1.015, True)):
-        assert shake(scene, pulse(-share * high, lasting_s), "standard").toppled is topples
+    for each in (scene, as_surface(scene)):
+        for share, topples in ((0.985, False), (1.015, True)):
+            assert shake(each, pulse(-share * high, lasting_s), "standard").toppled is topples

@@ -116,10 +116,10 @@ class GroundShaking:
     def _watch(self) -> GroundWatch:
         """What calls for the next look."""
         problem, up = self.problem, self.body.scene_from_support[2]
-        over_s = problem.motion.duration_s
+        upright, over_s = problem.contact.support_from_body[2], problem.motion.duration_s
         return GroundWatch(
             up=(up[0], up[1], up[2]),
-            upright=tuple(problem.contact.support_from_body[2]),
+            upright=(upright[0], upright[1], upright[2]),
             fastest_m_s=problem.speed_limit_m_s,
             fallen_m=TOPPLED_FALL * self._stood_m,
             least_cosine=math.cos(math.radians(LARGEST_OPEN_TILT_DEG)),

@@ -72,7 +72,7 @@ class Touching(NamedTuple):
     """A rock that touches its ground, at one moment."""
 
     contacts: Any  # records of CONTACT
-    count: int  # so many are looked at
+    number: int  # so many are looked at
     friction: tuple[float, float]  # static, kinetic
     inverse_inertia: Array  # (3, 3) over mass
     velocity: Array  # (6,)
@@ -85,7 +85,7 @@ def carry_at_once(at: Touching) -> bool:
     """Change impulses and velocity to those that all contacts agree with, from what is known; whether it succeeded."""
     room = at.room
     copy(at.velocity, room.velocity)
-    for i in range(at.count):
+    for i in range(at.number):
         copy(at.contacts[i].impulse, room.impulse[i])
     count = _those_that_carry(at)
     for k in range(count):
@@ -103,7 +103,7 @@ def carry_at_once(at: Touching) -> bool:
             if missed <= at.enough_m_s or (moved <= at.enough_m_s and missed <= _MISSED * at.enough_m_s):
                 return True
     copy(room.velocity, at.velocity)
-    for i in range(at.count):
+    for i in range(at.number):
         copy(room.impulse[i], at.contacts[i].impulse)
     return False
 
@@ -112,7 +112,7 @@ def carry_at_once(at: Touching) -> bool:
 def _those_that_carry(at: Touching) -> int:
     """Note the contacts that carry most, and whether they slip, and take from others what they carry; how many."""
     room, count, (static, kinetic) = at.room, 0, at.friction
-    for i in range(at.count):
+    for i in range(at.number):
         if dot(at.contacts[i].impulse, room.axes[i, 0]) <= 0.0:
             continue
         k = count
@@ -341,7 +341,7 @@ def _change_states(at: Touching, count: int) -> tuple[int, bool]:
                 _slide(at, k, normal)
         k += 1
     worst, fastest = -1, at.enough_m_s
-    for i in range(at.count):
+    for i in range(at.number):
         if dot(at.contacts[i].impulse, at.room.axes[i, 0]) <= 0.0:
             closing = at.contacts[i].floor_m_s - _speed(at, i, 0)
             if closing > fastest:

@@ -26,13 +26,13 @@ _DIRECTIONS = 12
 @inner
 def solve_cones(at: Touching) -> int:
     """Change the velocity by the impulses of contacts; those that these have are applied first. Sweeps taken."""
-    for i in range(at.count):
+    for i in range(at.number):
         _prepare(at.contacts[i], i, at.inverse_inertia, at.room)
         push(at.contacts[i].arm_m, at.contacts[i].impulse, at.inverse_inertia, at.velocity)
-    first = 1 if at.count == 1 else 0  # one that sticks is found in one sweep, and seen in the next
+    first = 1 if at.number == 1 else 0  # one that sticks is found in one sweep, and seen in the next
     for sweep in range(_SWEEPS):
         largest = 0.0
-        for i in range(at.count):
+        for i in range(at.number):
             largest = max(largest, _change_one(at, i))
         if largest < at.enough_m_s:
             return sweep + 1

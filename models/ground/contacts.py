@@ -233,9 +233,16 @@ def contacts_in(
             count = _add(
                 out, count, (1 << 60) + 8 * index + i, found[i, 3], (-n[0], -n[1], -n[2]), place, pose
             )
+    return _edges_across((rock, ground), pairs, pose, margin_m, out, count)
+
+
+@inner
+def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: Any, count: int) -> int:
+    """Add the contacts of pairs of edges, of rock and ground, that cross."""
+    (rock, ground), turn, way_m = bodies, pairs.turn, pairs.lengths_m[WAY]
     edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(pairs.found[2]):
-        if pairs.apart_m[2, k] >= near_m:
+        if pairs.apart_m[2, k] >= margin_m + way_m:
             continue
         if pairs.rock_edge[k] != edge:
             edge = pairs.rock_edge[k]

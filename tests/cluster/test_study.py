@@ -1,4 +1,4 @@
-"""`toppling study` to its end: runs, ramp, figures, findings, constraint and report."""
+"""`toppling study` to its end: runs, ramp, figures, findings and report."""
 
 import json
 import subprocess
@@ -35,7 +35,6 @@ def test_a_small_study_writes_all_that_it_promises(inputs, tmp_path):
         "findings.md",
         "figures/figure_04.png",
         "figures/figure_11.png",
-        "constraint",
         "report.html",
     ):
         assert (out / name).exists(), name

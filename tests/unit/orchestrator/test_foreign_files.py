@@ -158,7 +158,7 @@ def test_a_run_of_an_earlier_version_is_compared_by_ids(swap, name, tmp_path):
 def test_own_files_are_believed_also_after_they_were_copied(runs, tmp_path):
     run = shutil.copytree(runs[0], tmp_path / "run")
     assert open_run(run).table().num_rows == 16
-    state = json.loads(CliRunner().invoke(cli, ["status", str(run), "--json"]).output)
+    state = json.loads(CliRunner().invoke(cli, ["status", str(run), "--json"]).stdout)
     assert state["state"] == "complete"
     assert state["audit"]["jobs"] == 16
 

@@ -40,27 +40,27 @@ def constrain(*arguments):
 
 def test_a_run_alone_bounds_a_single_event(tmp_path):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    told = json.loads(constrain(str(tmp_path), "--json", "--confidence", "0.5").output)
+    told = json.loads(constrain(str(tmp_path), "--json", "--confidence", "0.5").stdout)
     # At a confidence of one half the bound is the median; 570 jobs give it to about 4 %.
     assert told["unexceeded"] == pytest.approx(THETA_M_S, rel=0.12)
 
 
 def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_it_does_not(tmp_path, curves):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    told = json.loads(constrain(str(tmp_path), "--json").output)
+    told = json.loads(constrain(str(tmp_path), "--json").stdout)
     assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
     words = constrain(str(tmp_path)).output
     assert (
         f"{told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g} m/s with other records like these"
         in words
     )
-    assert json.loads(constrain(curves, "--json").output)["unexceeded_low"] is None
+    assert json.loads(constrain(curves, "--json").stdout)["unexceeded_low"] is None
     assert "the choice of records is unknown" in constrain(curves).output
 
 
 def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
     write_part(tmp_path, rows(records=24, levels=(2, 3, 4), seed=4))  # five jobs of 144 topple
-    told = json.loads(constrain(str(tmp_path), "--json").output)
+    told = json.loads(constrain(str(tmp_path), "--json").stdout)
     assert told["unexceeded_low"] < told["unexceeded"]
     assert told["unexceeded_high"] is None
     unfit = told["rocks"][0]["samples_without_fit"]
@@ -71,7 +71,7 @@ def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]
-    branch = json.loads(constrain(*asked, "--json").output)["branches"][0]
+    branch = json.loads(constrain(*asked, "--json").stdout)["branches"][0]
     assert branch["survival_low"] < branch["survival"] < branch["survival_high"]
     assert (
         f"survival {branch['survival_low']:.3g} to {branch['survival_high']:.3g} with"
@@ -157,7 +157,7 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     folder = tmp_path / "out"
     weighted = ["--hazard", f"{hazards[0]}=0.25", "--hazard", f"{hazards[1]}=0.75"]
     done = constrain(curves, "--age", "10000", *weighted, "--json", "--out", str(folder))
-    low, high = json.loads(done.output)["branches"]
+    low, high = json.loads(done.stdout)["branches"]
     # Closed form of a power law of exponent 2: lambda(median) exp(2 beta^2).
     assert low["toppling_rate"] == pytest.approx(1e-5 / 1.44 * math.exp(0.32), rel=1e-4)
     assert (low["rejected"], high["rejected"]) == (False, True)
@@ -167,7 +167,7 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
         "branches.csv", "rejected.csv", "updated.csv", "changes.csv", "choices.csv", "constraint.png",
         "constraint.svg", "constraint.json", "constraint.html", "hazard.png", "hazard.svg",
     }  # fmt: skip
-    assert json.loads((folder / "constraint.json").read_text()) == json.loads(done.output)
+    assert json.loads((folder / "constraint.json").read_text()) == json.loads(done.stdout)
     assert pd.read_csv(folder / "rejected.csv")["rejected_annual_rate"].is_monotonic_decreasing
 
 
@@ -181,7 +181,7 @@ def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_p
     assert "taken at longitude -118.1, latitude 34.2\n" in constrain(curves, *age).output
     asked = constrain(curves, *age, "--site", "241.9", "34.3")
     assert "taken at longitude -118.1, latitude 34.2, 11.1 km from --site\n" in asked.output
-    branch = json.loads(constrain(curves, *age, "--site", "241.9", "34.3", "--json").output)["branches"][0]
+    branch = json.loads(constrain(curves, *age, "--site", "241.9", "34.3", "--json").stdout)["branches"][0]
     assert branch["site_distance_km"] == pytest.approx(11.12, abs=0.01)
     swapped = constrain(curves, *age, "--site", "34.2", "-118.1")
     assert isinstance(swapped.exception, InputError)
@@ -189,7 +189,7 @@ def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_p
 
 def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     other = str(write_curves(tmp_path / "other.xml", [Lognormal("pgv_m_s", 1.5, 0.3)], name="other"))
-    one = json.loads(constrain(curves, "--age", "10000", "--hazard", hazards[0], "--json").output)
+    one = json.loads(constrain(curves, "--age", "10000", "--hazard", hazards[0], "--json").stdout)
     two = json.loads(
         constrain(
             curves, other, "--age", "10000", "--age", "5000..8000", "--hazard", hazards[0], "--json"
@@ -228,7 +228,7 @@ def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
 def test_rocks_whose_files_are_called_alike_keep_names_of_their_own(curves, tmp_path):
     (tmp_path / "other").mkdir()
     other = str(write_curves(tmp_path / "other" / "rock.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    told = json.loads(constrain(curves, other, "--json").output)
+    told = json.loads(constrain(curves, other, "--json").stdout)
     assert [rock["name"] for rock in told["rocks"]] == [curves, other]
 
 
@@ -239,7 +239,7 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, cur
     both = [
         argument for name in ("whole", "late") for argument in ("--hazard", str(tmp_path / f"{name}.csv"))
     ]
-    whole, late = json.loads(constrain(curves, "--age", "2000", *both, "--json").output)["branches"]
+    whole, late = json.loads(constrain(curves, "--age", "2000", *both, "--json").stdout)["branches"]
     assert (whole["rejected"], late["rejected"]) == (True, False)
     # The late curve is the whole one without its low end: the same power law goes on below it.
     assert late["survival_least"] == pytest.approx(whole["survival"], rel=1e-4)
@@ -260,7 +260,7 @@ def test_weights_of_branches_that_are_all_rejected_are_said_to_rank_them_only(cu
 @pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
 def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
-    branch = json.loads(constrain(curves, *age, *asked, "--json").output)["branches"][0]
+    branch = json.loads(constrain(curves, *age, *asked, "--json").stdout)["branches"][0]
     assert branch["survival"] == pytest.approx(math.exp(-1e5 * 1e-5 / 1.44 * math.exp(0.32)), rel=1e-3)
     assert branch["rejected"] == rejected
 
@@ -300,7 +300,7 @@ def openquake_tree(folder, weights=(0.4, 0.6), site=(10.0, 45.0)):
 
 def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_form(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
-    told = json.loads(constrain(curves, "--age", "10000", "--hazard", tree, "--json").output)
+    told = json.loads(constrain(curves, "--age", "10000", "--hazard", tree, "--json").stdout)
     rates = [rate / 1.44 * math.exp(0.32) for rate in (1e-5, 1e-4)]
     alive = [math.exp(-1e4 * rate) for rate in rates]
     assert [branch["survival"] for branch in told["branches"]] == pytest.approx(alive, rel=1e-3)
@@ -326,7 +326,7 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
 
 def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
-    told = json.loads(constrain(curves, "--age", "5000..20000", "--hazard", tree, "--json").output)
+    told = json.loads(constrain(curves, "--age", "5000..20000", "--hazard", tree, "--json").stdout)
     assert told["intervals_carry"] == ["age"]
     branch = told["branches"][0]
     exact = [math.sqrt(-math.log(0.05) / (age * 1e-5 / 1.44 * math.exp(0.32))) for age in (19625, 5375)]
@@ -339,7 +339,7 @@ def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, cur
 def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves):
     tree, folder = openquake_tree(tmp_path / "tree"), tmp_path / "out"
     asked = ["--age", "10000", "--json", "--ratio", "1.2"]
-    told = json.loads(constrain(curves, *asked, "--hazard", tree, "--out", str(folder)).output)
+    told = json.loads(constrain(curves, *asked, "--hazard", tree, "--out", str(folder)).stdout)
     (again,) = read_hazard(folder / "openquake")
     assert [branch.weight for branch in again.branches] == pytest.approx(
         [branch["posterior_weight"] for branch in told["branches"]], rel=1e-6
@@ -363,16 +363,16 @@ def test_exported_curves_keep_their_intervals(tmp_path):
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=30, azimuths=(0.0,)))
     list(write_fits(open_run(tmp_path / "run").frame(), tmp_path, "run"))
-    of_run = json.loads(constrain(str(tmp_path / "run"), "--json").output)
+    of_run = json.loads(constrain(str(tmp_path / "run"), "--json").stdout)
     for suffix in (".csv", ".json", ".xml"):
-        of_file = json.loads(constrain(str(tmp_path / "fits" / f"curves{suffix}"), "--json").output)
+        of_file = json.loads(constrain(str(tmp_path / "fits" / f"curves{suffix}"), "--json").stdout)
         for name in ("unexceeded", "unexceeded_low", "unexceeded_high"):
             assert of_file[name] == pytest.approx(of_run[name], rel=1e-5)
 
 
 def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path, curves):
     other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    told = json.loads(constrain(curves, other, "--json").output)["random_rock"]
+    told = json.loads(constrain(curves, other, "--json").stdout)["random_rock"]
     assert told["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
     between = math.log(1.5 / 1.2) / math.sqrt(2)
     assert told["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))

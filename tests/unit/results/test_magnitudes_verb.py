@@ -38,7 +38,7 @@ def magnitudes(*arguments):
 
 
 def test_more_events_exclude_smaller_magnitudes(curves):
-    told = json.loads(magnitudes(curves, "--events", "1", "--events", "5", "--json").output)
+    told = json.loads(magnitudes(curves, "--events", "1", "--events", "5", "--json").stdout)
     one, five = (
         [row["magnitude"] or math.inf for row in occurrence["largest_magnitudes"]]
         for occurrence in told["occurrences"]
@@ -49,7 +49,7 @@ def test_more_events_exclude_smaller_magnitudes(curves):
 
 def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    told = json.loads(magnitudes(str(tmp_path), "--recurrence", "500", "--age", "20000", "--json").output)
+    told = json.loads(magnitudes(str(tmp_path), "--recurrence", "500", "--age", "20000", "--json").stdout)
     row = told["occurrences"][-1]["largest_magnitudes"][0]
     assert row["magnitude_low"] < row["magnitude"] < row["magnitude_high"]
 

@@ -158,7 +158,7 @@ def test_the_command_line_gives_the_answer_in_every_form(run_folder, tmp_path, f
     if form == "--csv":
         assert done.output.splitlines() == ["level_pga_m_s2,n", "1.0,3", "2.0,3"]
         return
-    answer = json.loads(done.output) if form == "--json" else pq.read_table(target).to_pylist()
+    answer = json.loads(done.stdout) if form == "--json" else pq.read_table(target).to_pylist()
     assert answer == [{"level_pga_m_s2": 1.0, "n": 3}, {"level_pga_m_s2": 2.0, "n": 3}]
 
 
@@ -180,7 +180,7 @@ def test_counts_stay_whole_numbers_and_json_holds_no_infinity(run_folder):
 
 def test_describe_names_every_column_of_every_table(run_folder):
     done = CliRunner().invoke(cli, ["query", str(run_folder), "--describe", "--json"], catch_exceptions=False)
-    told = json.loads(done.output)
+    told = json.loads(done.stdout)
     assert {line["table"] for line in told} == {"results", "motions", "scene"}
     assert {line["column"] for line in told if line["table"] == "results"} >= set(SCHEMA.names)
     assert {"table": "results", "column": "pgv_m_s", "type": "double", "group": "imposed", "unit": "m/s",
@@ -261,7 +261,7 @@ def test_a_trusted_query_joins_own_files(run_folder, own):
     refused = CliRunner().invoke(cli, command)
     assert isinstance(refused.exception, InputError)
     done = CliRunner().invoke(cli, [*command, "--trusted"], catch_exceptions=False)
-    assert json.loads(done.output) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
+    assert json.loads(done.stdout) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
 
 
 @pytest.mark.parametrize(

@@ -129,23 +129,24 @@ def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vec
 @inner
 def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> float:
     """Acceleration along a push with which the centre of mass leaves a pose at rest, m/s2."""
-    there, velocity = _from_rest(sim, pose)
+    _note_start(sim, pose)
+    there, velocity = sim.work.start, sim.work.still
     advance(sim, sim.step_s, _load(sim, push, acceleration, sim.step_s), there, velocity, True, np.inf)
     return (velocity[0] * push[0] + velocity[1] * push[1] + velocity[2] * push[2]) / sim.step_s
 
 
 @inner
-def _from_rest(sim: Grounded, pose: Array) -> tuple[Array, Array]:
-    """A copy of a pose, and no velocity."""
+def _note_start(sim: Grounded, pose: Array) -> None:
+    """Copy a pose, and no velocity, to where a step works."""
     copy(pose, sim.work.start)
     for k in range(6):
         sim.work.still[k] = 0.0
-    return sim.work.start, sim.work.still
 
 
 @inner
 def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
     """Move from rest for one step; the way of the point that moved most."""
-    before, velocity = _from_rest(sim, pose)
+    _note_start(sim, pose)
+    before, velocity = sim.work.start, sim.work.still
     advance(sim, step_s, increment, pose, velocity, True, np.inf)
     return moved_m(before, pose, sim.farthest_m)

@@ -22,6 +22,8 @@ _ROUNDED_DEG, _TURN_DEG = 12.0, 10.0
 _ROUNDED_TOLD, _ROUNDED_REFUSED = 0.5, 0.8
 """Share of the directions around the rock. Soil that buries a third of a rim rounds less."""
 _LEAST_PATCHES = 20
+SPARSE = 1.5
+"""Patches so much farther apart than they are wide show neither a crevice nor a rounded foot."""
 
 
 def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doubt | None:
@@ -92,13 +94,13 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
 
 
 def rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
-    """Share of the directions in which the rock's foot bends outward like a fillet; None where hardly any was seen."""
+    """Share of the directions in which the rock's foot bends outward like a fillet; None where too little was seen."""
     surfels, own = observed.surfels, observed.patches
     over = interface.over(surfels.points_m[own])
     up = over[:, 2] / observed.height_m
     dip = np.rad2deg(np.arcsin(np.clip(surfels.normals[own] @ interface.normal, -1.0, 1.0)))
     foot, side = ((up > low) & (up < high) for low, high in (_FOOT, _SIDE))
-    if foot.sum() < _LEAST_PATCHES:
+    if foot.sum() < _LEAST_PATCHES or patches_apart(observed) > SPARSE:
         return None
     sector = sectors(over[:, :2] - middle(over[foot]))
     seen = np.intersect1d(sector[foot], sector[side])
@@ -107,3 +109,9 @@ def rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
     dips = np.array([[np.median(dip[part & (sector == k)]) for part in (foot, side)] for k in seen])
     rounded = (dips[:, 0] > _ROUNDED_DEG) & (dips[:, 0] - dips[:, 1] > _TURN_DEG)
     return float(rounded.mean())
+
+
+def patches_apart(observed: ObservedRock) -> float:
+    """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
+    points = observed.surfels.points_m[observed.patches]
+    return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / observed.surfels.voxel_m

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.scan.attached import attached
+from toppling.models.scan.attached import SPARSE, attached, patches_apart
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, middle, sectors
 from toppling.models.scan.interface import Interface
@@ -20,7 +20,6 @@ _MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
 _ONE_SIDE_DEG = 120.0
 """A rock of whose sides none shows in so wide a range of directions was seen from one side."""
-_SPARSE = 1.5
 _UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
 _SEEN_SHARE = 0.1
@@ -65,7 +64,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         )
     elif (sunk := embedded(observed, interface)) is not None:
         what = f"{share}; {sunk.sentence}"
-    elif (apart := patches_apart(observed)) > _SPARSE:
+    elif (apart := patches_apart(observed)) > SPARSE:
         raise InputError(
             f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
             "times as far apart as they are wide",
@@ -82,12 +81,6 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         remedy="scan it from the other sides; a rock that is embedded or buried is held by what surrounds it, and no "
         "toppling of a free block is its own",
     )
-
-
-def patches_apart(observed: ObservedRock) -> float:
-    """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
-    points = observed.surfels.points_m[observed.patches]
-    return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / observed.surfels.voxel_m
 
 
 def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.scan.inspection import Inspection
+from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2, support_polygon_m
 

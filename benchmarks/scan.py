@@ -35,8 +35,8 @@ from scipy.stats import t as student_t
 from squat_rocks import beside_the_contact, member
 
 from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import read_triangles
 from toppling.models.frames import plane_normal, rotation_between
-from toppling.models.mesh_files import read_triangles
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock

@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 from pages import put
 
-from toppling.models.mesh_files import read_triangles
+from toppling.models.files.mesh_files import read_triangles
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import local

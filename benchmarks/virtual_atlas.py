@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from blind_rocks import blind_rock
 
-from toppling.models.mesh_files import write_ply
+from toppling.models.files.mesh_files import write_ply
 from toppling.orchestrator.sites import SITE_KEYS
 
 FIRST_SEED = 4600

@@ -22,7 +22,7 @@ import llvmlite
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.folder import cache_folder
+from toppling.models.files.folder import cache_folder
 from toppling.models.numba_alone import numba
 
 Array = NDArray[np.float64]

@@ -44,8 +44,8 @@ class Rock:
     inertia_per_mass_m2 : (3, 3) array
         Inertia tensor over mass, about the centre of mass, scene axes.
     feet_m : (k, 3) array or None
-        Points that can touch the interface plane, scene frame, where a drawn base gives them (:mod:`models.unseen`);
-        None where rock and pedestal are touched as their meshes are.
+        Points that can touch the interface plane, scene frame, where a drawn base gives them
+        (:mod:`models.hidden_base.draws`); None where rock and pedestal are touched as their meshes are.
     """
 
     vertices_m: NDArray[np.float64]

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.models import digest
 from toppling.models.contact import ContactProperties
-from toppling.models.documents import finite, shown
 from toppling.models.errors import InputError, check_positive, refusals
-from toppling.models.folder import local, new_folder
+from toppling.models.files import digest
+from toppling.models.files.documents import finite, shown
+from toppling.models.files.folder import local, new_folder
+from toppling.models.files.mesh_files import read_triangles, write_ply
+from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
-from toppling.models.mesh_files import read_triangles, write_ply
+from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
 from toppling.models.round_base import RoundedBase, refined, rounded_base_of
-from toppling.models.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.models.unseen import UnseenBase
 
 if TYPE_CHECKING:
     from toppling.models.ground.body import GroundedBody

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.models.contact import ContactProperties
-from toppling.models.documents import listed
+from toppling.models.files.documents import listed
 from toppling.models.frames import compass_deg
-from toppling.models.intervals import median_width
+from toppling.models.hidden_base.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.plausible import LARGEST_FACTOR, LARGEST_PGD_M, is_beyond, words
 from toppling.models.motions.quality import TOLD_PGV_M_S

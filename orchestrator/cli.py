@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError, UsageError
-from toppling.models.folder import local
-from toppling.models.lease import WRITERS
-from toppling.models.store_address import is_store
-from toppling.models.stores import at_hand, carry_back
+from toppling.models.files.folder import local
+from toppling.models.files.lease import WRITERS
+from toppling.models.files.store_address import is_store
+from toppling.models.files.stores import at_hand, carry_back
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.spelling import Verbs
 

@@ -19,7 +19,7 @@ from typing import Any
 from distributed import Client, get_worker
 from distributed.utils import sync
 
-from toppling.models.folder import cache_folder, new_folder
+from toppling.models.files.folder import cache_folder, new_folder
 
 _PIECE_BYTES = 2**23
 """What is sent at once: large beside a round trip, small beside a worker's memory."""

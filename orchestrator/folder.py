@@ -13,13 +13,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-from toppling.models import digest
-from toppling.models.documents import read_toml, shown
 from toppling.models.errors import InputError
-from toppling.models.folder import new_folder, rock_name
-from toppling.models.run_document import check_run_document
-from toppling.models.stores import is_written_elsewhere
-from toppling.models.tables import write_table
+from toppling.models.files import digest
+from toppling.models.files.documents import read_toml, shown
+from toppling.models.files.folder import new_folder, rock_name
+from toppling.models.files.run_document import check_run_document
+from toppling.models.files.stores import is_written_elsewhere
+from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toppling.models.documents import is_number, shown
 from toppling.models.errors import InputError
-from toppling.models.folder import local
+from toppling.models.files.documents import is_number, shown
+from toppling.models.files.folder import local
 from toppling.models.spelling import did_you_mean
 
 _MOST_ON_AN_AXIS = 50_000

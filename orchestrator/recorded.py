@@ -103,7 +103,7 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
             "the scene has no draws of its base, so there is nothing that a shaking it stood could tell of",
             where=where,
             expected="a scene with bases.json",
-            remedy="make it with 'toppling scan', or give a mesh draws with models.rough_base.with_rough_base",
+            remedy="make it with 'toppling scan', or with models.hidden_base.rough_base.with_rough_base for a mesh",
         )
     if realisations < 1:
         raise InputError(

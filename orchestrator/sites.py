@@ -11,10 +11,17 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from toppling.models.csv_text import plain
-from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, is_number, read_toml, shown
 from toppling.models.errors import InputError
-from toppling.models.folder import rock_name
+from toppling.models.files.csv_text import plain
+from toppling.models.files.documents import (
+    LARGEST_CSV_BYTES,
+    check_size,
+    csv_rows,
+    is_number,
+    read_toml,
+    shown,
+)
+from toppling.models.files.folder import rock_name
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.formats.text import text_of
 from toppling.models.motions.record import Record

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toppling.models.documents import is_number, shown
 from toppling.models.errors import InputError
+from toppling.models.files.documents import is_number, shown
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.spelling import did_you_mean
 

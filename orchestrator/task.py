@@ -41,7 +41,7 @@ _ONE_AT_A_TIME = threading.Lock()
 Row = dict[str, Any]
 
 
-_DECIDING_MODELS = (".", "ground", "motions")
+_DECIDING_MODELS = (".", "files", "ground", "hidden_base", "motions")
 """Rooms of models/. How scans and files of records become scenes and ensembles decides those, not their shakes."""
 
 

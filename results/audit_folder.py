@@ -6,9 +6,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from toppling.models.digest import check, read_json
-from toppling.models.folder import new_file
-from toppling.models.tables import read_table, write_table
+from toppling.models.files.digest import check, read_json
+from toppling.models.files.folder import new_file
+from toppling.models.files.tables import read_table, write_table
 from toppling.results.run_integrity import JOBS_FILE, check_plan_id
 
 AUDIT_FOLDER = "audit"

@@ -9,15 +9,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from toppling.models.digest import read_json
-from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
-from toppling.models.folder import rock_name
+from toppling.models.files.digest import read_json
+from toppling.models.files.documents import read_toml
+from toppling.models.files.folder import rock_name
+from toppling.models.files.run_document import check_run_document
+from toppling.models.files.scene_document import read_scene_document
+from toppling.models.files.stores import at_hand
+from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
-from toppling.models.run_document import check_run_document
-from toppling.models.scene_document import read_scene_document
-from toppling.models.stores import at_hand
-from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
 from toppling.results.completeness import Completeness
 from toppling.results.queries import answered, ask, rows_where

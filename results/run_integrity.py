@@ -11,12 +11,12 @@ from typing import Any
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from toppling.models.digest import check, read_json, stated, unopened
 from toppling.models.errors import InputError
+from toppling.models.files.digest import check, read_json, stated, unopened
+from toppling.models.files.run_document import check_run_document
+from toppling.models.files.scene_document import BASES, read_scene_document
+from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id
-from toppling.models.run_document import check_run_document
-from toppling.models.scene_document import BASES, read_scene_document
-from toppling.models.tables import read_table
 
 CAMPAIGN_FILE, JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"

@@ -17,11 +17,11 @@ import pandas as pd
 import pyarrow as pa
 
 from toppling.models.arrays import Array
-from toppling.models.documents import read_toml
 from toppling.models.errors import InputError, refusals
-from toppling.models.folder import new_file
+from toppling.models.files.documents import read_toml
+from toppling.models.files.folder import new_file
+from toppling.models.files.tables import read_table, write_table
 from toppling.models.shares import effective_number
-from toppling.models.tables import read_table, write_table
 from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA
 

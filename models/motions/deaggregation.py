@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from toppling.models import openquake
-from toppling.models.documents import csv_rows, listed, shown
 from toppling.models.errors import InputError
+from toppling.models.files.documents import csv_rows, listed, shown
 from toppling.models.motions.metadata import text_table
 
 _TRACE = "T"

@@ -11,14 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from toppling.models import digest
 from toppling.models.errors import InputError, refusals
-from toppling.models.folder import local
+from toppling.models.files import digest
+from toppling.models.files.folder import local
+from toppling.models.files.tables import check_bounds, read_table, table_writer, write_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record, motion_sha
-from toppling.models.tables import check_bounds, read_table, table_writer, write_table
 
 SCHEMA_VERSION = "2"
 _RECORDS_IN_MEMORY = 64

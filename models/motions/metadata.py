@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.errors import InputError
+from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.motions.formats.component import TIME_STEPS_S
 from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
 

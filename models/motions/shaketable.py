@@ -19,12 +19,12 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from toppling.models.documents import LARGEST_CSV_BYTES, check_size, listed
 from toppling.models.errors import InputError
+from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, listed
+from toppling.models.files.tables import check_bounds
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_tests
-from toppling.models.tables import check_bounds
 
 _TESTS, _MOTIONS = "tests.csv", "motions.parquet"
 _ALONG_X_DEG = (0.0, 90.0)

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from toppling.models.arrays import Array
-from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.documents import check_size
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.motion import Motion
 

@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.frames import plane_axes
-from toppling.models.scan.base import CELLS_PER_HEIGHT
-from toppling.models.scan.gap_seen import PLACES_ACROSS
+from toppling.models.hidden_base.observed import PLACES_ACROSS
+from toppling.models.hidden_base.underside import CELLS_PER_HEIGHT
 from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.sheet import Planes, Sheet
 from toppling.models.scan.surfels import Surfels

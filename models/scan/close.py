@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.underside import Base
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
-from toppling.models.scan.base import Base
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Sheet

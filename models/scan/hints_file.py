@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from toppling.models.errors import refusals
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"

@@ -10,12 +10,12 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.hidden_base.statics import on_surface
+from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.base import CORES_OF_HOLES, hidden_base
 from toppling.models.scan.close import ClosedRock, close_rock
 from toppling.models.scan.crevice import refitted
-from toppling.models.scan.draw_statics import on_surface
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import MESH_FORMATS, read_triangles
+from toppling.models.files.ply import read_header
 from toppling.models.lengths import METRES, NAMES
-from toppling.models.mesh_files import MESH_FORMATS, read_triangles
-from toppling.models.ply import read_header
 from toppling.models.scan.placement import AXES, Placement
 
 UPWARD_Y = (".glb", ".gltf")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.models.guarded import read_guarded
-from toppling.models.ply import read_vertices
+from toppling.models.files.guarded import read_guarded
+from toppling.models.files.ply import read_vertices
 from toppling.models.scan.candidates import concave_share, neighbourhood
 from toppling.models.scan.crevice import LEAST_SEEN
 from toppling.models.scan.meshes import is_mesh

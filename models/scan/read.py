@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.guarded import read_guarded
+from toppling.models.files.guarded import read_guarded
+from toppling.models.files.mesh_files import MESH_FORMATS
+from toppling.models.files.ply import read_header, read_vertices
 from toppling.models.lengths import METRES, NAMES, unit_of_remarks
-from toppling.models.mesh_files import MESH_FORMATS
-from toppling.models.ply import read_header, read_vertices
 from toppling.models.scan.buried import exposed
 from toppling.models.scan.meshes import (
     UPWARD_Y,

@@ -10,13 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.folder import new_folder, replaced_folder
+from toppling.models.files import digest
+from toppling.models.files.folder import new_folder, replaced_folder
+from toppling.models.files.scene_document import LABELS, WORKED_OUT
 from toppling.models.frames import shifted_and_turned
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.rim_seen import unseen_rim
+from toppling.models.hidden_base.standing import check_inspection
+from toppling.models.hidden_base.underside import near_the_interface
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
-from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.beside import beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
@@ -24,7 +28,6 @@ from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crev
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts, embedded
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.measure import (
@@ -37,13 +40,10 @@ from toppling.models.scan.measure import (
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.rim_seen import unseen_rim
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
-from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
-from toppling.models.scene_document import LABELS, WORKED_OUT
 
 Progress = Callable[[str], None]
 

@@ -11,24 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models import digest
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.files import digest
+from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.standing import base_unseen, check_inspection
+from toppling.models.hidden_base.underside import near_the_interface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.sheet import Sheet
-from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
-from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
 
 SCHEMA_VERSION = 3
 _MOST_BYTES = 2 << 30

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.intervals import base_sentences
+from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
 from toppling.models.scan.view import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from toppling.models.errors import InputError
-from toppling.models.folder import refuse_existing
+from toppling.models.files.folder import refuse_existing
+from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import OF_READING, CloudHints
-from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import read_clouds

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.scan.candidates import LEAST_CONCAVE_SHARE, find_candidates, surfels_of
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
-from toppling.models.documents import shown
 from toppling.models.errors import refusals
+from toppling.models.files.documents import shown
+from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS, Hints
-from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.placement import upward
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.folder import refuse_existing
+from toppling.models.files.folder import refuse_existing
 from toppling.models.scan.hints_file import Hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import REALISATIONS, unseen
@@ -70,7 +70,7 @@ def scan(
     InputError
         If the folder exists, a file cannot be read, or no rock is found in the clouds.
     """
-    from toppling.models.scan.inspection import inspection_of
+    from toppling.models.hidden_base.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
     from toppling.models.scan.survey import survey
     from toppling.orchestrator.public.scan_files import check_hints, hints_said, of_base, placed_cloud

@@ -9,10 +9,10 @@ from pathlib import Path
 import pyarrow as pa
 from distributed import Client
 
+from toppling.models.files.stores import at_hand, kept_up
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
-from toppling.models.stores import at_hand, kept_up
 from toppling.orchestrator import run as carrying_out
 from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toppling.models.folder import new_folder, replaced_folder
+from toppling.models.files.folder import new_folder, replaced_folder
+from toppling.models.files.scene_document import LABELS, WORKED_OUT
+from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan.hints_file import HINTS, Place, write_hints
-from toppling.models.scan.inspection import inspection_of
-from toppling.models.scene_document import LABELS, WORKED_OUT
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.making import Scanned
 from toppling.orchestrator.public.scan_files import hints_said, pictured

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.scan.control_points import control_point_lines
 from toppling.models.scan.hints_file import KEYS, CloudHints, plain
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
@@ -103,7 +103,7 @@ def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, An
 
 def pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:
     """What draws a scene's pictures into its folder, and what the user should know of its rest and base."""
-    from toppling.models.intervals import base_sentences
+    from toppling.models.hidden_base.intervals import base_sentences
     from toppling.orchestrator.settling_notes import draw_settling, settling_notes
     from toppling.results.drawing.scene_figures import draw_scene
 

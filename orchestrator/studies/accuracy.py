@@ -22,10 +22,10 @@ import pyarrow as pa
 from scipy.stats import binomtest
 
 from toppling.models.errors import InputError
+from toppling.models.files.tables import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
-from toppling.models.tables import read_table, write_table
 from toppling.orchestrator.pool import pool_of
 from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.regression import fit

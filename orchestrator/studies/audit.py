@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from toppling.models.digest import write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import write_json
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.execution import Execution

@@ -20,7 +20,7 @@ import pandas as pd
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion

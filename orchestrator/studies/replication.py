@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from distributed import Client
 
-from toppling.models.digest import write_json
-from toppling.models.documents import read_json
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files.digest import write_json
+from toppling.models.files.documents import read_json
+from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from toppling.models.csv_text import plain_frame
+from toppling.models.files.csv_text import plain_frame
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar

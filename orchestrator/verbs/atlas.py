@@ -8,7 +8,7 @@ import click
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar

@@ -79,7 +79,7 @@ def make_scene(out: Path) -> None:
     """Scan the demo's virtual rock into the folder `scene` of another."""
     import numpy as np
 
-    from toppling.models.mesh_files import write_ply
+    from toppling.models.files.mesh_files import write_ply
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import save_survey, survey
     from toppling.models.scan.virtual import demo_scan

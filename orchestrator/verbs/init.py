@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from toppling.models.folder import new_file, refuse_existing
+from toppling.models.files.folder import new_file, refuse_existing
 from toppling.orchestrator.verbs.options import (
     FILE,
     ensemble_argument,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.orchestrator.verbs.options import FILE, json_option, workers_option
 
 if TYPE_CHECKING:

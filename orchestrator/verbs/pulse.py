@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from toppling.models.folder import rock_name
+from toppling.models.files.folder import rock_name
 from toppling.models.motions import idealised
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene

@@ -12,8 +12,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from toppling.models.csv_text import plain_frame
-from toppling.models.folder import new_file
+from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reading import query as answer_of
 from toppling.orchestrator.verbs.options import FILE
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings

@@ -6,12 +6,12 @@ from pathlib import Path
 import click
 import pyarrow.compute as pc
 
-from toppling.models.digest import check
 from toppling.models.errors import InputError
+from toppling.models.files.digest import check
+from toppling.models.files.tables import read_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.processor import processor

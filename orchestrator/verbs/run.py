@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from toppling.models.stores import named
+from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
 from toppling.orchestrator.verbs.options import FOLDER, json_option

@@ -39,8 +39,8 @@ def show(folder: Path, out: Path | None) -> None:
     target = out or folder
     with bar("scene", _SHOW_PARTS) as advance:
         advance(0, "settling")
-        from toppling.models.folder import rock_name
-        from toppling.models.intervals import base_sentences
+        from toppling.models.files.folder import rock_name
+        from toppling.models.hidden_base.intervals import base_sentences
         from toppling.orchestrator.settling_notes import draw_settling, settling_notes
         from toppling.results.drawing.page import write_scene_page
         from toppling.results.drawing.scene_figures import draw_scene

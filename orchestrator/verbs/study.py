@@ -164,7 +164,7 @@ def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str
         draw_scene(made, made.save(out / "scene") / "scene.png")
         return
     if scene is not None:
-        from toppling.models.folder import new_folder
+        from toppling.models.files.folder import new_folder
         from toppling.models.scene import Scene
 
         Scene.load(scene)
@@ -184,7 +184,7 @@ def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str
 
 def _have_records(out: Path, records: Path | None, metadata: Path | None, count: int, say: Any) -> None:
     from toppling.models.errors import InputError
-    from toppling.models.folder import new_folder
+    from toppling.models.files.folder import new_folder
     from toppling.models.motions.ensemble import Ensemble
 
     if (out / "ensemble").exists():

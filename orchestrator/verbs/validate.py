@@ -14,9 +14,9 @@ import pandas as pd
 from rich.console import Console
 from rich.progress import Progress
 
-from toppling.models.csv_text import plain_frame
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, norm, t
 
 from toppling.models.arrays import Array
-from toppling.models.digest import read_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact, wilson
 from toppling.results.analysis.regression import fit

@@ -22,10 +22,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.csv_text import plain
-from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
-from toppling.models.folder import new_file
+from toppling.models.files.csv_text import plain
+from toppling.models.files.documents import check_size
+from toppling.models.files.folder import new_file
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.hazard.measures import imt_of, is_spectral, measure_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from toppling.models.documents import listed
+from toppling.models.files.documents import listed
 from toppling.models.motions.plausible import LIMITS_WORDS, is_beyond, words
 from toppling.results.analysis import fits, regression
 from toppling.results.analysis.fragility import FRICTION, by_contact

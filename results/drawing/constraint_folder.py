@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint_figures import constraint_figure

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import Surface, smooth_surface
 from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of

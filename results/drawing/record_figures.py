@@ -10,7 +10,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style

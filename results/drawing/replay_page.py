@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.results.drawing.animation import moving_picture
 from toppling.results.drawing.page import replay_page
 from toppling.results.drawing.style import save

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from toppling.models.csv_text import plain_frame
-from toppling.models.folder import new_file
+from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.folder import new_file
 from toppling.models.motions.measures import COMPARED, OPENQUAKE
 from toppling.results.analysis import fits, ranking, regression, resampling
 from toppling.results.analysis.audit_statistics import Audit, audit_table

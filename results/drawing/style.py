@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from matplotlib.transforms import Bbox
 
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.results.hazard.measures import is_spectral, period_s
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.csv_text import plain
-from toppling.models.folder import new_file
+from toppling.models.files.csv_text import plain
+from toppling.models.files.folder import new_file
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.event_update import EventUpdate, statistics
 from toppling.results.hazard.measures import UNSCALED, imt_of

@@ -5,8 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, write_json
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.precision.design import Rounds
 from toppling.results.run_integrity import check_plan_id

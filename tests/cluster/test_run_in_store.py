@@ -14,7 +14,7 @@ import pytest
 from answers import answers_of
 
 from toppling.models.compiled import FOLDER
-from toppling.models.stores import Copy
+from toppling.models.files.stores import Copy
 from toppling.workers.shake import compile_once
 
 PATIENCE_S = 120.0

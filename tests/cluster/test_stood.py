@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.recorded import FOLDER, SHAKES
 from toppling.results.reader import open_run

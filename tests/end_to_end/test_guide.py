@@ -21,10 +21,10 @@ import trimesh
 import yaml
 from click.testing import CliRunner
 
+from toppling.models.files.mesh_files import write_ply
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.mesh_files import write_ply
+from toppling.models.hidden_base.rough_base import with_rough_base
 from toppling.models.motions.synthetic import synthetic_ensemble
-from toppling.models.rough_base import with_rough_base
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 from reader_samples import READERS
 
-from toppling.models import guarded
 from toppling.models.errors import InputError
+from toppling.models.files import guarded
 
 FEW, MANY = 300, 10_000
 """Damaged files over all readers: in every run of the tests, and with the slow ones."""

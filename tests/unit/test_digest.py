@@ -6,10 +6,10 @@ import os
 import pyarrow as pa
 import pytest
 
-from toppling.models import digest
 from toppling.models.errors import InputError
+from toppling.models.files import digest
+from toppling.models.files.tables import read_table, write_table
 from toppling.models.scene import Scene
-from toppling.models.tables import read_table, write_table
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from toppling.models.folder import new_file, new_folder
+from toppling.models.files.folder import new_file, new_folder
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from toppling.models.gap import BaseObservation, Relief, draw_gaps, encloses, facet_below, resampled, weights
+from toppling.models.hidden_base.gap import (
+    BaseObservation,
+    Relief,
+    draw_gaps,
+    encloses,
+    facet_below,
+    resampled,
+    weights,
+)
 
 RELIEF = Relief(level_m=0.1, shape_m=0.01, shape_length_m=0.4, rough_m=0.002, rough_length_m=0.07)
 RIM_STD_M = 0.001

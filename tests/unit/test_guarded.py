@@ -9,9 +9,9 @@ import laspy
 import numpy as np
 import pytest
 
-from toppling.models import guarded
 from toppling.models.errors import InputError
-from toppling.models.guarded import read_guarded
+from toppling.models.files import guarded
+from toppling.models.files.guarded import read_guarded
 from toppling.models.scan.read import read_clouds
 
 READERS = """

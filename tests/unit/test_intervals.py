@@ -2,7 +2,7 @@
 
 import pytest
 
-from toppling.models.intervals import base_sentences, median_width
+from toppling.models.hidden_base.intervals import base_sentences, median_width
 
 
 def rows(width, level=4.0):

@@ -6,9 +6,9 @@ import time
 import pytest
 from pyarrow.fs import LocalFileSystem
 
-from toppling.models import lease as module
 from toppling.models.errors import InputError
-from toppling.models.lease import Lease
+from toppling.models.files import lease as module
+from toppling.models.files.lease import Lease
 
 
 @pytest.fixture(autouse=True)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
-from toppling.models.folder import local, new_file, new_folder
+from toppling.models.files.documents import read_toml
+from toppling.models.files.folder import local, new_file, new_folder
+from toppling.models.files.store_address import is_store
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.store_address import is_store
 from toppling.orchestrator.campaign import Campaign
 from toppling.results.reader import open_run
 from toppling.workers.shake import shake

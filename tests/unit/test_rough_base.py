@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from toppling.models.digest import seal
 from toppling.models.errors import InputError
+from toppling.models.files.digest import seal
+from toppling.models.files.scene_document import BASES as FILE
 from toppling.models.frames import rotation_between
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.rough_base import Standing, with_rough_base
 from toppling.models.pedestal import Pedestal
-from toppling.models.rough_base import Standing, with_rough_base
 from toppling.models.scene import Scene
-from toppling.models.scene_document import BASES as FILE
 from toppling.models.shapes import box
 from toppling.models.statics import (
     at_rest,
@@ -20,7 +21,6 @@ from toppling.models.statics import (
     quasi_static_toppling_m_s2,
     support_polygon_m,
 )
-from toppling.models.unseen import BaseDraw, UnseenBase
 
 
 def cobble():

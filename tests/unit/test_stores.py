@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.store_address import address_of, azure_arguments, is_store, kinds
-from toppling.models.stores import Copy, at_hand
+from toppling.models.files.store_address import address_of, azure_arguments, is_store, kinds
+from toppling.models.files.stores import Copy, at_hand
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from toppling.models.csv_text import plain_frame
-from toppling.models.documents import MOST_VALUES, read_json
 from toppling.models.errors import InputError
-from toppling.models.tables import read_table, write_table
+from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.documents import MOST_VALUES, read_json
+from toppling.models.files.tables import read_table, write_table
 
 
 def zstd_bomb():

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
-from toppling.models.mesh_files import read_triangles
+from toppling.models.files.mesh_files import read_triangles
 from toppling.models.motions.formats import response, seismic
 from toppling.models.motions.formats.reading import read_file
 from toppling.models.scene import Scene

@@ -14,8 +14,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.documents import listed
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.documents import listed
 from toppling.models.motions.formats.component import refuse
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 

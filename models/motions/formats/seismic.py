@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from toppling.models.errors import InputError
-from toppling.models.guarded import read_guarded
+from toppling.models.files.guarded import read_guarded
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 from toppling.models.motions.formats.numbers import exactly
 from toppling.models.motions.formats.response import Converted, in_m_s2

@@ -8,8 +8,8 @@ from importlib.metadata import version
 import pandas as pd
 from matplotlib.figure import Figure
 
-from toppling.models.digest import check
-from toppling.models.intervals import base_sentences
+from toppling.models.files.digest import check
+from toppling.models.hidden_base.intervals import base_sentences
 from toppling.results.analysis import fits, ranking, resampling
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import (

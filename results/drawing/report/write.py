@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files.folder import new_file
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, page
 from toppling.results.drawing.report.headline import first_screen

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import NoReturn
 
-from toppling.models.documents import listed
 from toppling.models.errors import InputError
+from toppling.models.files.documents import listed
 from toppling.results.hazard.readers.statement import Realisations, Stated, Statement
 from toppling.results.hazard.sites import Place, nearest, same_place
 from toppling.results.hazard.tree import Branch, HazardTree

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.files.tables import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
-from toppling.models.tables import write_table
 
 
 @pytest.fixture(scope="module")

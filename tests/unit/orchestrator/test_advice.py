@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.advice import (
     HARDLY_SHARE,
     MOSTLY_SHARE,

@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
+from toppling.models.files.tables import read_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
-from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session

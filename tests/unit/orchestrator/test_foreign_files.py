@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, write_json
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record

@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 from click.testing import CliRunner
 
-from toppling.models.digest import write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import write_json
 from toppling.orchestrator.studies.replication import Study
 from toppling.orchestrator.verbs.study import study
 

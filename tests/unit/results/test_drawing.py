@@ -9,9 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from seeded import rows
 
-from toppling.models.digest import write_json
 from toppling.models.errors import InputError
-from toppling.models.folder import rock_name
+from toppling.models.files.digest import write_json
+from toppling.models.files.folder import rock_name
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.synthetic import synthetic_ensemble

@@ -8,7 +8,7 @@ import sys
 import pyarrow.parquet as pq
 from seeded import row
 
-from toppling.models.tables import write_table
+from toppling.models.files.tables import write_table
 from toppling.orchestrator.processor import processor, unlike
 from toppling.results.reader import open_run
 from toppling.results.schema import ADDED_LATER, columns

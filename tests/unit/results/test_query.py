@@ -12,11 +12,11 @@ import toppling.orchestrator.status
 import toppling.results.queries
 import toppling.results.reader
 import toppling.results.store
-from toppling.models.digest import write_text
 from toppling.models.errors import InputError
+from toppling.models.files.digest import write_text
+from toppling.models.files.tables import write_table
 from toppling.models.motions.catalogue import meaning
 from toppling.models.scene import Scene
-from toppling.models.tables import write_table
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 from pyproj import CRS, Geod, Transformer
 
-from toppling.models import digest
 from toppling.models.errors import InputError
+from toppling.models.files import digest
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record

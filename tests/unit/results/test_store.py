@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 from seeded import row
 
-from toppling.models.digest import write_json
 from toppling.models.errors import InputError
-from toppling.models.tables import write_table
+from toppling.models.files.digest import write_json
+from toppling.models.files.tables import write_table
 from toppling.results import store
 from toppling.results.reader import open_run
 from toppling.results.schema import GROUPS, SCHEMA, columns, describe

@@ -9,14 +9,14 @@ from click.testing import CliRunner
 from virtual_rocks import stump_on_a_slope
 
 import toppling
-from toppling.models.digest import read_json, seal_archive, stated, write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, seal_archive, stated, write_json
+from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT
+from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan import virtual
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
-from toppling.models.scan.inspection import inspection_of
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
-from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.orchestrator.cli import cli as main
 from toppling.orchestrator.public.scan_files import hints_said, of_base
 

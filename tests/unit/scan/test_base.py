@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from toppling.models.hidden_base.underside import Base, hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
-from toppling.models.scan.base import Base, hidden_base
 from toppling.models.scan.close import close_rock
 from toppling.models.scan.crevice import Grid
 from toppling.models.scan.ground import pedestal_ground

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toppling.models.gap import GapDraw
-from toppling.models.scan.base_kinds import BEFORE, shares_by_evidence
+from toppling.models.hidden_base.gap import GapDraw
+from toppling.models.hidden_base.kinds import BEFORE, shares_by_evidence
 
 NEAR, FAR = 0.0, -1e4
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from toppling.models.ground.equilibrium import farthest_load, wrenches
+from toppling.models.hidden_base.statics import on_surface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.draw_statics import on_surface
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import ROCK, segment
 from toppling.models.scan.sheet import Sheet, between_nodes

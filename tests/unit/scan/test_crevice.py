@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan.base import hidden_base
+from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.scan.crevice import judge_crevice, not_strays
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.base import Underside
-from toppling.models.scan.gap_seen import UNSEEN_STD_SHARE, hidden_part
-from toppling.models.scan.inspection import Inspection
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, hidden_part
+from toppling.models.hidden_base.underside import Underside
 from toppling.models.scan.interface import Interface
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04

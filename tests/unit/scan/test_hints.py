@@ -8,19 +8,20 @@ import pytest
 import trimesh
 
 from toppling.models.errors import InputError
-from toppling.models.gap import GapDraw, way_out
+from toppling.models.hidden_base import from_scan as unseen
+from toppling.models.hidden_base import kinds as base_kinds
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
+from toppling.models.hidden_base.gap import GapDraw, way_out
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.nominal import nominal_draw, smooth_fits_inspection, within_interval
+from toppling.models.hidden_base.observed import reliefs
+from toppling.models.hidden_base.pulls import check_joint, check_spanned, fits
+from toppling.models.hidden_base.standing import check_inspection
+from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
-from toppling.models.scan import base_kinds, unseen
-from toppling.models.scan.base import hidden_base
-from toppling.models.scan.gap_seen import reliefs
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
-from toppling.models.scan.nominal import nominal_draw, smooth_fits_inspection, within_interval
-from toppling.models.scan.pulls import check_joint, check_spanned, fits
-from toppling.models.scan.standing import check_inspection
-from toppling.models.scan.unseen import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
-from toppling.models.unseen import BaseDraw, UnseenBase
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan.inspection import Inspection, inspection_of
+from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import survey
 from toppling.orchestrator.public.making import _in_files

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from toppling.models.hidden_base.rim_seen import unseen_rim
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.rim_seen import unseen_rim
 
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 

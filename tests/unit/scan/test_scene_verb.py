@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, overflow
 
 from toppling.models.errors import InputError
-from toppling.models.intervals import base_sentences
-from toppling.models.mesh_files import read_triangles
+from toppling.models.files.mesh_files import read_triangles
+from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing.page import scene_page

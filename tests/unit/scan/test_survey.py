@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, write_json
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan import virtual, virtual_shapes

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
-from toppling.models.gap import GapDraw, Relief, flat_log_likelihood, weights
-from toppling.models.scan.base import Base
-from toppling.models.scan.gap_seen import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
+from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood, weights
+from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
+from toppling.models.hidden_base.underside import Base
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
 BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}

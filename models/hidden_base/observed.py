@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.gap import BaseObservation, Relief
-from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
-from toppling.models.scan.inspection import Inspection
+from toppling.models.hidden_base.gap import BaseObservation, Relief
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside
 from toppling.models.scan.interface import Interface
 
 PLACES_ACROSS = 21

@@ -10,16 +10,16 @@ from toppling.models.arrays import Array
 from toppling.models.compiled import Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.from_scan import DrawnBases
+from toppling.models.hidden_base.statics import FRICTION
+from toppling.models.hidden_base.underside import Base
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.base import Base
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.draw_statics import FRICTION
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import between_nodes, lattice
-from toppling.models.scan.unseen import DrawnBases
-from toppling.models.unseen import BaseDraw, UnseenBase
 
 _AROUND_LATTICES = 12.0
 """Distance beyond the rim over which a rock is tipped on the surface."""

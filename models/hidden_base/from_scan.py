@@ -12,12 +12,14 @@ from scipy.spatial import ConvexHull
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.gap import GapDraw, draw_gaps, encloses, resampled
-from toppling.models.intervals import FEW_DISTINCT
-from toppling.models.rock import Rock
-from toppling.models.scan.base import Base, Underside
-from toppling.models.scan.base_kinds import bowls, flat_draws, mixed_weights, shares_by_evidence
-from toppling.models.scan.draw_statics import (
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
+from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resampled
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.intervals import FEW_DISTINCT
+from toppling.models.hidden_base.kinds import bowls, flat_draws, mixed_weights, shares_by_evidence
+from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
+from toppling.models.hidden_base.pulls import Pulls, check_joint, check_spanned, likelihood
+from toppling.models.hidden_base.statics import (
     BAND_PER_HEIGHT,
     FEET_PER_HEIGHT,
     DrawStatics,
@@ -25,14 +27,12 @@ from toppling.models.scan.draw_statics import (
     mass_moved_m,
     outside_feet,
 )
-from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
+from toppling.models.hidden_base.underside import Base, Underside
+from toppling.models.rock import Rock
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.pulls import Pulls, check_joint, check_spanned, likelihood
 from toppling.models.shares import effective_number
-from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
 
 DRAWS = 48
 """Kept in the scene."""

@@ -6,16 +6,16 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.hidden_base.draws import UnseenBase
+from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.pulls import Pulls, fits
+from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Base
-from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import toppling
-from toppling.models.scan.pulls import Pulls, fits
-from toppling.models.scan.unseen import AZIMUTHS_DEG, DrawnBases
 from toppling.models.statics import equilibrium_possible
-from toppling.models.unseen import UnseenBase
 
 _FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""

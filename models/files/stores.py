@@ -18,11 +18,11 @@ from errno import EDQUOT, ENOSPC
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
-from toppling.models.folder import cache_folder, local, new_file
-from toppling.models.lease import WRITERS, Lease, put, repeated
-from toppling.models.store_address import address_of, file_system, is_store, no_answer
+from toppling.models.files.digest import read_json, write_json
+from toppling.models.files.folder import cache_folder, local, new_file
+from toppling.models.files.lease import WRITERS, Lease, put, repeated
+from toppling.models.files.store_address import address_of, file_system, is_store, no_answer
 
 log = logging.getLogger(__name__)
 

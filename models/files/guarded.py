@@ -151,7 +151,7 @@ def _running() -> subprocess.Popen:
         stop()
     process = subprocess.Popen(
         # -P: nothing is imported from the folder that the user happens to be in.
-        [sys.executable, "-P", "-m", "toppling.models.guarded_process"],
+        [sys.executable, "-P", "-m", "toppling.models.files.guarded_process"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

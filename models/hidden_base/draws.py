@@ -21,9 +21,9 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
-from toppling.models.digest import BLANK, KEY, read_json, seal
-from toppling.models.documents import shown
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.digest import BLANK, KEY, read_json, seal
+from toppling.models.files.documents import shown
 from toppling.models.frames import plane_axes
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal

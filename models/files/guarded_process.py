@@ -1,4 +1,4 @@
-"""The process of `models.guarded`: takes requests from its input, reads a file under limits, answers in bytes.
+"""The process of `models.files.guarded`: takes requests from its input, reads a file under limits, answers in bytes.
 
 A request is a line of JSON. An answer is the length of its header, the header in JSON, and the arrays' bytes. Nothing
 is pickled. The limits are those of the operating system: of memory beyond what the libraries take, and of processor

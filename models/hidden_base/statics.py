@@ -13,14 +13,14 @@ from toppling.models.arrays import Array
 from toppling.models.contact import ContactProperties
 from toppling.models.facet_path import Seat
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
-from toppling.models.gap import GapDraw
 from toppling.models.ground.equilibrium import farthest_load, wrenches
+from toppling.models.hidden_base.draws import least_feet
+from toppling.models.hidden_base.gap import GapDraw
+from toppling.models.hidden_base.observed import HiddenPart
+from toppling.models.hidden_base.underside import Base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.base import Base
-from toppling.models.scan.gap_seen import HiddenPart
 from toppling.models.scan.interface import Interface
-from toppling.models.unseen import least_feet
 
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""

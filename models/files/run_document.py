@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from toppling.models.documents import TEXT, Kind, between, check_shape, whole
+from toppling.models.files.documents import TEXT, Kind, between, check_shape, whole
 
 _MOST_JOBS = 1_000_000_000
 _OBJECT = Kind("an object", lambda value: isinstance(value, dict))

@@ -15,9 +15,9 @@ import zipfile
 from pathlib import Path
 from typing import IO, Any
 
-from toppling.models import documents
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file
+from toppling.models.files import documents
+from toppling.models.files.folder import new_file
 
 log = logging.getLogger(__name__)
 

@@ -8,17 +8,8 @@ from typing import Any
 import numpy as np
 
 from toppling.models.arrays import Array
-from toppling.models.gap import encloses
-from toppling.models.rock import Rock
-from toppling.models.scan.base import Base, Underside, hidden_base
-from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.gap_seen import check_on_interface, hidden_part
-from toppling.models.scan.inspection import Inspection
-from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
-from toppling.models.scan.nominal import FLAT_MARGIN, nominal_draw, smooth_fits_inspection, smooth_is_likely
-from toppling.models.scan.surface_bases import bases_on_surface
-from toppling.models.scan.unseen import (
+from toppling.models.hidden_base.draws import UnseenBase
+from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
     ContradictionError,
@@ -26,7 +17,21 @@ from toppling.models.scan.unseen import (
     draw_bases,
     unseen_base,
 )
-from toppling.models.unseen import UnseenBase
+from toppling.models.hidden_base.gap import encloses
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.nominal import (
+    FLAT_MARGIN,
+    nominal_draw,
+    smooth_fits_inspection,
+    smooth_is_likely,
+)
+from toppling.models.hidden_base.observed import check_on_interface, hidden_part
+from toppling.models.hidden_base.over_surface import bases_on_surface
+from toppling.models.hidden_base.underside import Base, Underside, hidden_base
+from toppling.models.rock import Rock
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
 
 
 def base_unseen(

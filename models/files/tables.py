@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from toppling.models.digest import BLANK, KEY, check, damaged, seal, unopened
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.digest import BLANK, KEY, check, damaged, seal, unopened
 
 _LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
 """Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""

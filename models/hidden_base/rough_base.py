@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, check_positive
 from toppling.models.frames import plane_axes
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, feet_above_m, least_feet
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
-from toppling.models.unseen import BaseDraw, UnseenBase, feet_above_m, least_feet
 
 _WAVES = 96
 """Of which the noise is made."""

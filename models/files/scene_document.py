@@ -5,9 +5,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from toppling.models import digest
-from toppling.models.digest import read_json
-from toppling.models.documents import (
+from toppling.models.errors import InputError, refusals
+from toppling.models.files import digest
+from toppling.models.files.digest import read_json
+from toppling.models.files.documents import (
     LENGTH_M,
     NUMBER,
     SHARE,
@@ -18,7 +19,6 @@ from toppling.models.documents import (
     shown,
     whole,
 )
-from toppling.models.errors import InputError, refusals
 from toppling.models.scan.hints_file import KINDS
 
 BASES = "bases.json"

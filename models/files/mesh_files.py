@@ -8,10 +8,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.guarded import read_guarded
-from toppling.models.ply import read_mesh
+from toppling.models.files import digest
+from toppling.models.files.guarded import read_guarded
+from toppling.models.files.ply import read_mesh
 from toppling.models.rock import check_triangles
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
@@ -43,7 +43,7 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             remedy="check the path",
         )
     found = read_mesh(Path(path)) if suffix == ".ply" else None
-    vertices, faces = found or read_guarded("toppling.models.mesh_files:parse_mesh", Path(path))[1]
+    vertices, faces = found or read_guarded("toppling.models.files.mesh_files:parse_mesh", Path(path))[1]
     if len(faces) == 0:
         raise InputError(
             "holds no triangles",

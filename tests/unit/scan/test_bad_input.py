@@ -138,7 +138,7 @@ def in_millimetres(stump):
         (bare_slope, "station0.xyz", "nothing in the cloud stands on anything"),
         (rock_alone, "station0.xyz", "nothing in the cloud stands on anything"),
         (pedestal_alone, "station0.xyz", "nothing in the cloud stands on anything"),
-        (foot_hidden, "station0.xyz", "patches of the pedestal were seen beside the rock"),
+        (foot_hidden, "station0.xyz", "patches of the pedestal's top were seen beside the rock"),
         (leaning, "station0.xyz", "outside any support"),
         (lip, "station0.xyz", "hangs below the interface"),
         (apart, "station2.xyz", "does not overlap"),

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError, check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import local, new_folder
-from toppling.models.files.mesh_files import read_triangles, write_ply
+from toppling.models.files.mesh_files import MeshLike, read_triangles, triangles_of, write_ply
 from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from toppling.models.hidden_base.draws import UnseenBase
@@ -110,13 +110,13 @@ class Scene:
     @classmethod
     def from_mesh(
         cls,
-        mesh: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike],
+        mesh: MeshLike,
         friction: float | Sequence[float] = 0.8,
         restitution: float = 0.0,
         slope_deg: float = 0.0,
         slope_azimuth_deg: float = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
-        pedestal: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None = None,
+        pedestal: MeshLike | None = None,
         refine: bool = False,
     ) -> "Scene":
         """A closed mesh on a plane, or on a surface of its own.
@@ -127,14 +127,14 @@ class Scene:
 
         Parameters
         ----------
-        mesh : path, or pair of (n, 3) vertices in metres and (m, 3) triangles
+        mesh : path, pair of (n, 3) vertices in metres and (m, 3) triangles, or trimesh.Trimesh
         friction, restitution, gravity
             As for :meth:`block`.
         slope_deg : float
             Slope of the plane, 0 to below 90 degrees.
         slope_azimuth_deg : float
             Azimuth toward which the plane falls.
-        pedestal : path, or pair of (n, 3) vertices in metres and (m, 3) triangles, optional
+        pedestal : path, pair of (n, 3) vertices in metres and (m, 3) triangles, or trimesh.Trimesh, optional
             The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
             the plumb line to where it touches.
         refine : bool
@@ -147,8 +147,8 @@ class Scene:
             is none, or the rock does not stand at the surface.
         """
         plane = _plane(slope_deg, slope_azimuth_deg)
-        where = "rock mesh" if isinstance(mesh, tuple) else str(mesh)
-        rock = Rock.from_triangles(*(mesh if isinstance(mesh, tuple) else read_triangles(mesh)), where=where)
+        vertices, faces, where = triangles_of(mesh, "rock mesh")
+        rock = Rock.from_triangles(vertices, faces, where=where)
         check_size(rock.height_m, where)
         origin = origin_beside_m(rock.vertices_m)
         rock = rock.moved(np.eye(3), -origin) if origin.any() else rock
@@ -356,7 +356,7 @@ class Scene:
 
 def _on_surface(
     rock: Rock,
-    pedestal: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike],
+    pedestal: MeshLike,
     origin_m: NDArray[np.float64],
     contact: ContactProperties,
     gravity_m_s2: float,
@@ -364,8 +364,7 @@ def _on_surface(
     """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
     from toppling.models.ground.interface import surface_below
 
-    where = "pedestal mesh" if isinstance(pedestal, tuple) else str(pedestal)
-    vertices, faces = pedestal if isinstance(pedestal, tuple) else read_triangles(pedestal)
+    vertices, faces, where = triangles_of(pedestal, "pedestal mesh")
     check_triangles(vertices, faces, where)
     at_origin = np.asarray(vertices, float) - origin_m
     return surface_below(

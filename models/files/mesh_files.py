@@ -1,18 +1,35 @@
 """Triangle meshes on disk."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.ply import read_mesh
 from toppling.models.rock import check_triangles
+
+
+class TriangleMesh(Protocol):
+    """A mesh of trimesh, or one like it."""
+
+    @property
+    def vertices(self) -> ArrayLike:
+        """Vertices (n, 3)."""
+
+    @property
+    def faces(self) -> ArrayLike:
+        """Triangles (m, 3), as indices of vertices."""
+
+
+MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
+"""A file, a pair of vertices and triangles, or an object that has both."""
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -55,6 +72,35 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     return vertices, faces
+
+
+def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
+    """Vertices (n, 3) and triangles (m, 3) of a mesh however it is given, and its name in errors.
+
+    Parameters
+    ----------
+    mesh : path, pair of vertices and triangles, or object with both, such as a `trimesh.Trimesh`
+    what : str
+        Its name where it is no file.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_triangles`, or if it is none of these.
+    """
+    if isinstance(mesh, str | os.PathLike):
+        return *read_triangles(mesh), str(mesh)
+    if isinstance(mesh, Sequence):
+        if len(mesh) == 2:
+            return mesh[0], mesh[1], what
+    elif hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return mesh.vertices, mesh.faces, what
+    raise InputError(
+        f"is a {type(mesh).__name__}",
+        where=what,
+        expected="a path, a pair of vertices (n, 3) and triangles (m, 3), or an object with vertices and faces",
+        remedy="a trimesh.Scene becomes one mesh with to_mesh()",
+    )
 
 
 def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from toppling.models.contact import ContactProperties
+from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, plane_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -338,3 +339,17 @@ def test_a_pair_of_frictions_may_be_any_sequence(pair):
 @pytest.mark.parametrize("coefficient", [1, 1.0, np.float32(1.0), np.int64(1)])
 def test_one_friction_may_be_any_number(coefficient):
     assert ContactProperties.of(coefficient) == ContactProperties(1.0, 1.0)
+
+
+def test_a_mesh_is_taken_as_a_pair_as_lists_or_as_a_trimesh_alike():
+    rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
+    pair = rock.vertices_m, rock.faces
+    plate = (
+        9.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+    )
+    forms = [pair, [rock.vertices_m.tolist(), rock.faces.tolist()], trimesh.Trimesh(*pair)]
+    assert len({Scene.from_mesh(form).id for form in forms}) == 1
+    assert len({Scene.from_mesh(pair, pedestal=form).id for form in (plate, trimesh.Trimesh(*plate))}) == 1
+    with pytest.raises(InputError, match=r"rock mesh: is a int[\s\S]*vertices \(n, 3\)"):
+        Scene.from_mesh(3)

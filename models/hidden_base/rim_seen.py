@@ -3,7 +3,8 @@
 import numpy as np
 
 from toppling.models.arrays import Array
-from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, sectors
+from toppling.models.frames import horizontal_unit_vector
+from toppling.models.scan.doubt import Doubt, azimuth_told, sectors, widest_gap_deg
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 
@@ -24,14 +25,10 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Do
     if observed.hint is not None and observed.hint.encloses:
         return None
     places = interface.over(observed.low_m)[:, :2] - interface.projected_m(com_m[None])[0]
-    shown = np.unique(sectors(places))
-    blind = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
-    widest = int(blind.argmax())
-    range_deg = float(blind[widest]) * 360.0 / SECTORS
+    range_deg, toward_deg = widest_gap_deg(np.unique(sectors(places)))
     if range_deg < _TOLD_DEG:
         return None
-    turn = 2.0 * np.pi * ((shown[widest] + 0.5 * (blind[widest] + 2)) / SECTORS - 0.5)
-    toward = azimuth_told(np.array([np.cos(turn), np.sin(turn)]), interface)
+    toward = azimuth_told(horizontal_unit_vector(toward_deg)[:2], interface)
     beyond = (
         "what was seen of it does not surround the line of the weight, and the interval means little there"
         if range_deg >= 180.0

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.frames import compass_deg
+from toppling.models.frames import azimuth_deg, compass_deg
 from toppling.models.scan.interface import Interface
 
 SECTORS = 36
@@ -26,6 +26,15 @@ def sectors(ways: Array) -> NDArray[np.int64]:
     return np.floor(turn * SECTORS).astype(np.int64) % SECTORS
 
 
+def widest_gap_deg(shown: NDArray[np.int64]) -> tuple[float, float]:
+    """Width of the widest range of directions without any of some sectors (k,), in order, and its middle, degrees."""
+    empty = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
+    widest = int(empty.argmax())
+    width = 360.0 / SECTORS
+    toward = (shown[widest] + 0.5 * (empty[widest] + 2)) * width - 180.0
+    return float(empty[widest] * width), float(toward % 360.0)
+
+
 def middle(flat_m: Array) -> Array:
     """Middle (2,) of the rectangle around places, u and v."""
     return np.asarray(0.5 * (flat_m[:, :2].min(axis=0) + flat_m[:, :2].max(axis=0)))
@@ -33,10 +42,9 @@ def middle(flat_m: Array) -> Array:
 
 def azimuth_told(way: Array, interface: Interface) -> str:
     """Azimuth and compass bearing of a way (2,) along the interface's u and v, in words."""
-    x, y, _ = interface.axes[:, :2] @ way
-    return direction_told(float(np.rad2deg(np.arctan2(y, x)) % 360.0))
+    return direction_told(azimuth_deg(interface.axes[:, :2] @ way))
 
 
-def direction_told(azimuth_deg: float) -> str:
+def direction_told(toward_deg: float) -> str:
     """An azimuth with its compass bearing, in words."""
-    return f"azimuth {azimuth_deg:.0f} (compass {float(compass_deg(azimuth_deg)):.0f})"
+    return f"azimuth {toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"

@@ -6,9 +6,18 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.frames import azimuth_deg
 from toppling.models.scan.attached import SPARSE, attached, patches_apart
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, middle, sectors
+from toppling.models.scan.doubt import (
+    SECTORS,
+    Doubt,
+    azimuth_told,
+    direction_told,
+    middle,
+    sectors,
+    widest_gap_deg,
+)
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
@@ -89,13 +98,7 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
     count = np.bincount(sectors(normals[side, :2]), minlength=SECTORS)
     shown = np.flatnonzero(count >= max(3.0, _SEEN_SHARE * count.mean()))
-    if not len(shown):
-        return 360.0, 0.0
-    blind = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
-    widest = int(blind.argmax())
-    width = 360.0 / SECTORS
-    toward = (shown[widest] + 0.5 * (blind[widest] + 2)) * width - 180.0
-    return float(blind[widest] * width), float(toward % 360.0)
+    return widest_gap_deg(shown) if len(shown) else (360.0, 0.0)
 
 
 def doubts(
@@ -257,7 +260,7 @@ def _hemmed_in(observed: ObservedRock, pedestal_m: Array) -> Doubt | None:
     if near.sum() < _LEAST_IN_REACH:
         return None
     offset = others[near, :2] - own[:, :2].mean(axis=0)
-    toward = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
+    toward = azimuth_deg(offset.mean(axis=0))
     return Doubt(
         "in reach",
         f"something rises beside the rock within its height, over {len(np.unique(sectors(offset))) * 360 // SECTORS} "

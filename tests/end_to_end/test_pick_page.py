@@ -14,6 +14,7 @@ from virtual_rocks import stump_on_a_slope
 from toppling.models.scan import virtual
 
 COMMAND = [sys.executable, "-P", "-m", "toppling", "scan"]
+OUTLINED = "document.getElementById('view').stage.outline.length"
 IDLE = "!document.getElementById('stage').classList.contains('busy') && document.body.dataset.current"
 
 
@@ -50,7 +51,8 @@ def scene(folder):
 
 
 def click_outline(browser):
-    """Click where the rock's outline on its pedestal is nearest to the eye."""
+    """Click where the rock's outline on its pedestal is nearest to the eye, once there is one."""
+    browser.until(OUTLINED)
     x, y = browser.run("""
         const stage = document.getElementById("view").stage, box = stage.view.getBoundingClientRect();
         const seen = stage.outline.map(place => stage.project(place)).sort((a, b) => a.depth - b.depth);
@@ -104,12 +106,13 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
     assert browser.run(least) != before
     assert browser.run("return document.getElementById('base').only.disabled")
     browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true' && {said[7:]} == 'none yet' && {OUTLINED}")
     browser.click("[data-mode=touch]")
     for count in (1, 2, 3):
         click_outline(browser)
         browser.until(f"document.querySelectorAll('#hints li .touch').length == {count}")
         browser.run("document.getElementById('view').stage.turn(2.1, 0)")
-        browser.until("document.getElementById('view').stage.outline.length")
+        browser.until(f"{IDLE} == 'true' && {OUTLINED}")
     touching = browser.run(least)
     browser.click("#base input")
     browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('there and nowhere else')")

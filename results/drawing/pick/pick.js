@@ -35,6 +35,7 @@ function make(name, content, attributes = {}) {
 function say(next, keep = true) {
   if (keep) { past.push(hints); future = []; }
   hints = next;
+  document.body.dataset.current = false;  // until a state says so of these hints
   listHints();
   post("hints", hints).catch(complain);
 }

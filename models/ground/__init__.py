@@ -3,3 +3,8 @@
 Used where one plane is not enough (:mod:`toppling.models.ground.kind`); what moves a rock through a motion on it is
 here too, since statics follows a tipping rock with the same contacts.
 """
+
+__all__ = [
+    "body", "contacts", "creeping", "equilibrium", "excitation", "interface", "kind", "mesh", "pairs",
+    "rigid", "stepping", "vectors",
+]  # fmt: skip

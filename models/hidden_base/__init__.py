@@ -1,1 +1,6 @@
 """The hidden base: what a scan saw of the gap, and draws of the base that it did not see."""
+
+__all__ = [
+    "draws", "inspection", "intervals", "observed", "rim_seen", "rough_base", "standing", "statics",
+    "underside",
+]  # fmt: skip

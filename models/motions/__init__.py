@@ -1,1 +1,7 @@
 """Records: read, process, measure, scale, turn, make."""
+
+__all__ = [
+    "above_band", "catalogue", "deaggregation", "ensemble", "fetch", "idealised", "importing", "impose",
+    "intensity", "measures", "metadata", "motion", "plausible", "quality", "record", "selection",
+    "shaketable", "shaketable_raw", "synthetic",
+]  # fmt: skip

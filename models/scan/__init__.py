@@ -1,3 +1,9 @@
 """Clouds to scenes: read, split, close, measure; and a virtual scanner. The only room that knows Open3D."""
 
 from toppling.models import matplotlib_alone as matplotlib_alone
+
+__all__ = [
+    "candidates", "close", "control_points", "crevice", "doubt", "hints_file", "interface", "interface_hint",
+    "measure", "parts", "placement", "read", "reference", "register", "segment", "sheet", "survey", "view",
+    "virtual", "worked_out",
+]  # fmt: skip

@@ -1,1 +1,3 @@
 """`toppling scan --pick`: a scan's hints given by clicks on its cloud."""
+
+__all__ = ["start"]

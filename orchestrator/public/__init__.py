@@ -2,6 +2,11 @@
 
 from typing import Any
 
+__all__ = [
+    "REALISATIONS", "by_events", "constraining", "constraint_options", "fragility_figures", "hazard_question",
+    "making", "reading", "rocks", "running", "scan_again", "scan_files",
+]  # fmt: skip
+
 REALISATIONS = 8
 """Half samples of a scan's points, for the uncertainty."""
 

@@ -13,3 +13,8 @@ are told beside the answer (`unstated_shares`):
   of exponent k, goes on. Hazard curves flatten toward small intensities, as there are only so many earthquakes
   a year, so this is rather too much; it is no bound for a curve that steepens there.
 """
+
+__all__ = [
+    "ages", "curves", "event_update", "events", "excluded_bins", "export", "faults", "gmm", "magnitudes",
+    "measures", "random_rock", "sites", "surfaces", "survival", "tree", "update", "vector",
+]  # fmt: skip

@@ -1,6 +1,7 @@
 """The rooms stay apart: who may import whom, in every module, imports inside functions included."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -25,6 +26,8 @@ ONLY_UNDER = {
     "seaborn": "results/drawing",
     "PIL": "results/drawing",
 }
+DOOR = "toppling.orchestrator.door"
+"""Is `toppling` itself: what the orchestrator names as public is for it."""
 UNPICKLERS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal"}
 
 
@@ -32,8 +35,13 @@ def modules():
     return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 
 
+@cache
 def imported(path):
     """Full dotted names that a module imports, wherever in it."""
+    return tuple(_imported(path))
+
+
+def _imported(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -130,11 +138,16 @@ def test_only_the_drawing_room_draws():
     assert not offences
 
 
-def test_imports_go_round_in_no_circle():
-    names = {
+def by_name():
+    """Every module of the house by its dotted name."""
+    return {
         ".".join(("toppling", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
         for path in modules()
     }
+
+
+def test_imports_go_round_in_no_circle():
+    names = by_name()
 
     def taken(path):
         """Modules of the house that a module imports: of `from package import module` the module alone."""
@@ -147,6 +160,46 @@ def test_imports_go_round_in_no_circle():
 
     order = list(TopologicalSorter({name: set(taken(path)) for name, path in names.items()}).static_order())
     assert len(order) == len(names)
+
+
+def named_in_face(path):
+    """Content of a module's `__all__`."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    (value,) = (
+        node.value for node in body if isinstance(node, ast.Assign) and ast.unparse(node.targets) == "__all__"
+    )
+    return set(ast.literal_eval(value))
+
+
+def test_each_room_names_in_its_face_exactly_what_others_take_from_it():
+    """`__all__` of a room's `__init__`: its modules that are imported from outside of it, and names of its own."""
+    names = by_name()
+    rooms = {name for name, path in names.items() if path.name == "__init__.py" and name != DOOR}
+
+    def taken_of(full):
+        """The room of an imported name, and what of that room: a module, or a name of its face."""
+        parts = full.split(".")
+        room = next(
+            (room for end in range(len(parts), 0, -1) if (room := ".".join(parts[:end])) in rooms), None
+        )
+        return room, full.removeprefix(f"{room}.").partition(".")[0]
+
+    taken = {room: set() for room in rooms}
+    for importer, path in names.items():
+        for full in imported(path):
+            room, what = taken_of(full)
+            if (
+                room
+                and full != room
+                and (importer.startswith(DOOR) or not f"{importer}.".startswith(f"{room}."))
+            ):
+                taken[room].add(what)
+    named = {room: named_in_face(names[room]) for room in rooms}
+    unnamed = {room: sorted(taken[room] - named[room]) for room in rooms if taken[room] - named[room]}
+    unused = {room: sorted(named[room] - taken[room]) for room in rooms if named[room] - taken[room]}
+    assert (unnamed, unused) == ({}, {}), (
+        "name it in the room's __init__, or do without; take out what nobody takes"
+    )
 
 
 def test_records_know_nothing_of_clouds():

@@ -11,7 +11,8 @@ from toppling.workers.engines.mujoco.description import MUJOCO
 from toppling.workers.engines.protocol import Engine, Integrator, Pool
 from toppling.workers.options import PRESETS, NumericalOptions
 
-__all__ = ["DEFAULT", "ENGINES", "Engine", "Integrator", "Pool", "engine_named", "options_of"]
+__all__ = ["DEFAULT", "ENGINES", "Integrator", "Pool", "engine_named", "options_of", "protocol"]
+
 
 ENGINES: dict[str, Engine] = {one.name: one for one in (BULLET, MUJOCO)}
 """By name; the first is the judge, the others are extras."""

@@ -9,6 +9,8 @@ from toppling.results.hazard.readers.assembly import combined, trees_of
 from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
 
+__all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
+
 _MOST_FILES = 20_000
 """Of a folder."""
 
@@ -152,6 +154,3 @@ def _parsed(path: Path, text: str, hints: Hints) -> Stated:
             return family.read(path, lines, hints)
     openquake.refuse_others(path, lines)
     return columns.read(path, lines, hints)
-
-
-__all__ = ["HazardTree", "Hints", "InputError", "read_hazard"]

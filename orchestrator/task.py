@@ -41,10 +41,6 @@ _ONE_AT_A_TIME = threading.Lock()
 Row = dict[str, Any]
 
 
-_DECIDING_MODELS = (".", "files", "ground", "hidden_base", "motions")
-"""Rooms of models/. How scans and files of records become scenes and ensembles decides those, not their shakes."""
-
-
 class _Identified(Protocol):
     @property
     def id(self) -> str: ...
@@ -65,12 +61,27 @@ def _code() -> str:
 
 
 def deciding_files() -> list[Path]:
-    """The modules of which a shake is made: a job's answer is no other unless one of them is."""
-    models, workers = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
-    return [
-        *(path for room in _DECIDING_MODELS for path in sorted((models / room).glob("*.py"))),
-        *sorted(workers.glob("**/*.py")),
+    """The modules of which a shake is made: all of `workers`, and what they, scenes and ensembles import of `models`.
+
+    How a scan becomes a scene decides the scene, not its shakes.
+    """
+    models = Path(toppling.models.__path__[0])
+    found: set[Path] = set()
+    left = [
+        *Path(toppling.workers.__path__[0]).rglob("*.py"),
+        models / "scene.py",
+        models / "motions/ensemble.py",
     ]
+    while left:
+        path = left.pop()
+        if path in found or not path.is_file() or path.parent == models / "scan":
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
+                names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
+                left += [models.joinpath(*str(name).split(".")[2:]).with_suffix(".py") for name in names]
+    return sorted(found)
 
 
 def decisive(source: bytes) -> str:

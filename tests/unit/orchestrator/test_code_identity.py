@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import toppling.models
 from toppling.orchestrator import task
 from toppling.orchestrator.task import deciding_files, decisive
 
@@ -72,9 +73,25 @@ print(json.dumps([module.__file__ for name, module in sys.modules.items() if nam
 
 
 def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
-    """Options of a scan aside, whose names the reader of scenes knows."""
+    """The options of a scan aside, whose names the reader of scenes knows, and what comes with them."""
     loaded = json.loads(
         subprocess.run([sys.executable, "-c", LOADED], check=True, capture_output=True).stdout
     )
     missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in deciding_files()}
-    assert {path.name for path in missing if path.name != "__init__.py"} <= {"hints_file.py"}
+    assert {path.name for path in missing if path.name != "__init__.py"} <= {
+        "hints_file.py",
+        "spelling.py",
+        "matplotlib_alone.py",
+    }
+
+
+def test_no_module_that_only_scans_and_readers_of_records_use_is_part_of_it():
+    """A run goes on when one of them has changed."""
+    decides = {
+        path.relative_to(Path(toppling.models.__path__[0]).parent).as_posix() for path in deciding_files()
+    }
+    assert {"models/hidden_base/draws.py", "models/motions/ensemble.py", "workers/shake.py"} <= decides
+    assert not decides & {
+        f"models/hidden_base/{name}.py" for name in ("observed", "kinds", "underside", "standing")
+    }
+    assert not any(name.startswith(("models/scan/", "models/motions/formats/")) for name in decides)

@@ -15,19 +15,12 @@ FRICTION_SPREAD = 0.05
 
 @dataclass(frozen=True)
 class ContactProperties:
-    """What happens where rock and pedestal touch.
+    """What happens where rock and pedestal touch."""
 
-    Parameters
-    ----------
-    friction_static, friction_kinetic : float
-        Coulomb's coefficients, not negative, the kinetic one not above the static one.
-    restitution : float
-        Newton's coefficient of restitution, 0 to 1.
-    """
-
+    # Coulomb's coefficients, not negative, the kinetic one not above the static one.
     friction_static: float = 0.8
     friction_kinetic: float = 0.8
-    restitution: float = 0.0
+    restitution: float = 0.0  # Newton's coefficient of restitution, 0 to 1
 
     def __post_init__(self) -> None:
         for name, low, high in (

@@ -10,24 +10,13 @@ from toppling.models.frames import slope_of_normal
 
 @dataclass(frozen=True, eq=False)
 class Pedestal:
-    """An endless plane, or a plane's surroundings as scanned.
+    """An endless plane, or a plane's surroundings as scanned."""
 
-    Parameters
-    ----------
-    point_m : (3,) array
-        A point of the interface plane, scene frame.
-    normal : (3,) array
-        Upward unit normal of the interface plane.
-    vertices_m : (n, 3) array or None
-        Surface of the pedestal as scanned; None for an endless plane.
-    faces : (m, 3) int array or None
-        Its triangles, counter-clockwise seen from above.
-    """
-
-    point_m: NDArray[np.float64]
-    normal: NDArray[np.float64]
+    point_m: NDArray[np.float64]  # (3,): a point of the interface plane, scene frame
+    normal: NDArray[np.float64]  # (3,): upward unit normal of the interface plane
+    # (n, 3): surface of the pedestal as scanned; None for an endless plane.
     vertices_m: NDArray[np.float64] | None = None
-    faces: NDArray[np.int64] | None = None
+    faces: NDArray[np.int64] | None = None  # (m, 3): its triangles, counter-clockwise seen from above
 
     @property
     def is_plane(self) -> bool:

@@ -31,28 +31,16 @@ class Rock:
     """A closed, outward-oriented triangle mesh and its mass properties at unit density.
 
     The motion of a homogeneous rigid body does not depend on its density, so none is kept: inertia is given per mass.
-
-    Parameters
-    ----------
-    vertices_m : (n, 3) array
-        Vertices in the scene frame, metres.
-    faces : (m, 3) int array
-        Triangles, counter-clockwise seen from outside.
-    volume_m3 : float
-    com_m : (3,) array
-        Centre of mass, scene frame.
-    inertia_per_mass_m2 : (3, 3) array
-        Inertia tensor over mass, about the centre of mass, scene axes.
-    feet_m : (k, 3) array or None
-        Points that can touch the interface plane, scene frame, where a drawn base gives them
-        (:mod:`models.hidden_base.draws`); None where rock and pedestal are touched as their meshes are.
     """
 
-    vertices_m: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices_m: NDArray[np.float64]  # (n, 3): vertices in the scene frame, metres
+    faces: NDArray[np.int64]  # (m, 3): triangles, counter-clockwise seen from outside
     volume_m3: float
-    com_m: NDArray[np.float64]
+    com_m: NDArray[np.float64]  # (3,): centre of mass, scene frame
+    # (3, 3): inertia tensor over mass, about the centre of mass, scene axes.
     inertia_per_mass_m2: NDArray[np.float64]
+    # (k, 3): points that can touch the interface plane, scene frame, where a drawn base gives them
+    # (`models.hidden_base.draws`); None where rock and pedestal are touched as their meshes are.
     feet_m: NDArray[np.float64] | None = None
 
     @classmethod

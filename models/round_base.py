@@ -49,14 +49,9 @@ _AZIMUTHS_DEG = (0.0, 72.0, 144.0, 216.0, 288.0)
 
 @dataclass(frozen=True)
 class RoundedBase:
-    """What the mesh of a rounded base is worth.
+    """What the mesh of a rounded base is worth."""
 
-    Parameters
-    ----------
-    change : float
-        Largest share by which halving its edges changes a least toppling acceleration, over azimuths.
-    """
-
+    # Largest share by which halving its edges changes a least toppling acceleration, over azimuths.
     change: float
 
     @property

@@ -20,24 +20,12 @@ _SAID_FROM_SHARE = 0.002
 
 @dataclass(frozen=True)
 class Settling:
-    """The difference between a rock's pose in its scene and the one in which every job begins.
+    """The difference between a rock's pose in its scene and the one in which every job begins."""
 
-    Parameters
-    ----------
-    tilt_deg : float
-        Angle between the interface's normal before and after it moved with the rock.
-    toward_deg : float
-        Azimuth toward which it tilted.
-    way_m : float
-        Displacement of the vertex that moved farthest.
-    height_m : float
-        Of the rock in the scene.
-    """
-
-    tilt_deg: float
-    toward_deg: float
-    way_m: float
-    height_m: float
+    tilt_deg: float  # angle between the interface's normal before and after it moved with the rock
+    toward_deg: float  # azimuth toward which it tilted
+    way_m: float  # displacement of the vertex that moved farthest
+    height_m: float  # of the rock in the scene
 
     @classmethod
     def between(cls, scanned: Rock, settled: Rock, normal: np.ndarray) -> Settling:

@@ -27,24 +27,12 @@ class ProgressCallback(Protocol):
 
 @dataclass
 class RunProgress:
-    """How far a run has come.
+    """How far a run has come."""
 
-    Parameters
-    ----------
-    total : int
-        Jobs of the plan.
-    before : int
-        Jobs that had a row when this session began, those to be done again aside.
-    again : int
-        Jobs to be done again whose new row is not stored yet.
-    what : str
-        Is being done.
-    """
-
-    total: int
-    before: int
-    again: int = 0
-    what: str = "shaking"
+    total: int  # jobs of the plan
+    before: int  # jobs that had a row when this session began, those to be done again aside
+    again: int = 0  # jobs to be done again whose new row is not stored yet
+    what: str = "shaking"  # is being done
     done: int = 0
     stored: int = 0
     toppled: int = 0
@@ -107,31 +95,18 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class Work:
-    """A run at work: what its jobs and stages share.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's.
-    run_key : RunKey
-        What workers must find.
-    progress : RunProgress
-        Of the jobs of the plan; counted on.
-    redo : mapping
-        Jobs that have a row already and are done again, each with the number of its newest attempt.
-    store : Path or None
-        Where rows go; the run's folder unless given.
-    """
+    """A run at work: what its jobs and stages share."""
 
     planned: Plan
-    folder: Path
-    run_key: RunKey
+    folder: Path  # the run's
+    run_key: RunKey  # what workers must find
     client: Client
     watch: ProgressCallback
-    progress: RunProgress
+    progress: RunProgress  # of the jobs of the plan; counted on
     limits: Limits = USUAL_LIMITS
+    # Jobs that have a row already and are done again, each with the number of its newest attempt.
     redo: Mapping[str, int] = field(default_factory=dict)
-    store: Path | None = None
+    store: Path | None = None  # where rows go; the run's folder unless given
 
 
 def run_key_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> RunKey:

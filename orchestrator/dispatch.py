@@ -28,18 +28,13 @@ A long one that began last would keep the others waiting: job times differ by a 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a job is given up.
+    """When a job is given up."""
 
-    Parameters
-    ----------
-    job_s : float
-        Wall time that no job needs: a worker that takes longer is taken to hang, and is replaced.
-    tries : int
-        Deaths of a worker under one job that runs alone. Bad luck, such as a node taken away, hardly strikes one job
-        so often; one that crashes the engine always does. More cost time where workers are often taken away.
-    """
-
+    # Wall time that no job needs: a worker that takes longer is taken to hang, and is replaced.
     job_s: float = 300.0
+    # Deaths of a worker under one job that runs alone. Bad luck, such as a node taken away, hardly strikes
+    # one job so often; one that crashes the engine always does. More cost time where workers are often taken
+    # away.
     tries: int = 3
 
 
@@ -58,21 +53,11 @@ def why_given_up(limits: Limits, hung: int) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Batch:
-    """Jobs that go to a worker together.
+    """Jobs that go to a worker together."""
 
-    Parameters
-    ----------
-    jobs : tuple of int
-        Rows of the plan.
-    attempt : int
-        1, or more for a job that is tried alone after its worker died.
-    alone : bool
-        Whether it is a suspect's lone try.
-    """
-
-    jobs: tuple[int, ...]
-    attempt: int = 1
-    alone: bool = False
+    jobs: tuple[int, ...]  # rows of the plan
+    attempt: int = 1  # 1, or more for a job that is tried alone after its worker died
+    alone: bool = False  # whether it is a suspect's lone try
 
 
 class Dispatch:

@@ -44,18 +44,10 @@ _BRIEF_S = 60.0
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """What a plan is expected to take.
+    """What a plan is expected to take."""
 
-    Parameters
-    ----------
-    work_s : float
-        Of one worker that does all of it.
-    timed : int
-        Jobs that it is known from.
-    """
-
-    work_s: float
-    timed: int
+    work_s: float  # of one worker that does all of it
+    timed: int  # jobs that it is known from
 
     def wall_s(self, workers: int) -> float:
         """Time on so many workers."""

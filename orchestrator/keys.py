@@ -41,36 +41,16 @@ Reader = Callable[[Any, Place], Any]
 
 @dataclass(frozen=True)
 class Key:
-    """One key.
+    """One key."""
 
-    Parameters
-    ----------
-    name : str
-        With its unit at the end.
-    read : callable
-        Value of what a file says, or an `InputError`.
-    values : str
-        What it may be, with the unit.
-    help : str
-        What it means.
-    default : value as read
-        `REQUIRED` if there is none.
-    otherwise : str
-        What the default means.
-    example : str
-        A value in TOML.
-    page : str
-        Of the documentation that says more.
-    """
-
-    name: str
-    read: Reader
-    values: str
-    help: str
-    default: Any = REQUIRED
-    otherwise: str = "none"
-    example: str = ""
-    page: str = ""
+    name: str  # with its unit at the end
+    read: Reader  # value of what a file says, or an `InputError`
+    values: str  # what it may be, with the unit
+    help: str  # what it means
+    default: Any = REQUIRED  # `REQUIRED` if there is none
+    otherwise: str = "none"  # what the default means
+    example: str = ""  # a value in TOML
+    page: str = ""  # of the documentation that says more
 
     def place(self, where: str, folder: Path) -> Place:
         """Where it stands in a file."""

@@ -35,21 +35,12 @@ class Statics:
 
 @dataclass(frozen=True)
 class Pilot:
-    """What a few jobs tell.
+    """What a few jobs tell."""
 
-    Parameters
-    ----------
-    topples_at_m_s2 : tuple of float
-        For each record the least level tried at which it toppled the rock; infinite where none did.
-    highest_m_s2 : float
-        Highest level tried.
-    job_s : float
-        What a job of the whole ensemble is expected to cost on one core.
-    """
-
+    # For each record the least level tried at which it toppled the rock; infinite where none did.
     topples_at_m_s2: tuple[float, ...]
-    highest_m_s2: float
-    job_s: float
+    highest_m_s2: float  # highest level tried
+    job_s: float  # what a job of the whole ensemble is expected to cost on one core
 
     @property
     def toppled(self) -> int:

@@ -50,26 +50,14 @@ def expected_s(motion_s: float, jobs: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PlannedScene:
-    """What jobs of a plan have in common that shake the same rock.
+    """What jobs of a plan have in common that shake the same rock."""
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Of this rock alone.
-    record_sha : dict
-        Hash of every record in use.
-    duration_s : dict
-        Duration of every record in use.
-    site : Site or None
-        Of a rock among others.
-    """
-
-    campaign: Campaign
+    campaign: Campaign  # of this rock alone
     scene_id: str
     ensemble_id: str
-    record_sha: dict[str, str]
-    duration_s: dict[str, float]
-    site: Site | None = None
+    record_sha: dict[str, str]  # hash of every record in use
+    duration_s: dict[str, float]  # duration of every record in use
+    site: Site | None = None  # of a rock among others
 
     @property
     def rock(self) -> str | None:
@@ -90,28 +78,16 @@ class PlannedScene:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The jobs of a campaign.
-
-    Parameters
-    ----------
-    scenes : tuple of PlannedScene
-        One, or those of an atlas.
-    jobs : pyarrow.Table
-        One row a job: rock after rock, record after record, the longest first; where records keep their own levels and
-        azimuths, contact after contact, since each then shakes a rock once.
-    recorded : Recorded or None
-        What the rock is known to have stood.
-    left_out : tuple of (str, str)
-        Rocks of an atlas that cannot be read, each with the reason.
-    settled : mapping
-        How its rocks settle; empty where nobody has looked (`orchestrator.stands`).
-    """
+    """The jobs of a campaign."""
 
     campaign: Campaign
-    scenes: tuple[PlannedScene, ...]
+    scenes: tuple[PlannedScene, ...]  # one, or those of an atlas
+    # One row a job: rock after rock, record after record, the longest first; where records keep their own
+    # levels and azimuths, contact after contact, since each then shakes a rock once.
     jobs: pa.Table
-    recorded: Recorded | None = None
-    left_out: tuple[tuple[str, str], ...] = ()
+    recorded: Recorded | None = None  # what the rock is known to have stood
+    left_out: tuple[tuple[str, str], ...] = ()  # rocks of an atlas that cannot be read, each with the reason
+    # How its rocks settle; empty where nobody has looked (`orchestrator.stands`).
     settled: Settled = dataclasses.field(default_factory=dict)
 
     @property

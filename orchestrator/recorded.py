@@ -25,17 +25,10 @@ ENSEMBLES = ("as_recorded", "from_all_sides")
 
 @dataclass(frozen=True)
 class Recorded:
-    """Motions that the rock is known to have stood.
-
-    Parameters
-    ----------
-    records : tuple of Record
-    paths : tuple of str
-        As they were given, one per record.
-    """
+    """Motions that the rock is known to have stood."""
 
     records: tuple[Record, ...]
-    paths: tuple[str, ...]
+    paths: tuple[str, ...]  # as they were given, one per record
 
     @property
     def identity(self) -> tuple[str, ...]:

@@ -31,25 +31,15 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class Session:
-    """What carries a run out, or goes on with it.
+    """What carries a run out, or goes on with it."""
 
-    Parameters
-    ----------
-    cluster : context manager of Client
-        Entered only if there is work.
-    again : collection of str
-        Statuses whose jobs are done again; what they have counts until there is a newer row.
-    stages : sequence of Stage
-    choose : callable
-        The jobs wanted of a plan in a run's folder.
-    """
-
-    cluster: AbstractContextManager[Client]
+    cluster: AbstractContextManager[Client]  # entered only if there is work
     watch: ProgressCallback
     limits: Limits = USUAL_LIMITS
+    # Statuses whose jobs are done again; what they have counts until there is a newer row.
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
-    choose: Choose = AllJobs
+    choose: Choose = AllJobs  # the jobs wanted of a plan in a run's folder
 
     def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.

@@ -22,24 +22,12 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class TargetSpec:
-    """A number that a run is to state.
+    """A number that a run is to state."""
 
-    Parameters
-    ----------
-    of : str
-        median, p05, p95: the intensity at which so many topple.
-    measure : str or None
-        Column of the results; None for whichever predicts best.
-    at : float or None
-        Intensity at which the probability is asked for instead.
-    hazard : Path or None
-        File of the hazard curve under which the failure rate is asked for instead.
-    """
-
-    of: str = _SHARES[0]
-    measure: str | None = None
-    at: float | None = None
-    hazard: Path | None = None
+    of: str = _SHARES[0]  # median, p05, p95: the intensity at which so many topple
+    measure: str | None = None  # column of the results; None for whichever predicts best
+    at: float | None = None  # intensity at which the probability is asked for instead
+    hazard: Path | None = None  # file of the hazard curve under which the failure rate is asked for instead
 
     def content(self, hazard: str | None = None) -> dict[str, Any]:
         """The table of a campaign's file, with the hazard's path as given."""

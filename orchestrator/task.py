@@ -133,24 +133,15 @@ class UnfitWorkerError(RuntimeError):
 
 @dataclass(frozen=True)
 class RunKey:
-    """What a worker must find before it does jobs of a run.
+    """What a worker must find before it does jobs of a run."""
 
-    Parameters
-    ----------
-    folder : str
-        The run's folder; a host that does not see it is sent what it needs (`orchestrator.delivery`).
-    scene_id, ensemble_id : str
-        Hashes of what must lie in it.
-    versions : tuple of (str, str)
-        As :func:`versions` gives them on the client.
-    scene_place, ensemble_place : str
-        Where they lie in it.
-    """
-
+    # The run's folder; a host that does not see it is sent what it needs (`orchestrator.delivery`).
     folder: str
+    # Hashes of what must lie in it.
     scene_id: str
     ensemble_id: str
-    versions: tuple[tuple[str, str], ...]
+    versions: tuple[tuple[str, str], ...]  # as `versions` gives them on the client
+    # Where they lie in it.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
 

@@ -5,18 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Completeness:
-    """Jobs that a run was begun with, and those that have run.
+    """Jobs that a run was begun with, and those that have run."""
 
-    Parameters
-    ----------
-    planned : int or None
-        None where the run does not say, as one that is no whole folder.
-    done : int
-        Jobs with a row, whatever its status.
-    """
-
-    planned: int | None
-    done: int
+    planned: int | None  # None where the run does not say, as one that is no whole folder
+    done: int  # jobs with a row, whatever its status
 
     @property
     def left(self) -> int:

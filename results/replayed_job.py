@@ -20,24 +20,12 @@ _LEAD_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A rock's trajectory under a ground motion, in the pedestal's frame.
+    """A rock's trajectory under a ground motion, in the pedestal's frame."""
 
-    Parameters
-    ----------
-    scene : Scene
-        In the pose that the trajectory starts from.
-    motion : Motion
-        As imposed.
-    trajectory : Trajectory
-        Its quaternions rotate from the pose in the scene to the present one.
-    topple_time_s : float or None
-        Time of no return.
-    """
-
-    scene: Scene
-    motion: Motion
-    trajectory: Trajectory
-    topple_time_s: float | None = None
+    scene: Scene  # in the pose that the trajectory starts from
+    motion: Motion  # as imposed
+    trajectory: Trajectory  # its quaternions rotate from the pose in the scene to the present one
+    topple_time_s: float | None = None  # time of no return
 
     @property
     def tilt_deg(self) -> Array:

@@ -49,27 +49,14 @@ _no_weights = refusals(
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Weights of the draws of a base, by contact.
+    """Weights of the draws of a base, by contact."""
 
-    Parameters
-    ----------
-    by_contact : mapping
-        Of each contact (static and kinetic friction, restitution) an array (draws,) whose mean is 1.
-    reason : str
-        What is known of the rock, as a clause: "the rock stood quake".
-    method : str
-        What the weights are, as a page on methods says it: "the probability that ...".
-    remarks : tuple of str
-        What else a person should know.
-    evidence : mapping
-        What a program reads of the reason.
-    """
-
+    # Of each contact (static and kinetic friction, restitution) an array (draws,) whose mean is 1.
     by_contact: Mapping[Contact, Array]
-    reason: str
-    method: str = ""
-    remarks: tuple[str, ...] = ()
-    evidence: Mapping[str, Any] = field(default_factory=dict)
+    reason: str  # what is known of the rock, as a clause: "the rock stood quake"
+    method: str = ""  # what the weights are, as a page on methods says it: "the probability that ..."
+    remarks: tuple[str, ...] = ()  # what else a person should know
+    evidence: Mapping[str, Any] = field(default_factory=dict)  # what a program reads of the reason
 
     def of(self, contact: Contact) -> Array:
         """Weights under a contact.

@@ -77,23 +77,12 @@ def repeated(action: Callable[[], None], pause_s: float) -> Iterator[None]:
 
 @dataclass
 class Lease:
-    """The right to write to a run.
+    """The right to write to a run."""
 
-    Parameters
-    ----------
-    address : str
-        Of the run, for people.
-    store : pyarrow.fs.FileSystem
-    folder : str
-        Of the writers' objects, in the store.
-    notes : Path
-        File of this machine in which its writer's object is named.
-    """
-
-    address: str
+    address: str  # of the run, for people
     store: Any
-    folder: str
-    notes: Path
+    folder: str  # of the writers' objects, in the store
+    notes: Path  # file of this machine in which its writer's object is named
     lost: bool = field(init=False, default=False)
     _name: str = field(init=False, default="")
     _owner: str = field(init=False, default="")

@@ -36,19 +36,12 @@ _damaged = refusals(
 
 @dataclass(frozen=True)
 class Property:
-    """A value of every row of an element, or a list of them.
+    """A value of every row of an element, or a list of them."""
 
-    Parameters
-    ----------
-    name, kind : str
-        `kind` is NumPy's, without the order of bytes.
-    count_kind : str
-        Of a list's length; empty if it is no list.
-    """
-
+    # `kind` is NumPy's, without the order of bytes.
     name: str
     kind: str
-    count_kind: str = ""
+    count_kind: str = ""  # of a list's length; empty if it is no list
 
     @property
     def least_bytes(self) -> int:

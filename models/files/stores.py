@@ -37,12 +37,6 @@ Stamp = list[int]
 class Copy:
     """The copy on this machine of a folder in a store.
 
-    Parameters
-    ----------
-    address : str
-    path : Path
-        Of the copy.
-
     Raises
     ------
     InputError
@@ -50,7 +44,7 @@ class Copy:
     """
 
     address: str
-    path: Path
+    path: Path  # of the copy
     _root: str = field(init=False)
     _store: Any = field(init=False)
     _known: dict[str, tuple[Stamp, Stamp]] = field(init=False, default_factory=dict)

@@ -43,25 +43,17 @@ _no_draws = refusals(
 
 @dataclass(frozen=True, eq=False)
 class BaseDraw:
-    """One base that agrees with all that was seen.
+    """One base that agrees with all that was seen."""
 
-    Parameters
-    ----------
-    feet_m : (n, 3) array
-        Coordinates u, v along the interface plane (:func:`models.frames.plane_axes`) and the clearance, in the pose at
-        rest. Where the clearance is 0 the rock touches.
-    com_offset_m : (3,) array
-        From the scene's centre of mass to the drawn one, scene axes, before the turn.
-    turn_rad : (3,) array
-        Rotation vector about the scene's origin, scene axes, from the pose of the scene to that at rest; zero for a
-        base on which the rock stands as scanned.
-    shift_m : (3,) array
-        Translation that follows the turn.
-    """
-
+    # (n, 3): coordinates u, v along the interface plane (`models.frames.plane_axes`) and the clearance, in
+    # the pose at rest. Where the clearance is 0 the rock touches.
     feet_m: Array
+    # (3,): from the scene's centre of mass to the drawn one, scene axes, before the turn.
     com_offset_m: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    # (3,): rotation vector about the scene's origin, scene axes, from the pose of the scene to that at rest;
+    # zero for a base on which the rock stands as scanned.
     turn_rad: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    # (3,): translation that follows the turn.
     shift_m: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
@@ -77,25 +69,16 @@ class BaseDraw:
 
 @dataclass(frozen=True, eq=False)
 class UnseenBase:
-    """Draws of a base, each as likely as the others.
+    """Draws of a base, each as likely as the others."""
 
-    Parameters
-    ----------
-    band_m : float
-        Clearance below which a draw's feet replace those of the scene's meshes.
-    draws : tuple of BaseDraw
-    nominal : int or None
-        Draw whose feet the scene itself stands on, in its own pose and with its own centre of mass; None for those of
-        its meshes.
-    vertices : (n,) int array or None
-        Over a surface: which vertices of the rock's mesh the feet of each draw are, in their order. Their third
-        coordinate is then the height over the interface plane and not the clearance, and the rock touches where its
-        mesh does.
-    """
-
-    band_m: float
+    band_m: float  # clearance below which a draw's feet replace those of the scene's meshes
     draws: tuple[BaseDraw, ...]
+    # Draw whose feet the scene itself stands on, in its own pose and with its own centre of mass; None for
+    # those of its meshes.
     nominal: int | None = None
+    # (n,): over a surface: which vertices of the rock's mesh the feet of each draw are, in their order. Their
+    # third coordinate is then the height over the interface plane and not the clearance, and the rock touches
+    # where its mesh does.
     vertices: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:

@@ -52,34 +52,21 @@ _FITTING_SHARE = 1.0 / 3.0
 
 @dataclass(frozen=True, eq=False)
 class DrawnBases:
-    """Fields of gaps on which the rock stands as scanned, and what follows from each.
-
-    Parameters
-    ----------
-    part : HiddenPart
-    gaps : list of GapDraw
-    com_m : (n, 3) array
-        Centre of mass with each, scene frame.
-    toppling_m_s2 : (n, azimuths) array
-        Quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
-    com_std_m : (3,) array
-        Standard deviation of the centre of mass before anything was measured on the base.
-    lift_off_m_s2 : (n, azimuths) array or None
-        Acceleration at which the contacts of each begin to open; None over a surface.
-    kind_weights : dict
-        How likely each kind of base is by the rim, before any pull.
-    hinted : bool
-        Whether touches or pulls are known.
-    """
+    """Fields of gaps on which the rock stands as scanned, and what follows from each."""
 
     part: HiddenPart
     gaps: list[GapDraw]
-    com_m: Array
+    com_m: Array  # (n, 3): centre of mass with each, scene frame
+    # (n, azimuths): quasi-static toppling acceleration with each, for ground accelerations toward
+    # AZIMUTHS_DEG.
     toppling_m_s2: Array
+    # (3,): standard deviation of the centre of mass before anything was measured on the base.
     com_std_m: Array
+    # (n, azimuths): acceleration at which the contacts of each begin to open; None over a surface.
     lift_off_m_s2: Array | None = None
+    # How likely each kind of base is by the rim, before any pull.
     kind_weights: dict[str, float] = field(default_factory=dict)
-    hinted: bool = False
+    hinted: bool = False  # whether touches or pulls are known
 
     @property
     def kinds(self) -> dict[str, int]:

@@ -40,29 +40,20 @@ _TOUCHING_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class Relief:
-    """Prior of a gap: a level that is not known, a shape, and roughness upon it.
+    """Prior of a gap: a level that is not known, a shape, and roughness upon it."""
 
-    Parameters
-    ----------
-    level_m : float
-        Standard deviation of the mean gap.
-    shape_m, shape_length_m : float
-        Standard deviation and correlation length of what the base bulges, hollows or slopes.
-    rough_m, rough_length_m : float
-        The same of its roughness.
-    curvature_per_m : float
-        Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a whole.
-    bowl_m : float
-        Standard deviation of what a base rises from its middle to its outline, as the square of the way there and as
-        its fourth power: a base that is round within its own outline, however long that is.
-    """
-
-    level_m: float
+    level_m: float  # standard deviation of the mean gap
+    # Standard deviation and correlation length of what the base bulges, hollows or slopes.
     shape_m: float
     shape_length_m: float
+    # The same of its roughness.
     rough_m: float
     rough_length_m: float
+    # Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a
+    # whole.
     curvature_per_m: float = 0.0
+    # Standard deviation of what a base rises from its middle to its outline, as the square of the way there
+    # and as its fourth power: a base that is round within its own outline, however long that is.
     bowl_m: float = 0.0
 
     def covariance(self, places_m: Array) -> Array:
@@ -79,57 +70,33 @@ class Relief:
 
 @dataclass(frozen=True, eq=False)
 class BaseObservation:
-    """What is known of a gap.
+    """What is known of a gap."""
 
-    Parameters
-    ----------
-    places_m : (n, 2) array
-        Where the gap is asked for.
-    known : (m,) int array
-        Places where it was seen.
-    gap_m, std_m : (m,) arrays
-        What was seen there, and the standard deviation of an error of the place's own.
-    shared_m : (m,) array
-        The same of an error that it shares with its group. Where it follows from what was seen, so that low places have
-        large ones, a fit takes the group's error for the difference between them: give such a group one value.
-    group : (m,) int array
-    floor_m : (n,) array
-        Least gap; above 0 where rock and pedestal cannot touch.
-    touching : (k,) int array
-        Places where they are known to touch.
-    """
-
-    places_m: Array
-    known: Index
+    places_m: Array  # (n, 2): where the gap is asked for
+    known: Index  # (m,): places where it was seen
+    # (m,): what was seen there, and the standard deviation of an error of the place's own.
     gap_m: Array
     std_m: Array
+    # (m,): the same of an error that it shares with its group. Where it follows from what was seen, so that
+    # low places have large ones, a fit takes the group's error for the difference between them: give such a
+    # group one value.
     shared_m: Array
-    group: Index
-    floor_m: Array
-    touching: Index
+    group: Index  # (m,)
+    floor_m: Array  # (n,): least gap; above 0 where rock and pedestal cannot touch
+    touching: Index  # (k,): places where they are known to touch
 
 
 @dataclass(frozen=True, eq=False)
 class GapDraw:
-    """One field of gaps on which the rock stands.
+    """One field of gaps on which the rock stands."""
 
-    Parameters
-    ----------
-    gap_m : (n,) array
-    log_weight : float
-        Logarithm of its weight among those of its kind: the likelihood of what was seen, and its misfit with standing.
-    number : int
-        Which line of the weight it has.
-    kind : str
-    log_likelihood : float
-        Of what was seen alone.
-    """
-
-    gap_m: Array
+    gap_m: Array  # (n,)
+    # Logarithm of its weight among those of its kind: the likelihood of what was seen, and its misfit with
+    # standing.
     log_weight: float
-    number: int
+    number: int  # which line of the weight it has
     kind: str = "rough"
-    log_likelihood: float = 0.0
+    log_likelihood: float = 0.0  # of what was seen alone
 
 
 def way_out(places_m: Array) -> Array:

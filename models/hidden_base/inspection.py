@@ -29,32 +29,18 @@ def _no_places() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Knowledge of the base, in survey coordinates.
+    """Knowledge of the base, in survey coordinates."""
 
-    Parameters
-    ----------
-    touching_m, open_m : (n, 3) arrays
-        Places where rock and pedestal touch, and where daylight shows through between them.
-    pulls : tuple of (float, float)
-        Azimuth toward which the rock was pulled, horizontally at the height of its centre of mass, degrees from east to
-        north, and the force over its weight that lifted it until it would have gone on by itself.
-    base : str, optional
-        Kind of the base, one of `hints_file.KINDS`.
-    touch_only : bool
-        Whether rock and pedestal touch at the places that touch and nowhere else.
-    file : str
-        Where the places are from.
-    lines : tuple of int
-        Line of the file of each place, those that touch first.
-    """
-
+    # (n, 3): places where rock and pedestal touch, and where daylight shows through between them.
     touching_m: Array = field(default_factory=_no_places)
     open_m: Array = field(default_factory=_no_places)
+    # Azimuth toward which the rock was pulled, horizontally at the height of its centre of mass, degrees from
+    # east to north, and the force over its weight that lifted it until it would have gone on by itself.
     pulls: tuple[tuple[float, float], ...] = ()
-    base: str | None = None
-    touch_only: bool = False
-    file: str = "--contact"
-    lines: tuple[int, ...] = ()
+    base: str | None = None  # kind of the base, one of `hints_file.KINDS`
+    touch_only: bool = False  # whether rock and pedestal touch at the places that touch and nowhere else
+    file: str = "--contact"  # where the places are from
+    lines: tuple[int, ...] = ()  # line of the file of each place, those that touch first
 
     @property
     def says_nothing(self) -> bool:

@@ -65,22 +65,12 @@ the base."""
 
 @dataclass(frozen=True, eq=False)
 class HiddenPart:
-    """Places over the hidden base, what was seen of the gap there, and how they map to the grid.
-
-    Parameters
-    ----------
-    under : Underside
-    observed : BaseObservation
-    width_m : float
-        Root of the hidden area.
-    inner : int
-        So many of the places, the first ones, lie on a square grid over the hidden area.
-    """
+    """Places over the hidden base, what was seen of the gap there, and how they map to the grid."""
 
     under: Underside
     observed: BaseObservation
-    width_m: float
-    inner: int
+    width_m: float  # root of the hidden area
+    inner: int  # so many of the places, the first ones, lie on a square grid over the hidden area
 
     @property
     def cell_m2(self) -> float:

@@ -38,19 +38,13 @@ TOLERANCE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Standing:
-    """What is known of how the rock stood before it was shaken.
+    """What is known of how the rock stood before it was shaken."""
 
-    Parameters
-    ----------
-    attitude_std_deg : float
-        How well the mesh's pose gives the pose in which the rock stood: of a base that tilts the rock by more than this
-        fewer are kept (normal distribution). Infinite if the mesh's attitude says nothing.
-    least_toppling_m_s2 : float
-        Horizontal acceleration, of any azimuth, slowly applied, that the rock is known to have borne: by itself it
-        stood under 0, and through a weak shaking under about half of its peak.
-    """
-
+    # How well the mesh's pose gives the pose in which the rock stood: of a base that tilts the rock by more
+    # than this fewer are kept (normal distribution). Infinite if the mesh's attitude says nothing.
     attitude_std_deg: float = 1.0
+    # Horizontal acceleration, of any azimuth, slowly applied, that the rock is known to have borne: by itself
+    # it stood under 0, and through a weak shaking under about half of its peak.
     least_toppling_m_s2: float = 0.0
 
 

@@ -47,20 +47,11 @@ _WIDEST_SPACING_CELLS = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """Height of the rock's underside over the interface plane.
-
-    Parameters
-    ----------
-    grid : Grid
-    height_m : (shape) array
-        Height over the plane, 0 where the rock rests on it.
-    hidden : (shape) bool array
-        Where the underside was not seen.
-    """
+    """Height of the rock's underside over the interface plane."""
 
     grid: Grid
-    height_m: NDArray[np.float64]
-    hidden: NDArray[np.bool_]
+    height_m: NDArray[np.float64]  # (shape): height over the plane, 0 where the rock rests on it
+    hidden: NDArray[np.bool_]  # (shape): where the underside was not seen
 
 
 def near_the_interface(
@@ -84,31 +75,20 @@ def near_the_interface(
 
 @dataclass(frozen=True, eq=False)
 class Underside:
-    """What was seen of the rock's underside, on the cells of a grid.
-
-    Parameters
-    ----------
-    grid : Grid
-    seen_m : (shape) array
-        Least height of the rock's points over the interface plane, 0 where there are none.
-    seen, hidden, carries : (shape) bool array
-        Cells with points of the rock, those within its rim without, and those of the rim itself.
-    outline : (shape) bool array or None
-        Within the contact that the user outlined.
-    hole_depth : (shape) array
-        How many cells deep a hidden cell lies in a hole of the pedestal's seen points; 0 where the pedestal was seen.
-    into_seen : (shape) array
-        Cells from the hidden part.
-    """
+    """What was seen of the rock's underside, on the cells of a grid."""
 
     grid: Grid
+    # (shape): least height of the rock's points over the interface plane, 0 where there are none.
     seen_m: NDArray[np.float64]
+    # (shape): cells with points of the rock, those within its rim without, and those of the rim itself.
     seen: NDArray[np.bool_]
     hidden: NDArray[np.bool_]
     carries: NDArray[np.bool_]
-    outline: NDArray[np.bool_] | None
+    outline: NDArray[np.bool_] | None  # (shape): within the contact that the user outlined
+    # (shape): how many cells deep a hidden cell lies in a hole of the pedestal's seen points; 0 where the
+    # pedestal was seen.
     hole_depth: NDArray[np.float64]
-    into_seen: NDArray[np.float64]
+    into_seen: NDArray[np.float64]  # (shape): cells from the hidden part
 
     @classmethod
     def of(

@@ -34,16 +34,11 @@ class Bin:
 
 @dataclass(frozen=True)
 class Deaggregation:
-    """What contributes to a site's hazard.
-
-    Parameters
-    ----------
-    bins : list of Bin
-    of : str
-        The motion that it is of, and where several were to choose from, which; empty where the file does not say.
-    """
+    """What contributes to a site's hazard."""
 
     bins: list[Bin]
+    # The motion that it is of, and where several were to choose from, which; empty where the file does not
+    # say.
     of: str = ""
 
 

@@ -19,23 +19,14 @@ _COMPARED_STEP_S = 0.02
 
 @dataclass(frozen=True)
 class Shaking:
-    """What names the shaking of a record, empty or None where nobody says.
+    """What names the shaking of a record, empty or None where nobody says."""
 
-    Parameters
-    ----------
-    table_event : str
-        Event by the metadata table.
-    event, station, series : str
-        By the header.
-    start_s : float or None
-        Time of the first sample, seconds since 1970.
-    """
-
-    table_event: str
+    table_event: str  # event by the metadata table
+    # By the header.
     event: str
     station: str
     series: str
-    start_s: float | None
+    start_s: float | None  # time of the first sample, seconds since 1970
 
     def is_that_of(self, other: "Shaking") -> bool:
         """Whether the names alone show that the two are one.
@@ -56,21 +47,12 @@ class Shaking:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A record on its way into an ensemble.
-
-    Parameters
-    ----------
-    record : Record
-    shaking : Shaking
-    corrected : bool
-    warnings : tuple of str
-        What the user should know of it.
-    """
+    """A record on its way into an ensemble."""
 
     record: Record
     shaking: Shaking
     corrected: bool
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what the user should know of it
 
 
 def duplicates(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidate]]:

@@ -20,18 +20,10 @@ _LIMITING_ORDER = 4
 
 @dataclass(frozen=True, eq=False)
 class Imposed:
-    """A motion on the way to the rock and how strong it is.
+    """A motion on the way to the rock and how strong it is."""
 
-    Parameters
-    ----------
-    motion : Motion
-        Scene frame.
-    intensity : mapping
-        Units in the names; the columns of the results' group `imposed`.
-    """
-
-    motion: Motion
-    intensity: Mapping[str, float]
+    motion: Motion  # scene frame
+    intensity: Mapping[str, float]  # units in the names; the columns of the results' group `imposed`
 
 
 def impose(

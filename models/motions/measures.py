@@ -11,32 +11,18 @@ STANDARD_G_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One intensity measure.
+    """One intensity measure."""
 
-    Parameters
-    ----------
-    description : str
-        Of the columns of catalogues and rows; its unit is the end of its name.
-    scaling_power : int or None
-        Power of the scale by which it grows with the motion; None of an azimuth, which turns with it.
-    short_name : str
-        As people call it; its own name if empty.
-    compared : bool
-        Whether curves are fitted over it and runs rank it.
-    vertical : bool
-        Whether it is of the vertical shaking, which topples nothing by itself: no level is chosen by it.
-    openquake : pair of str and float, or None
-        OpenQuake's name (hazardlib/imt.py), and the factor from SI to OpenQuake's unit.
-    added_later : bool
-        Whether catalogues and rows of the present schema version may lack it: they were written before it.
-    """
-
-    description: str
+    description: str  # of the columns of catalogues and rows; its unit is the end of its name
+    # Power of the scale by which it grows with the motion; None of an azimuth, which turns with it.
     scaling_power: int | None
-    short_name: str = ""
-    compared: bool = False
+    short_name: str = ""  # as people call it; its own name if empty
+    compared: bool = False  # whether curves are fitted over it and runs rank it
+    # Whether it is of the vertical shaking, which topples nothing by itself: no level is chosen by it.
     vertical: bool = False
+    # OpenQuake's name (hazardlib/imt.py), and the factor from SI to OpenQuake's unit.
     openquake: tuple[str, float] | None = None
+    # Whether catalogues and rows of the present schema version may lack it: they were written before it.
     added_later: bool = False
 
 

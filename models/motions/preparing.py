@@ -22,30 +22,16 @@ _LEFT = {
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user allows and asks for of the records that are imported.
+    """What the user allows and asks for of the records that are imported."""
 
-    Parameters
-    ----------
-    missing_vertical : bool
-        Allow records without a vertical component.
-    doubtful : bool
-        Allow records beyond 5 g, clipped, with a spike or with a gap filled by a constant.
-    process : bool or None
-        None processes what is uncorrected, and what drifts where nobody says; True all, False none.
-    corner_hz : float or None
-        Corner of the high-pass; None chooses one by record.
-    time_step_s : float or None
-        Time step that every record is resampled to; None leaves each its own.
-    folders_apart : bool
-        Folders are places: the same shaking in two of them is two records.
-    """
-
-    missing_vertical: bool = False
+    missing_vertical: bool = False  # allow records without a vertical component
+    # Allow records beyond 5 g, clipped, with a spike or with a gap filled by a constant.
     doubtful: bool = False
+    # None processes what is uncorrected, and what drifts where nobody says; True all, False none.
     process: bool | None = None
-    corner_hz: float | None = None
-    time_step_s: float | None = None
-    folders_apart: bool = False
+    corner_hz: float | None = None  # corner of the high-pass; None chooses one by record
+    time_step_s: float | None = None  # time step that every record is resampled to; None leaves each its own
+    folders_apart: bool = False  # folders are places: the same shaking in two of them is two records
 
 
 def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:

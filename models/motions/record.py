@@ -14,49 +14,30 @@ from toppling.models.motions.motion import Motion
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One station's three-component record of one earthquake, x east, y north, z up.
-
-    Parameters
-    ----------
-    record_id, event, station : str
-    magnitude, distance_km : float or None
-        None where unknown.
-    motion : Motion
-    north_known : bool
-        Whether the recorded components' azimuths are known. If not, the first horizontal component is x, the
-        second y.
-    intensity : mapping
-        Measures of `models.motions.intensity.measure`, units in the names; `strong_azimuth_deg` is the
-        azimuth of the stronger recorded horizontal component.
-    history : tuple of str
-        What was done to the motion, step by step.
-    files : tuple of str
-        Paths as read; empty for a motion that was made.
-    sha : str
-        Hash of what can change an answer: samples, time step, azimuth of the strong component.
-    components : int
-        3, or 2 if the vertical is missing (and zero).
-    quality : str
-        "corrected" by its agency, "processed" here, "drifting" after processing, "sound" (nobody says if it was
-        corrected, but its displacement does not drift), "uncorrected" or "made".
-    weight : float
-        Share of the record in a weighted ensemble; 1 unless the ensemble was weighted.
-    """
+    """One station's three-component record of one earthquake, x east, y north, z up."""
 
     record_id: str
     event: str
     station: str
+    # None where unknown.
     magnitude: float | None
     distance_km: float | None
     motion: Motion
+    # Whether the recorded components' azimuths are known. If not, the first horizontal component is x, the
+    # second y.
     north_known: bool
+    # Measures of `models.motions.intensity.measure`, units in the names; `strong_azimuth_deg` is the azimuth
+    # of the stronger recorded horizontal component.
     intensity: Mapping[str, float]
-    history: tuple[str, ...] = ()
-    files: tuple[str, ...] = ()
+    history: tuple[str, ...] = ()  # what was done to the motion, step by step
+    files: tuple[str, ...] = ()  # paths as read; empty for a motion that was made
+    # Hash of what can change an answer: samples, time step, azimuth of the strong component.
     sha: str = field(default="")
-    components: int = 3
+    components: int = 3  # 3, or 2 if the vertical is missing (and zero)
+    # "corrected" by its agency, "processed" here, "drifting" after processing, "sound" (nobody says if it was
+    # corrected, but its displacement does not drift), "uncorrected" or "made".
     quality: str = "made"
-    weight: float = 1.0
+    weight: float = 1.0  # share of the record in a weighted ensemble; 1 unless the ensemble was weighted
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Record) and (self.record_id, self.sha) == (other.record_id, other.sha)

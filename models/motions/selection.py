@@ -19,34 +19,19 @@ class Choice:
     """What a record must be; None and 0 ask for nothing.
 
     A record of unknown magnitude or distance does not pass a range of it.
-
-    Parameters
-    ----------
-    magnitude, distance_km : pair of float or None
-        Least and largest, both included.
-    event : str or None
-        Part of the event's name, in any case.
-    components : int
-        At least so many.
-    most_per_event : int
-        At most so many of one event: the nearest to the source, then by id.
-    quality : tuple of str
-        Any of these, as in `Record.quality`; empty for every quality.
-    pga_m_s2, pgv_pga_s : pair of float or None
-        As `magnitude`; of the record as it is, before it is scaled.
-    count : int
-        At most so many, spread evenly over the ranks of PGV/PGA.
     """
 
+    # Least and largest, both included.
     magnitude: tuple[float, float] | None = None
     distance_km: tuple[float, float] | None = None
-    event: str | None = None
-    components: int = 0
-    most_per_event: int = 0
-    quality: tuple[str, ...] = ()
+    event: str | None = None  # part of the event's name, in any case
+    components: int = 0  # at least so many
+    most_per_event: int = 0  # at most so many of one event: the nearest to the source, then by id
+    quality: tuple[str, ...] = ()  # any of these, as in `Record.quality`; empty for every quality
+    # As `magnitude`; of the record as it is, before it is scaled.
     pga_m_s2: tuple[float, float] | None = None
     pgv_pga_s: tuple[float, float] | None = None
-    count: int = 0
+    count: int = 0  # at most so many, spread evenly over the ranks of PGV/PGA
 
     def __post_init__(self) -> None:
         for name in ("magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"):
@@ -62,18 +47,10 @@ class Choice:
 
 @dataclass(frozen=True)
 class Selection:
-    """Records that are as chosen.
+    """Records that are as chosen."""
 
-    Parameters
-    ----------
-    record_ids : tuple of str
-        In the catalogue's order.
-    left : tuple of (str, int)
-        After each condition in turn how many records were left.
-    """
-
-    record_ids: tuple[str, ...]
-    left: tuple[tuple[str, int], ...]
+    record_ids: tuple[str, ...]  # in the catalogue's order
+    left: tuple[tuple[str, int], ...]  # after each condition in turn how many records were left
 
 
 def select(ensemble: Ensemble, choice: Choice) -> Selection:

@@ -38,22 +38,13 @@ _END_S, _STILL_SHARE = 0.25, 0.15
 
 @dataclass(frozen=True)
 class Test:
-    """One test of which the outcome is known.
-
-    Parameters
-    ----------
-    test_no : int
-    ground_motion : str
-        The record that the table followed, at whatever amplitude: tests of one are not independent.
-    overturned : bool
-    predicted : mapping
-        Other people's predictions of this specimen by their names.
-    """
+    """One test of which the outcome is known."""
 
     test_no: int
+    # The record that the table followed, at whatever amplitude: tests of one are not independent.
     ground_motion: str
     overturned: bool
-    predicted: Mapping[str, bool]
+    predicted: Mapping[str, bool]  # other people's predictions of this specimen by their names
 
     @property
     def record_id(self) -> str:
@@ -63,20 +54,11 @@ class Test:
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Tests with motion and outcome, by their numbers.
-
-    Parameters
-    ----------
-    tests : tuple of Test
-    motions : tuple of Motion
-        As many; the table's motion along x.
-    without_motion : int
-        Tests with an outcome of which the table's motion is not known.
-    """
+    """Tests with motion and outcome, by their numbers."""
 
     tests: tuple[Test, ...]
-    motions: tuple[Motion, ...]
-    without_motion: int
+    motions: tuple[Motion, ...]  # as many; the table's motion along x
+    without_motion: int  # tests with an outcome of which the table's motion is not known
 
     @property
     def warnings(self) -> list[str]:

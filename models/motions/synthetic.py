@@ -42,26 +42,16 @@ _MEDIAN_PULSE_VELOCITY_M_S = 0.9
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a synthetic record is of.
+    """What a synthetic record is of."""
 
-    Parameters
-    ----------
-    magnitude, distance_km : float
-        Moment magnitude and distance to the rupture.
-    kappa_s : float
-        Near-surface attenuation.
-    amplitude, duration : float
-        Factors on the median spectrum and on the median duration.
-    pulse : bool
-        Whether a near-fault velocity pulse is added.
-    """
-
+    # Moment magnitude and distance to the rupture.
     magnitude: float
     distance_km: float
-    kappa_s: float = _MEDIAN_KAPPA_S
+    kappa_s: float = _MEDIAN_KAPPA_S  # near-surface attenuation
+    # Factors on the median spectrum and on the median duration.
     amplitude: float = 1.0
     duration: float = 1.0
-    pulse: bool = False
+    pulse: bool = False  # whether a near-fault velocity pulse is added
 
 
 def synthetic_ensemble(

@@ -51,23 +51,15 @@ _ERROR_PER_HEIGHT = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What a tilting rock can reach beside it.
+    """What a tilting rock can reach beside it."""
 
-    Parameters
-    ----------
-    vertices_m, faces : (n, 3), (m, 3) arrays
-        Scene frame, counter-clockwise seen from the air.
-    nearest_m, highest_m : float
-        Least distance from what was seen of the rock, and height over the interface.
-    azimuth_deg : float
-        Toward which it is nearest.
-    """
-
+    # (n, 3): scene frame, counter-clockwise seen from the air.
     vertices_m: Array
     faces: Indices
+    # Least distance from what was seen of the rock, and height over the interface.
     nearest_m: float
     highest_m: float
-    azimuth_deg: float
+    azimuth_deg: float  # toward which it is nearest
 
     @property
     def sentence(self) -> str:

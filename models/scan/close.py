@@ -37,16 +37,10 @@ _APART_SHARE_OF_HEIGHT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ClosedRock:
-    """The rock and how much of its surface was seen.
-
-    Parameters
-    ----------
-    rock : Rock
-    seen_share, closed_share, invented_share : float
-        Shares of the surface: within two voxels of a surfel, on the interface plane, neither.
-    """
+    """The rock and how much of its surface was seen."""
 
     rock: Rock
+    # Shares of the surface: within two voxels of a surfel, on the interface plane, neither.
     seen_share: float
     closed_share: float
     invented_share: float

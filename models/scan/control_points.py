@@ -29,24 +29,14 @@ _unusable = refusals(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Similarity from model to survey: surveyed = scale turn model + shift.
+    """Similarity from model to survey: surveyed = scale turn model + shift."""
 
-    Parameters
-    ----------
-    scale, scale_share_std : float
-        Metres of a unit, and its standard deviation over it by the scatter of the points; NaN for exact points.
-    turn : (3, 3) array
-    shift_m : (3,) array
-    residuals_m : (n,) array
-        Distance of each point from where it was surveyed.
-    names : tuple of str
-    """
-
+    # Metres of a unit, and its standard deviation over it by the scatter of the points; NaN for exact points.
     scale: float
     scale_share_std: float
-    turn: Array
-    shift_m: Array
-    residuals_m: Array
+    turn: Array  # (3, 3)
+    shift_m: Array  # (3,)
+    residuals_m: Array  # (n,): distance of each point from where it was surveyed
     names: tuple[str, ...]
 
     @property

@@ -36,17 +36,9 @@ LEAST_SEEN = 30
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Square cells over the interface plane.
+    """Square cells over the interface plane."""
 
-    Parameters
-    ----------
-    first_m : (2,) array
-        Centre of cell (0, 0), u and v.
-    cell_m : float
-    shape : pair of int
-    """
-
-    first_m: NDArray[np.float64]
+    first_m: NDArray[np.float64]  # (2,): centre of cell (0, 0), u and v
     cell_m: float
     shape: tuple[int, int]
 

@@ -31,22 +31,14 @@ _LEVEL_PER_HEIGHT = 0.003
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Pedestal surface, contact outline and edges.
-
-    Parameters
-    ----------
-    pedestal : Pedestal
-    outline_m : (k, 3) array
-        Convex outline of the contact on the interface plane, counter-clockwise seen from above.
-    edges_m : list of (k, 3) arrays
-        Where the pedestal ends, the pedestal on the left side.
-    beside : str or None
-        What of that surface stands beside the rock and is no map of heights, in words.
-    """
+    """Pedestal surface, contact outline and edges."""
 
     pedestal: Pedestal
+    # (k, 3): convex outline of the contact on the interface plane, counter-clockwise seen from above.
     outline_m: NDArray[np.float64]
+    # list of (k, 3): where the pedestal ends, the pedestal on the left side.
     edges_m: list[NDArray[np.float64]]
+    # What of that surface stands beside the rock and is no map of heights, in words.
     beside: str | None = None
 
     def with_beside(self, stands: Beside, interface: Interface, height_m: float) -> "Ground":

@@ -26,24 +26,14 @@ _TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """A plane through the crevice, with its own axes.
+    """A plane through the crevice, with its own axes."""
 
-    Parameters
-    ----------
-    point_m, normal : (3,) arrays
-    axes : (3, 3) array
-        Columns u, v in the plane and the normal: right-handed.
-    roughness_m : float
-        Root mean square distance of the crevice's pedestal side from the plane.
-    sheet : Sheet or None
-        The pedestal's surface below the rock, where one plane does not describe it.
-    """
-
+    # (3,).
     point_m: Array
     normal: Array
-    axes: Array
-    roughness_m: float
-    sheet: Sheet | None = None
+    axes: Array  # (3, 3): columns u, v in the plane and the normal: right-handed
+    roughness_m: float  # root mean square distance of the crevice's pedestal side from the plane
+    sheet: Sheet | None = None  # the pedestal's surface below the rock, where one plane does not describe it
 
     def flat(self, points_m: Array) -> Array:
         """Coordinates (n, 3) u, v along the plane and height h over it."""

@@ -27,24 +27,13 @@ _unusable = refusals(
 
 @dataclass(frozen=True, eq=False)
 class InterfaceHint:
-    """What the user says about the interface, in the coordinates they said it in.
+    """What the user says about the interface, in the coordinates they said it in."""
 
-    Parameters
-    ----------
-    interface : Interface
-        Taken as it is; its roughness is the misfit of the points that it was given by.
-    anchors_m : (k, 3) array
-        Places at the contact, which tell the rock that is meant.
-    encloses : bool
-        Whether the anchors are the contact's outline, in order: the rock rests inside it and nowhere else.
-    kind : str
-        `plane`, `points` or `outline`.
-    """
-
-    interface: Interface
-    anchors_m: NDArray[np.float64]
+    interface: Interface  # taken as it is; its roughness is the misfit of the points that it was given by
+    anchors_m: NDArray[np.float64]  # (k, 3): places at the contact, which tell the rock that is meant
+    # Whether the anchors are the contact's outline, in order: the rock rests inside it and nowhere else.
     encloses: bool
-    kind: str
+    kind: str  # `plane`, `points` or `outline`
 
     @classmethod
     def plane(cls, point_m: ArrayLike, slope_deg: float, downhill_azimuth_deg: float) -> "InterfaceHint":

@@ -24,21 +24,11 @@ _LEAST_CUT = 30
 
 @dataclass(frozen=True)
 class Joint:
-    """Where a rock comes apart most easily.
+    """Where a rock comes apart most easily."""
 
-    Parameters
-    ----------
-    creased_share : float
-        Of the cut: 1 where a crease goes all around.
-    part : float
-        Share of the patches in the smaller part.
-    way : (2,) array
-        Toward its middle from that of the other, along the interface's u and v.
-    """
-
-    creased_share: float
-    part: float
-    way: Array
+    creased_share: float  # of the cut: 1 where a crease goes all around
+    part: float  # share of the patches in the smaller part
+    way: Array  # (2,): toward its middle from that of the other, along the interface's u and v
 
 
 def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:

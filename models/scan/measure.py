@@ -51,30 +51,18 @@ _MUCH_INVENTED = 0.15
 
 @dataclass(frozen=True, eq=False)
 class ObservedRock:
-    """What was seen of rock and pedestal.
+    """What was seen of rock and pedestal."""
 
-    Parameters
-    ----------
-    rock_m, pedestal_m : (n, 3) arrays
-        Points about the interface, scene frame.
-    low_m, lit_m : (n, 3) arrays
-        Those of them that shape the base (`near_the_interface`).
-    surfels : Surfels
-    patches : (k,) bool array
-        Which surfels are the rock's.
-    height_m : float
-    hint : InterfaceHint or None
-        The interface as the user knows it.
-    """
-
+    # (n, 3): points about the interface, scene frame.
     rock_m: NDArray[np.float64]
     pedestal_m: NDArray[np.float64]
+    # (n, 3): those of them that shape the base (`near_the_interface`).
     low_m: NDArray[np.float64]
     lit_m: NDArray[np.float64]
     surfels: Surfels
-    patches: NDArray[np.bool_]
+    patches: NDArray[np.bool_]  # (k,): which surfels are the rock's
     height_m: float
-    hint: InterfaceHint | None
+    hint: InterfaceHint | None  # the interface as the user knows it
 
 
 def close_standing(observed: ObservedRock, interface: Interface) -> tuple[ClosedRock, float]:

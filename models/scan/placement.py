@@ -19,24 +19,13 @@ Length = tuple[Sequence[float], Sequence[float], float]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A similarity from a model's coordinates to metres, z up.
-
-    Parameters
-    ----------
-    scale : float
-    turn : (3, 3) array
-        Rotation.
-    shift_m : (3,) array
-    by : str
-        Who says so; empty if nothing is changed.
-    says_up, says_scale : bool
-        Whether the user said which way is up, and how long a unit is.
-    """
+    """A similarity from a model's coordinates to metres, z up."""
 
     scale: float = 1.0
-    turn: Array = field(default_factory=lambda: np.eye(3))
-    shift_m: Array = field(default_factory=lambda: np.zeros(3))
-    by: str = ""
+    turn: Array = field(default_factory=lambda: np.eye(3))  # (3, 3): rotation
+    shift_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,)
+    by: str = ""  # who says so; empty if nothing is changed
+    # Whether the user said which way is up, and how long a unit is.
     says_up: bool = False
     says_scale: bool = False
 

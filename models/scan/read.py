@@ -51,40 +51,19 @@ _unreadable = refusals(
 
 @dataclass(frozen=True)
 class Source:
-    """What a file said of its coordinates, and what was made of them.
-
-    Parameters
-    ----------
-    name : str
-    points : int
-        That stay.
-    left_out : int
-        Points that were not finite.
-    metres_per_unit : pair of float
-        Of horizontal coordinates and of heights, as the file has them.
-    unit_by : str
-        Who says so: empty if nobody does, and metres are assumed.
-    system : str
-        Name of its coordinate system; empty if none is stated.
-    epsg : int or None
-    step_m : float
-        Widest step in which its coordinates come, 0 if none shows.
-    note : str
-        What the user should know of it; may be empty.
-    placed_by : str
-        What its coordinates were scaled, turned or shifted by; may be empty.
-    """
+    """What a file said of its coordinates, and what was made of them."""
 
     name: str
-    points: int
-    left_out: int = 0
+    points: int  # that stay
+    left_out: int = 0  # points that were not finite
+    # Of horizontal coordinates and of heights, as the file has them.
     metres_per_unit: tuple[float, float] = (1.0, 1.0)
-    unit_by: str = ""
-    system: str = ""
+    unit_by: str = ""  # who says so: empty if nobody does, and metres are assumed
+    system: str = ""  # name of its coordinate system; empty if none is stated
     epsg: int | None = None
-    step_m: float = 0.0
-    note: str = ""
-    placed_by: str = ""
+    step_m: float = 0.0  # widest step in which its coordinates come, 0 if none shows
+    note: str = ""  # what the user should know of it; may be empty
+    placed_by: str = ""  # what its coordinates were scaled, turned or shifted by; may be empty
 
     def to_json(self) -> dict[str, Any]:
         """The same for `scene.json`, without what is empty."""
@@ -102,29 +81,16 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of one or more files in a local frame.
+    """Points of one or more files in a local frame."""
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Points less `origin_m`: x east, y north, z up.
-    origin_m : (3,) array
-        Survey coordinates of the local origin; whole metres, so that nothing is lost by the subtraction.
-    station : (n,) int array
-        Which tripod station saw the point (file by file, and within a file as the file says).
-    files : tuple of (str, int)
-        Names and numbers of points, in the order of the points.
-    sources : tuple of Source
-        What each of the files said; empty if the points come from none.
-    label : (n,) int8 array or None
-        0 rock, 1 pedestal, 2 neither, where they were separated before.
-    """
-
-    points_m: NDArray[np.float64]
+    points_m: NDArray[np.float64]  # (n, 3): points less `origin_m`: x east, y north, z up
+    # (3,): survey coordinates of the local origin; whole metres, so that nothing is lost by the subtraction.
     origin_m: NDArray[np.float64]
+    # (n,): which tripod station saw the point (file by file, and within a file as the file says).
     station: NDArray[np.int32]
-    files: tuple[tuple[str, int], ...]
-    sources: tuple[Source, ...] = ()
+    files: tuple[tuple[str, int], ...]  # names and numbers of points, in the order of the points
+    sources: tuple[Source, ...] = ()  # what each of the files said; empty if the points come from none
+    # (n,): 0 rock, 1 pedestal, 2 neither, where they were separated before.
     label: NDArray[np.int8] | None = None
 
     @property

@@ -45,20 +45,11 @@ class _Thinned:
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """A cloud with its stations registered, which no hint changes.
-
-    Parameters
-    ----------
-    cloud : Cloud
-    report : dict
-        How the stations fit.
-    bounds_m : (2, 3) array
-        Lowest and highest survey coordinates of the clouds as read.
-    """
+    """A cloud with its stations registered, which no hint changes."""
 
     cloud: Cloud
-    report: dict[str, Any]
-    bounds_m: NDArray[np.float64]
+    report: dict[str, Any]  # how the stations fit
+    bounds_m: NDArray[np.float64]  # (2, 3): lowest and highest survey coordinates of the clouds as read
 
 
 def registered(cloud: Cloud) -> Registered:

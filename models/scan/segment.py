@@ -48,25 +48,14 @@ _FEWEST_OF_A_SURFACE = 100
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Labels of all points and of the surfels around the rock.
+    """Labels of all points and of the surfels around the rock."""
 
-    Parameters
-    ----------
-    label : (n,) int8 array
-        Per point: 0 rock, 1 pedestal, 2 neither.
-    surfels : Surfels
-        Around the rock, at a hundredth of its height.
-    surfel_label : (k,) int8 array
-    concave_share : float
-        Share of the cut that runs through concave creases: 1 is a clear crevice, near 0 no rock.
-    others : list of (x, y, z, height)
-        Other things that stand there, metres.
-    """
-
-    label: NDArray[np.int8]
-    surfels: Surfels
-    surfel_label: NDArray[np.int8]
+    label: NDArray[np.int8]  # (n,): per point: 0 rock, 1 pedestal, 2 neither
+    surfels: Surfels  # around the rock, at a hundredth of its height
+    surfel_label: NDArray[np.int8]  # (k,)
+    # Share of the cut that runs through concave creases: 1 is a clear crevice, near 0 no rock.
     concave_share: float
+    # list of (x, y, z, height): other things that stand there, metres.
     others: list[tuple[float, float, float, float]]
 
 

@@ -16,36 +16,23 @@ Planes = Array
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """The pedestal's surface over the interface plane.
+    """The pedestal's surface over the interface plane."""
 
-    Parameters
-    ----------
-    planes : (k, 3) array
-        Facets as h = a + b u + c v; of a curve the one plane from which it bends.
-    how : str
-        How facets meet: "hollow" (the highest counts), "ridge" (the lowest), "steps" (the one that is named by
-        `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands beside.
-    sides : (k, 3) array
-        Of steps: the facet whose value a + b u + c v is the largest is there. Of a curve its bend (uu, uv, vv) as the
-        only row: h = ... + (uu u^2 + 2 uv u v + vv v^2) / 2 about `middle_m`.
-    middle_m : (2,) array
-    reach_m : float
-        Beyond this distance from the middle a curve goes on as at it.
-    noise_m : float
-        Misfit of what was seen.
-    lattice_m : float
-        Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same triangles.
-    ring_m : (k, 2) array
-        Convex outline of the rock's foot, u and v.
-    """
-
-    planes: Planes
+    planes: Planes  # (k, 3): facets as h = a + b u + c v; of a curve the one plane from which it bends
+    # How facets meet: "hollow" (the highest counts), "ridge" (the lowest), "steps" (the one that is named by
+    # `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands
+    # beside.
     how: str
+    # (k, 3): of steps: the facet whose value a + b u + c v is the largest is there. Of a curve its bend (uu,
+    # uv, vv) as the only row: h = ... + (uu u^2 + 2 uv u v + vv v^2) / 2 about `middle_m`.
     sides: Array
-    middle_m: Array
-    reach_m: float
-    noise_m: float
+    middle_m: Array  # (2,)
+    reach_m: float  # beyond this distance from the middle a curve goes on as at it
+    noise_m: float  # misfit of what was seen
+    # Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same
+    # triangles.
     lattice_m: float = 0.0
+    # (k, 2): convex outline of the rock's foot, u and v.
     ring_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, flat_m: Array) -> Array:

@@ -20,21 +20,11 @@ _PLANT_ROUGHNESS, _OF_A_PLANT = 0.3, 9
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """One patch per occupied voxel.
+    """One patch per occupied voxel."""
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Mean of the voxel's points.
-    normals : (n, 3) array
-        Unit normals, toward the air.
-    roughness : (n,) array
-        Thickness of the neighbourhood over its width: near 0 on a surface, near 1 in a bush.
-    voxel_m : float
-    """
-
-    points_m: NDArray[np.float64]
-    normals: NDArray[np.float64]
+    points_m: NDArray[np.float64]  # (n, 3): mean of the voxel's points
+    normals: NDArray[np.float64]  # (n, 3): unit normals, toward the air
+    # (n,): thickness of the neighbourhood over its width: near 0 on a surface, near 1 in a bush.
     roughness: NDArray[np.float64]
     voxel_m: float
 

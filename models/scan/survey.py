@@ -62,23 +62,14 @@ rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (han
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What a scan became.
-
-    Parameters
-    ----------
-    scene : Scene
-    label : (n,) int8 array
-        Per point of the cloud: 0 rock, 1 pedestal, 2 neither.
-    notes : tuple of str
-        What the user should know of the clouds: units that were converted, points left out, coarse steps, a size.
-    worked_out : WorkedOut or None
-        What is kept for hints that come later.
-    """
+    """What a scan became."""
 
     scene: Scene
-    label: NDArray[np.int8]
+    label: NDArray[np.int8]  # (n,): per point of the cloud: 0 rock, 1 pedestal, 2 neither
+    # What the user should know of the clouds: units that were converted, points left out, coarse steps, a
+    # size.
     notes: tuple[str, ...] = ()
-    worked_out: WorkedOut | None = None
+    worked_out: WorkedOut | None = None  # what is kept for hints that come later
 
 
 def survey(

@@ -42,16 +42,9 @@ _ambiguous = refusals(
 
 @dataclass(frozen=True)
 class Layout:
-    """How numbers stand in a text.
+    """How numbers stand in a text."""
 
-    Parameters
-    ----------
-    parted_by : str or None
-        One character; None for any blanks.
-    decimal_comma, quoted : bool
-    """
-
-    parted_by: str | None = None
+    parted_by: str | None = None  # one character; None for any blanks
     decimal_comma: bool = False
     quoted: bool = False
 

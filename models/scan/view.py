@@ -29,18 +29,10 @@ _WITHIN_SPACINGS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Points of a cloud that a page shows.
+    """Points of a cloud that a page shows."""
 
-    Parameters
-    ----------
-    rows : (n,) int array
-        Which of the cloud's points.
-    spacing_m : float
-        Between neighbours, where the cloud is not much sparser than elsewhere.
-    """
-
-    rows: NDArray[np.intp]
-    spacing_m: float
+    rows: NDArray[np.intp]  # (n,): which of the cloud's points
+    spacing_m: float  # between neighbours, where the cloud is not much sparser than elsewhere
 
 
 def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] | None = None) -> Shown:

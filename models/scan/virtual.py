@@ -30,37 +30,20 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """A tripod position and what was seen from it.
+    """A tripod position and what was seen from it."""
 
-    Parameters
-    ----------
-    position_m : (3,) array
-    points_m : (n, 3) array
-    label : (n,) int8 array
-        Truth: 0 rock, 1 pedestal, 2 neither.
-    """
-
-    position_m: NDArray[np.float64]
-    points_m: NDArray[np.float64]
-    label: NDArray[np.int8]
+    position_m: NDArray[np.float64]  # (3,)
+    points_m: NDArray[np.float64]  # (n, 3)
+    label: NDArray[np.int8]  # (n,): truth: 0 rock, 1 pedestal, 2 neither
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A known rock on a known pedestal.
-
-    Parameters
-    ----------
-    rock : Rock
-    pedestal : Pedestal
-        The interface plane with the surface's triangles.
-    neighbours : tuple of Body
-        Whatever else stands there.
-    """
+    """A known rock on a known pedestal."""
 
     rock: Rock
-    pedestal: Pedestal
-    neighbours: tuple[Body, ...] = field(default=())
+    pedestal: Pedestal  # the interface plane with the surface's triangles
+    neighbours: tuple[Body, ...] = field(default=())  # whatever else stands there
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -42,39 +42,20 @@ _unusable = refusals(
 
 @dataclass(frozen=True, eq=False)
 class WorkedOut:
-    """Everything that a scan found out before the hidden base was drawn.
-
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    closed : ClosedRock
-    core : float
-        Of the feet of the smooth closing.
-    pedestal : Pedestal
-    origin_m : (3,) array
-    bounds_m : (2, 3) array
-        Lowest and highest survey coordinates of the clouds.
-    report : dict
-        Of the scene, without what depends on the base.
-    inspection : Inspection
-        What the user knows of the base, survey coordinates.
-    unaided : list of dict or None
-        Intervals of the toppling acceleration without that knowledge, once they are known.
-    said : mapping
-        What the user said of the clouds and the interface, as `hints.toml` has it.
-    """
+    """Everything that a scan found out before the hidden base was drawn."""
 
     observed: ObservedRock
     interface: Interface
     closed: ClosedRock
-    core: float
+    core: float  # of the feet of the smooth closing
     pedestal: Pedestal
-    origin_m: Array
-    bounds_m: Array
-    report: dict[str, Any]
-    inspection: Inspection
+    origin_m: Array  # (3,)
+    bounds_m: Array  # (2, 3): lowest and highest survey coordinates of the clouds
+    report: dict[str, Any]  # of the scene, without what depends on the base
+    inspection: Inspection  # what the user knows of the base, survey coordinates
+    # Intervals of the toppling acceleration without that knowledge, once they are known.
     unaided: list[dict[str, float]] | None = None
+    # What the user said of the clouds and the interface, as `hints.toml` has it.
     said: Mapping[str, Any] = field(default_factory=dict)
 
     def with_hints(self, given: Inspection) -> "WorkedOut":

@@ -36,37 +36,22 @@ class SupersededError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of hints.
-
-    Parameters
-    ----------
-    label : (n,) int8 array
-        0 rock, 1 pedestal, 2 neither.
-    notes : tuple of str
-    survey : Survey or None
-        None until the hidden base is drawn.
-    """
+    """What came of hints."""
 
     said: UserHints
     worked: WorkedOut
-    label: NDArray[np.int8]
+    label: NDArray[np.int8]  # (n,): 0 rock, 1 pedestal, 2 neither
     notes: tuple[str, ...]
-    survey: Survey | None = None
+    survey: Survey | None = None  # None until the hidden base is drawn
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A cloud, and how its coordinates came from those of its files.
-
-    Parameters
-    ----------
-    refused : bool
-        Whether it is shown only, as it lies on its side or in another unit.
-    """
+    """A cloud, and how its coordinates came from those of its files."""
 
     cloud: Cloud
     placement: Placement
-    refused: bool = False
+    refused: bool = False  # whether it is shown only, as it lies on its side or in another unit
 
     @property
     def _metres_per_unit(self) -> NDArray[np.float64]:

@@ -20,23 +20,12 @@ _SAME_TOP_PER_HEIGHT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Points that a page draws: first those of the whole cloud, then the finer ones around the rock.
+    """Points that a page draws: first those of the whole cloud, then the finer ones around the rock."""
 
-    Parameters
-    ----------
-    number : int
-        Another one where anything of it is another.
-    counts : pair of int
-        Of the whole and of the finer ones.
-    spacings_m : pair of float
-    content : bytes
-        As `drawn` packs them.
-    """
-
-    number: int
-    counts: tuple[int, int]
+    number: int  # another one where anything of it is another
+    counts: tuple[int, int]  # of the whole and of the finer ones
     spacings_m: tuple[float, float]
-    content: bytes
+    content: bytes  # as `drawn` packs them
 
 
 def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, number: int) -> View:

@@ -37,43 +37,22 @@ _INDEPENDENT = (
 
 @dataclass(frozen=True)
 class EventOptions:
-    """What is said of events.
+    """What is said of events."""
 
-    Parameters
-    ----------
-    event_rate : float or None
-        Annual rate of a scenario.
-    catalogue_years : float or None
-        Time of each branch's events, where no file states it.
-    correlation : float or None
-        Of the residuals of two measures.
-    """
-
-    event_rate: float | None = None
-    catalogue_years: float | None = None
-    correlation: float | None = None
+    event_rate: float | None = None  # annual rate of a scenario
+    catalogue_years: float | None = None  # time of each branch's events, where no file states it
+    correlation: float | None = None  # of the residuals of two measures
 
 
 @dataclass(frozen=True, eq=False)
 class Rocks:
-    """Rocks as the command line names them.
-
-    Parameters
-    ----------
-    names : list of str
-    paths : tuple of Path
-    ages : (draws, rocks) array
-    since : list of Since or None
-    jobs : dict of Jobs by path
-        Of those that are runs.
-    sites : sequence of places or names
-    """
+    """Rocks as the command line names them."""
 
     names: list[str]
     paths: tuple[Path, ...]
-    ages: NDArray[np.float64]
+    ages: NDArray[np.float64]  # (draws, rocks)
     since: list[Since | None]
-    jobs: dict[Path, Jobs]
+    jobs: dict[Path, Jobs]  # of those that are runs
     sites: Sequence[tuple[float, float] | str]
 
 

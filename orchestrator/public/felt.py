@@ -215,17 +215,10 @@ def of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
 
 @dataclass(frozen=True, eq=False)
 class EventStatement:
-    """What rocks say under a set of events.
-
-    Parameters
-    ----------
-    update : EventUpdate
-    away_km : sequence of float or None
-        Of each rock's site from the place that was asked for.
-    """
+    """What rocks say under a set of events."""
 
     update: EventUpdate
-    away_km: Sequence[float | None]
+    away_km: Sequence[float | None]  # of each rock's site from the place that was asked for
 
     @property
     def measures(self) -> tuple[str, ...]:

@@ -65,22 +65,12 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
 
 @dataclass(frozen=True)
 class HazardQuestion:
-    """What is asked of a hazard.
+    """What is asked of a hazard."""
 
-    Parameters
-    ----------
-    site : (longitude, latitude), name or None
-    ratio : float
-        Peak of the horizontal vector over the hazard's horizontal component.
-    measure : str or None
-        Column of the results.
-    years : float or None
-        Time that values are probabilities over, 0 for annual rates, where files do not say.
-    """
-
-    site: tuple[float, float] | str | None = None
-    ratio: float = 1.0
-    measure: str | None = None
+    site: tuple[float, float] | str | None = None  # (longitude, latitude)
+    ratio: float = 1.0  # peak of the horizontal vector over the hazard's horizontal component
+    measure: str | None = None  # column of the results
+    # Time that values are probabilities over, 0 for annual rates, where files do not say.
     years: float | None = None
 
 

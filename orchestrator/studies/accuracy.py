@@ -76,21 +76,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Setting:
-    """One way of shaking all jobs.
-
-    Parameters
-    ----------
-    disturbed_toward_deg : float or None
-        Azimuth toward which the start is disturbed as :func:`disturbed_start` says; None for a start at rest.
-    disturbed_share : float
-        How much it is disturbed then.
-    """
+    """One way of shaking all jobs."""
 
     settings: NumericalOptions
     engine: str = DEFAULT
     shortcuts: bool = True
+    # Azimuth toward which the start is disturbed as `disturbed_start` says; None for a start at rest.
     disturbed_toward_deg: float | None = None
-    disturbed_share: float = _DISTURBED_SHARE
+    disturbed_share: float = _DISTURBED_SHARE  # how much it is disturbed then
 
 
 def settings(*, explore: bool = False) -> dict[str, Setting]:

@@ -55,18 +55,10 @@ _DRAWN_COLUMNS = ["job_id", "status", "steps", "finished_at"]
 
 @dataclass(frozen=True)
 class Auditor:
-    """Who does jobs again.
+    """Who does jobs again."""
 
-    Parameters
-    ----------
-    name : str
-        Of its folder.
-    changes : tuple of (str, str)
-        Keys of the campaign and their values for it.
-    """
-
-    name: str
-    changes: tuple[tuple[str, str], ...]
+    name: str  # of its folder
+    changes: tuple[tuple[str, str], ...]  # keys of the campaign and their values for it
 
     def fits(self, campaign: Campaign) -> bool:
         """Whether it is installed, differs from who made the run, and models what the campaign asks for."""

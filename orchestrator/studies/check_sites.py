@@ -26,20 +26,12 @@ Judge = Callable[[Scene, Record, Sequence[float], str], Any]
 
 @dataclass(frozen=True, eq=False)
 class Seismogram:
-    """One seismogram, which is read where it is shaken.
-
-    Parameters
-    ----------
-    files : tuple of str
-        That it was read from.
-    source : Record or (Path, str)
-        The record, or the ensemble's folder and the record's id.
-    """
+    """One seismogram, which is read where it is shaken."""
 
     station: str
     event: str
-    files: tuple[str, ...]
-    source: Record | tuple[Path, str]
+    files: tuple[str, ...]  # that it was read from
+    source: Record | tuple[Path, str]  # the record, or the ensemble's folder and the record's id
 
     def is_at(self, site: str) -> bool:
         """Whether its station, or the folder of its files, has the site's name."""

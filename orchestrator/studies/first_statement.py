@@ -13,21 +13,11 @@ from toppling.results.store import result_files
 
 @dataclass(frozen=True)
 class FirstStatement:
-    """The rounds that come before a run's other jobs.
+    """The rounds that come before a run's other jobs."""
 
-    Parameters
-    ----------
-    precision : float
-        Half of the interval of 95 % at which they end.
-    most_jobs : int
-        After which they end however wide it is.
-    say : callable
-        Told the sentence.
-    """
-
-    precision: float
-    most_jobs: int
-    say: Callable[[str], None]
+    precision: float  # half of the interval of 95 % at which they end
+    most_jobs: int  # after which they end however wide it is
+    say: Callable[[str], None]  # told the sentence
     before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:  # noqa: ARG002

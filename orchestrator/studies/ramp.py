@@ -36,29 +36,18 @@ _WAVEFORMS = 10
 
 @dataclass(frozen=True)
 class Ramp:
-    """How a rock is tried.
+    """How a rock is tried."""
 
-    Parameters
-    ----------
-    azimuth_deg : float
-        Of the motion.
-    start_m_s2, step_m_s2, end_m_s2 : float
-        PGA of the first level, between levels, and of the last if nothing topples.
-    peak_displacement_m : float or None
-        Of the table.
-    uniaxial : bool
-        Only the stronger horizontal component shakes, as on a table of one axis.
-    """
-
-    azimuth_deg: float
+    azimuth_deg: float  # of the motion
+    # PGA of the first level, between levels, and of the last if nothing topples.
     start_m_s2: float = 0.981
     step_m_s2: float = 0.245
     end_m_s2: float = 20.0
-    peak_displacement_m: float | None = 0.3
+    peak_displacement_m: float | None = 0.3  # of the table
     friction: float = 2.0
     restitution: float = 0.0
     preset: str = "standard"
-    uniaxial: bool = True
+    uniaxial: bool = True  # only the stronger horizontal component shakes, as on a table of one axis
 
     def levels_m_s2(self) -> list[float]:
         """PGA levels, weakest first."""

@@ -78,21 +78,12 @@ ClusterOf = Callable[[], AbstractContextManager[Client]]
 
 @dataclass(frozen=True)
 class Study:
-    """What is studied.
-
-    Parameters
-    ----------
-    pga_m_s2 : tuple of float
-    azimuth_deg : tuple of float
-    audit : int or None
-        Of both runs, as in a campaign.
-    engine : str
-    """
+    """What is studied."""
 
     pga_m_s2: tuple[float, ...] = tuple(float(level) for level in range(1, 20))
     azimuth_deg: tuple[float, ...] = tuple(45.0 * number for number in range(8))
     preset: str = "standard"
-    audit: int | None = None
+    audit: int | None = None  # of both runs, as in a campaign
     engine: str = DEFAULT
 
     def check(self, out: Path) -> None:

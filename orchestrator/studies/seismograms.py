@@ -15,36 +15,25 @@ from toppling.workers.shake import shake
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one seismogram and its scaled neighbours do to the rock.
-
-    Parameters
-    ----------
-    north_known : bool
-        Whether the components' azimuths are known; if not, the first horizontal was taken as east.
-    pga_m_s2, pgv_m_s : float
-        Peaks of the horizontal vector, as recorded.
-    outcome : str
-        Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
-    toppled, shaken : int
-        Of the scaled neighbours with an answer, including the seismogram itself.
-    probability : float or None
-        Share of these that toppled. They are copies of one motion, so no interval is given.
-    least_factor : float or None
-        Least factor that toppled the rock.
-    """
+    """What one seismogram and its scaled neighbours do to the rock."""
 
     record_id: str
     event: str
     station: str
+    # Whether the components' azimuths are known; if not, the first horizontal was taken as east.
     north_known: bool
+    # Peaks of the horizontal vector, as recorded.
     pga_m_s2: float
     pgv_m_s: float
+    # Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
     outcome: str
     max_tilt_deg: float
+    # Of the scaled neighbours with an answer, including the seismogram itself.
     toppled: int
     shaken: int
+    # Share of these that toppled. They are copies of one motion, so no interval is given.
     probability: float | None
-    least_factor: float | None
+    least_factor: float | None  # least factor that toppled the rock
 
 
 def neighbouring_factors(largest: float, neighbours: int) -> list[float]:
@@ -88,19 +77,11 @@ def judged(
 
 @dataclass(frozen=True, eq=False)
 class Seismograms:
-    """Seismograms as they were read.
-
-    Parameters
-    ----------
-    records : list of Record
-    remarks : list of str
-        What was left out or processed, and why.
-    notes : list of (str, str)
-        What is odd in a seismogram: its name and the oddity.
-    """
+    """Seismograms as they were read."""
 
     records: list[Record]
-    remarks: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)  # what was left out or processed, and why
+    # What is odd in a seismogram: its name and the oddity.
     notes: list[tuple[str, str]] = field(default_factory=list)
 
 

@@ -54,43 +54,24 @@ _FIRST_DRAWS = 12
 
 @dataclass(frozen=True)
 class Sampling:
-    """How the tests are shaken.
-
-    Parameters
-    ----------
-    most_draws : int
-        Realisations of a test at most.
-    error : float
-        Standard error of a test's share below which it is not shaken again.
-    seed : int
-        Of the bases.
-    """
+    """How the tests are shaken."""
 
     engine: str
     preset: str
-    most_draws: int
-    error: float
-    seed: int = 0
+    most_draws: int  # realisations of a test at most
+    error: float  # standard error of a test's share below which it is not shaken again
+    seed: int = 0  # of the bases
 
 
 @dataclass(frozen=True, eq=False)
 class Shaken:
-    """What the draws say.
+    """What the draws say."""
 
-    Parameters
-    ----------
-    nominal : (tests,) array
-        The mesh as it is: 1 toppled, 0 stands, NaN without an answer.
-    toppled : (draws, tests) array
-        The same of the draws. A test on which the first ones agreed is not shaken again: the others are taken to say
-        the same.
-    shaken : (tests,) array
-        Draws that were shaken, of each test.
-    """
-
-    nominal: Array
+    nominal: Array  # (tests,): the mesh as it is: 1 toppled, 0 stands, NaN without an answer
+    # (draws, tests): the same of the draws. A test on which the first ones agreed is not shaken again: the
+    # others are taken to say the same.
     toppled: Array
-    shaken: NDArray[np.int64]
+    shaken: NDArray[np.int64]  # (tests,): draws that were shaken, of each test
 
 
 def specimen(

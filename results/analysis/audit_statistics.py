@@ -67,41 +67,22 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Audit:
-    """How a run's answers differ from those of another engine or preset to the same jobs.
+    """How a run's answers differ from those of another engine or preset to the same jobs."""
 
-    Parameters
-    ----------
-    by : str
-        Who did the jobs again.
-    jobs, of_jobs : int
-        Jobs compared, and the answered jobs that they were drawn from.
-    no_answer : int
-        Drawn jobs that have no answer the second time.
-    flips_to_toppled, flips_to_standing : int
-        Jobs that topple in the run and stand when done again, and the other way round.
-    flips_share : Estimate
-        Share of single answers that differ.
-    share_shift : Estimate
-        Share toppled in the run less that when done again.
-    median_shift_percent : Estimate
-        By how much the run's median PGA lies above that of the same jobs done again.
-    sign_test_p : float
-        Probability of so one-sided flips without a lean.
-    tilt_log_ratio : Estimate
-        Mean logarithm of the largest tilt over that when done again, where both stand.
-    """
-
-    by: str
+    by: str  # who did the jobs again
+    # Jobs compared, and the answered jobs that they were drawn from.
     jobs: int
     of_jobs: int
-    no_answer: int
+    no_answer: int  # drawn jobs that have no answer the second time
+    # Jobs that topple in the run and stand when done again, and the other way round.
     flips_to_toppled: int
     flips_to_standing: int
-    flips_share: Estimate
-    share_shift: Estimate
+    flips_share: Estimate  # share of single answers that differ
+    share_shift: Estimate  # share toppled in the run less that when done again
+    # By how much the run's median PGA lies above that of the same jobs done again.
     median_shift_percent: Estimate
-    sign_test_p: float
-    tilt_log_ratio: Estimate
+    sign_test_p: float  # probability of so one-sided flips without a lean
+    tilt_log_ratio: Estimate  # mean logarithm of the largest tilt over that when done again, where both stand
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, null where there is none; intervals as `..._low` and `..._high`."""
@@ -267,20 +248,13 @@ def median_shift_percent(
 
 @dataclass(frozen=True, eq=False)
 class _Fragility:
-    """The lognormal fragility of all jobs, and what an answer changes of it.
+    """The lognormal fragility of all jobs, and what an answer changes of it."""
 
-    Parameters
-    ----------
-    design : (n, 2) array
-        Of each job 1 and the measure's logarithm.
-    toppled, weight : (n,) array
-    coefficients : (2,) array
-    """
-
-    design: Array
+    design: Array  # (n, 2): of each job 1 and the measure's logarithm
+    # (n,).
     toppled: Array
     weight: Array
-    coefficients: Array
+    coefficients: Array  # (2,)
 
     @classmethod
     def of(cls, jobs: pd.DataFrame, measure: str) -> "_Fragility | None":

@@ -27,21 +27,12 @@ from toppling.results.hazard.update import (
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """What some rocks say: about single events, with ages about rates, and with a hazard about its branches.
-
-    Parameters
-    ----------
-    rocks : sequence of Standing
-    update : Update or None
-        Of the hazard that is asked about; it needs ages.
-    dated : bool
-        Whether ages are known.
-    """
+    """What some rocks say: about single events, with ages about rates, and with a hazard about its branches."""
 
     rocks: Sequence[Standing]
     confidence: float
-    update: Update | None = None
-    dated: bool = False
+    update: Update | None = None  # of the hazard that is asked about; it needs ages
+    dated: bool = False  # whether ages are known
 
     @cached_property
     def bound(self) -> pd.DataFrame | None:

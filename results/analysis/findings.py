@@ -26,22 +26,12 @@ _WITHIN = 0.3
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of the study, and what the runs show.
-
-    Parameters
-    ----------
-    paper : str
-        What the study found for its rock.
-    found : str
-        What was found here, in numbers.
-    agrees : bool or None
-        None where the runs are inconclusive.
-    """
+    """One statement of the study, and what the runs show."""
 
     name: str
-    paper: str
-    found: str
-    agrees: bool | None
+    paper: str  # what the study found for its rock
+    found: str  # what was found here, in numbers
+    agrees: bool | None  # None where the runs are inconclusive
 
     @property
     def line(self) -> str:

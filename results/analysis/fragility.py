@@ -39,46 +39,27 @@ _CONTACT_WORDS = (
 
 @dataclass(frozen=True)
 class Axis:
-    """A column to bin.
+    """A column to bin."""
 
-    Parameters
-    ----------
-    column : str
-        Column of the results.
-    label, unit : str
-        As printed.
-    width : float or None
-        Width of a bin, from zero on; None for one bin a distinct value (the levels of a campaign).
-    below : float or None
-        Jobs at or above this value stay out.
-    """
-
-    column: str
+    column: str  # column of the results
+    # As printed.
     label: str
     unit: str
+    # Width of a bin, from zero on; None for one bin a distinct value (the levels of a campaign).
     width: float | None = None
-    below: float | None = None
+    below: float | None = None  # jobs at or above this value stay out
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Two axes, and what the width of a cell's column shows.
+    """Two axes, and what the width of a cell's column shows."""
 
-    Parameters
-    ----------
-    name : str
-        Names the files.
-    share_within : str or None
-        A cell's share is that of the jobs with its value on this axis's column; None for all jobs.
-    by_direction : bool
-        Whether the direction of the shaking matters to what the plane shows.
-    """
-
-    name: str
+    name: str  # names the files
     x: Axis
     y: Axis
+    # A cell's share is that of the jobs with its value on this axis's column; None for all jobs.
     share_within: str | None
-    by_direction: bool = False
+    by_direction: bool = False  # whether the direction of the shaking matters to what the plane shows
 
 
 LEVEL = Axis("level_pga_m_s2", "PGA", "m/s²")
@@ -230,22 +211,12 @@ def records_on(frame: pd.DataFrame, plane: Plane) -> int:
 
 @dataclass(frozen=True, eq=False)
 class DirectionCells:
-    """Cells of a plane in each direction bin of the vector PGA, and what they were counted from.
+    """Cells of a plane in each direction bin of the vector PGA, and what they were counted from."""
 
-    Parameters
-    ----------
-    table : DataFrame
-        From `cells_by_direction`.
-    bins : int
-        Direction bins around the circle.
-    records : mapping of float to int
-        Distinct records (`records_on`) of each bin that holds a job.
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # from `cells_by_direction`
     plane: Plane
-    bins: int
-    records: Mapping[float, int]
+    bins: int  # direction bins around the circle
+    records: Mapping[float, int]  # distinct records (`records_on`) of each bin that holds a job
     unplaced: int
 
     @classmethod

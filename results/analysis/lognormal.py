@@ -12,28 +12,18 @@ from toppling.results.completeness import Completeness
 
 @dataclass(frozen=True)
 class Basis:
-    """What a fragility over a measure rests on.
+    """What a fragility over a measure rests on."""
 
-    Parameters
-    ----------
-    scene_id : str
-        Of the rock.
-    jobs, toppled, records : int
-        Jobs with an answer.
-    without_answer : int
-        Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
-    strongest_shaken : float
-        Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
-    jobs_planned, jobs_done : int or None
-        Of the whole run: jobs that it was begun with, and those that have run; None where that is not known.
-    """
-
-    scene_id: str
+    scene_id: str  # of the rock
+    # Jobs with an answer.
     jobs: int
     toppled: int
     records: int
+    # Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
     without_answer: int
+    # Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
     strongest_shaken: float
+    # Of the whole run: jobs that it was begun with, and those that have run; None where that is not known.
     jobs_planned: int | None = None
     jobs_done: int | None = None
 
@@ -45,29 +35,15 @@ class Basis:
 
 @dataclass(frozen=True)
 class Lognormal:
-    """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta).
+    """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta)."""
 
-    Parameters
-    ----------
-    measure : str
-        Column of the results that x is a value of, in its SI unit.
-    median : float
-        Intensity at which one in two topples.
-    beta : float
-        Standard deviation of its logarithm; 0 for a sharp threshold.
-    basis : Basis or None
-        Where it is known.
-    median_interval : (float, float) or None
-        Ends of the median's 95 % interval, where they are known.
-    resampled : Resampled or None
-        The same curve of resampled records, where it is known.
-    """
-
-    measure: str
-    median: float
-    beta: float
-    basis: Basis | None = None
+    measure: str  # column of the results that x is a value of, in its SI unit
+    median: float  # intensity at which one in two topples
+    beta: float  # standard deviation of its logarithm; 0 for a sharp threshold
+    basis: Basis | None = None  # where it is known
+    # Ends of the median's 95 % interval, where they are known.
     median_interval: tuple[float, float] | None = None
+    # The same curve of resampled records, where it is known.
     resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
     def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
@@ -84,24 +60,15 @@ class Lognormal:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """The same model fitted to resampled records.
+    """The same model fitted to resampled records."""
 
-    Parameters
-    ----------
-    coefficients : (k, 1 + number of measures) array
-        Of the samples that have a fit.
-    fitted : (samples,) bool array
-        Which have one, in the order they were drawn: in the others the answers are separated, or probability does not
-        rise.
-    records : int
-        Number that are drawn.
-    reflected : bool
-        Whether the coefficients are those of `analysis.reflected`, whose percentiles allow for few records themselves.
-    """
-
-    coefficients: NDArray[np.float64]
+    coefficients: NDArray[np.float64]  # (k, 1 + number of measures): of the samples that have a fit
+    # (samples,): which have one, in the order they were drawn: in the others the answers are separated, or
+    # probability does not rise.
     fitted: NDArray[np.bool_]
-    records: int
+    records: int  # number that are drawn
+    # Whether the coefficients are those of `analysis.reflected`, whose percentiles allow for few records
+    # themselves.
     reflected: bool = False
 
     @property

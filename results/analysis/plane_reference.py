@@ -38,24 +38,13 @@ _MEASURES = ("pga_m_s2", "pgv_pga_s")
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A plane body on two corners.
+    """A plane body on two corners."""
 
-    Parameters
-    ----------
-    azimuth_deg : float
-        Of the section's positive direction.
-    arms_m : (2, 2) array
-        From corner to centre of mass, horizontal and up; first the corner on the positive side.
-    inertia_per_mass_m2 : float
-        About the centre of mass, axis perpendicular to the section.
-    beside_m : float
-        How far a contact point lies beside the section's plane, into which it is brought.
-    """
-
-    azimuth_deg: float
+    azimuth_deg: float  # of the section's positive direction
+    # (2, 2): from corner to centre of mass, horizontal and up; first the corner on the positive side.
     arms_m: Array
-    inertia_per_mass_m2: float
-    beside_m: float = 0.0
+    inertia_per_mass_m2: float  # about the centre of mass, axis perpendicular to the section
+    beside_m: float = 0.0  # how far a contact point lies beside the section's plane, into which it is brought
 
 
 def section(scene: Scene, azimuth_deg: float) -> Section | None:

@@ -31,29 +31,18 @@ LINKS = {"probit": sm.families.links.Probit, "logit": sm.families.links.Logit}
 
 @dataclass(frozen=True)
 class Fit:
-    """A binomial regression on logarithms of intensity measures.
-
-    Parameters
-    ----------
-    measures : tuple of str
-    link : str
-        probit or logit.
-    coefficients : tuple of float
-        Intercept, then one slope a measure's natural logarithm; empty where there is a problem.
-    problem : str
-        Why there is no fit; empty where there is one.
-    bounds : pair of float
-        For one measure: the largest intensity that some job stood, and the least that toppled one. Where the
-        answers are separated these bound the median.
-    """
+    """A binomial regression on logarithms of intensity measures."""
 
     measures: tuple[str, ...]
-    link: str
+    link: str  # probit or logit
+    # Intercept, then one slope a measure's natural logarithm; empty where there is a problem.
     coefficients: tuple[float, ...]
     jobs: int
     toppled: int
     records: int
-    problem: str = ""
+    problem: str = ""  # why there is no fit; empty where there is one
+    # For one measure: the largest intensity that some job stood, and the least that toppled one. Where the
+    # answers are separated these bound the median.
     bounds: tuple[float, float] = (math.nan, math.nan)
 
     @property

@@ -19,35 +19,21 @@ from toppling.results.reader import Run
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """One of several rocks.
-
-    Parameters
-    ----------
-    name, contact : str
-        Of the rock, and the contact (that of the highest friction) that the numbers are of.
-    jobs : DataFrame
-        Of that contact, weighted.
-    curve : Lognormal or None
-        Fragility with its interval; None where too few topplings, or too few survivals, bear one.
-    why_not : str
-        Why there is none.
-    place : (float, float) or None
-        Longitude and latitude (WGS 84), by the table of the atlas or else by the scan's coordinate system.
-    weakest_azimuth_deg : float or None
-        Azimuth of the constant ground acceleration that topples it with the least, counter-clockwise from east.
-    least_m_s2 : float or None
-        That acceleration.
-    """
+    """One of several rocks."""
 
     run: Run
+    # Of the rock, and the contact (that of the highest friction) that the numbers are of.
     name: str
     contact: str
-    jobs: pd.DataFrame
+    jobs: pd.DataFrame  # of that contact, weighted
+    # Fragility with its interval; None where too few topplings, or too few survivals, bear one.
     curve: Lognormal | None
-    why_not: str
+    why_not: str  # why there is none
+    # Longitude and latitude (WGS 84), by the table of the atlas or else by the scan's coordinate system.
     place: tuple[float, float] | None
+    # Azimuth of the constant ground acceleration that topples it with the least, counter-clockwise from east.
     weakest_azimuth_deg: float | None
-    least_m_s2: float | None
+    least_m_s2: float | None  # that acceleration
 
     @property
     def row(self) -> dict[str, Any]:
@@ -80,18 +66,10 @@ class Beside:
 
 @dataclass(frozen=True)
 class Shared:
-    """What the jobs of several rocks have in common.
+    """What the jobs of several rocks have in common."""
 
-    Parameters
-    ----------
-    records : tuple of str
-        Records that shook all of them (of the same content), of `of_records` in all.
-    levels_m_s2 : tuple of float
-        Levels that all were shaken at.
-    """
-
-    records: tuple[str, ...]
-    levels_m_s2: tuple[float, ...]
+    records: tuple[str, ...]  # records that shook all of them (of the same content), of `of_records` in all
+    levels_m_s2: tuple[float, ...]  # levels that all were shaken at
     of_records: int
 
     @property

@@ -20,33 +20,24 @@ _SAME = ["scene_id", "preset", "restitution"]
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviation of the toppling probability at one level, by what it comes from.
-
-    Parameters
-    ----------
-    records, base, friction : float
-        Of the probability from record to record, from base to base (with the centre of mass drawn beside it), and
-        from friction to friction.
-    left : float
-        What depends on all together, and chance: of single jobs.
-    records_low, records_high, base_low, base_high, friction_low, friction_high : float
-        Ends of their 95 % intervals, as other records and other draws would have it.
-    jobs, records_drawn, bases : int
-        Jobs, and the records and the distinct bases among them (draws, where the scene has none).
-    """
+    """Standard deviation of the toppling probability at one level, by what it comes from."""
 
     level_pga_m_s2: float
     probability: float
+    # Of the probability from record to record, from base to base (with the centre of mass drawn beside it),
+    # and from friction to friction.
     records: float
     base: float
     friction: float
-    left: float
+    left: float  # what depends on all together, and chance: of single jobs
+    # Ends of their 95 % intervals, as other records and other draws would have it.
     records_low: float
     records_high: float
     base_low: float
     base_high: float
     friction_low: float
     friction_high: float
+    # Jobs, and the records and the distinct bases among them (draws, where the scene has none).
     jobs: int
     records_drawn: int
     bases: int

@@ -32,27 +32,18 @@ class Strongest:
 
 @dataclass(frozen=True)
 class Unphysical:
-    """What jobs beyond nature are in a run, and what it says without them.
+    """What jobs beyond nature are in a run, and what it says without them."""
 
-    Parameters
-    ----------
-    jobs, of_jobs, toppled, of_toppled : int
-        Jobs with an answer, and of them those that toppled.
-    records : tuple of Strongest
-        Those of the jobs beyond, the most topplings first.
-    share, share_without : float
-        Share toppled, with and without them.
-    median_pga_m_s2, median_pga_without_m_s2 : float or None
-        Of the contact of the highest friction; None where it has no fit.
-    """
-
+    # Jobs with an answer, and of them those that toppled.
     jobs: int
     of_jobs: int
     toppled: int
     of_toppled: int
-    records: tuple[Strongest, ...]
+    records: tuple[Strongest, ...]  # those of the jobs beyond, the most topplings first
+    # Share toppled, with and without them.
     share: float
     share_without: float
+    # Of the contact of the highest friction; None where it has no fit.
     median_pga_m_s2: float | None
     median_pga_without_m_s2: float | None
 

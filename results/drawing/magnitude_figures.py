@@ -24,18 +24,11 @@ _REACH_KM = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A fault as the map shows it.
-
-    Parameters
-    ----------
-    lines : sequence of (n, 2) arrays
-        km east and north of the rock.
-    magnitude : float
-        Largest that standing allows; infinite where none is excluded, minus infinity where all are.
-    """
+    """A fault as the map shows it."""
 
     name: str
-    lines: Sequence[NDArray[np.float64]]
+    lines: Sequence[NDArray[np.float64]]  # sequence of (n, 2): km east and north of the rock
+    # Largest that standing allows; infinite where none is excluded, minus infinity where all are.
     magnitude: float
 
 

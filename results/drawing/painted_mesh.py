@@ -21,17 +21,12 @@ _AMBIENT = 0.45
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles with a normal at each vertex; vertices on a sharp edge occur once a side.
+    """Triangles with a normal at each vertex; vertices on a sharp edge occur once a side."""
 
-    Parameters
-    ----------
-    vertices_m, normals : (n, 3) array
-    faces : (k, 3) array of int
-    """
-
+    # (n, 3).
     vertices_m: Array
     normals: Array
-    faces: NDArray[np.int64]
+    faces: NDArray[np.int64]  # (k, 3)
     colour: str
 
 

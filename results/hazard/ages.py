@@ -34,18 +34,11 @@ _ABSENT, _AS_NOW, STOUTER = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """How long which rocks stood together, in each draw of their ages.
+    """How long which rocks stood together, in each draw of their ages."""
 
-    Parameters
-    ----------
-    states : (s, rocks) int array
-        `_ABSENT`, `_AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
-    years : (s, draws) array
-        Time spent in each state.
-    """
-
+    # (s, rocks): `_ABSENT`, `_AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
     states: NDArray[np.int8]
-    years: NDArray[np.float64]
+    years: NDArray[np.float64]  # (s, draws): time spent in each state
 
     def survival(self, annual_rates: ArrayLike) -> float:
         """Probability that no event toppled any rock, given the rate (s,) of such events in each state."""
@@ -59,18 +52,10 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Since:
-    """When a rock became as fragile as it is.
+    """When a rock became as fragile as it is."""
 
-    Parameters
-    ----------
-    years : (n,) array
-        Equally likely years before the present.
-    factor : float
-        Medians before that, over today's; infinite for a rock that could not topple.
-    """
-
-    years: NDArray[np.float64]
-    factor: float = math.inf
+    years: NDArray[np.float64]  # (n,): equally likely years before the present
+    factor: float = math.inf  # medians before that, over today's; infinite for a rock that could not topple
 
 
 def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:

@@ -30,41 +30,24 @@ def _no_levels() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class HazardCurve:
-    """Annual rate at which an intensity is exceeded at a site, a power law between its points.
-
-    Parameters
-    ----------
-    measure : str
-        Column of the results that the intensity is a value of, such as pga_m_s2; sa_0.2s_m_s2 for other periods.
-    intensity : (n,) array
-        Increasing and positive, in the measure's SI unit. A branch of a tree may have fewer than two points, where no
-        event of its catalogue was strong enough.
-    annual_rate : (n,) array
-        Positive and finite, not increasing.
-    site : (longitude, latitude) or None
-        Degrees; where its file says that it holds.
-    site_name : str
-        As the file has it, if it does.
-    component : str
-        Horizontal component, such as RotD50, where it is known.
-    source : str
-        File that it was read from.
-    years : float or None
-        Time that the file's probabilities are over; None where it states rates.
-    certain, never : arrays
-        Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that underflowed): they
-        bear no rate, and count where probabilities are averaged over branches.
-    """
+    """Annual rate at which an intensity is exceeded at a site, a power law between its points."""
 
     name: str
+    # Column of the results that the intensity is a value of, such as pga_m_s2; sa_0.2s_m_s2 for other
+    # periods.
     measure: str
+    # (n,): increasing and positive, in the measure's SI unit. A branch of a tree may have fewer than two
+    # points, where no event of its catalogue was strong enough.
     intensity: NDArray[np.float64]
-    annual_rate: NDArray[np.float64]
+    annual_rate: NDArray[np.float64]  # (n,): positive and finite, not increasing
+    # (longitude, latitude): degrees; where its file says that it holds.
     site: tuple[float, float] | None = None
-    site_name: str = ""
-    component: str = ""
-    source: str = ""
-    years: float | None = None
+    site_name: str = ""  # as the file has it, if it does
+    component: str = ""  # horizontal component, such as RotD50, where it is known
+    source: str = ""  # file that it was read from
+    years: float | None = None  # time that the file's probabilities are over; None where it states rates
+    # Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that
+    # underflowed): they bear no rate, and count where probabilities are averaged over branches.
     certain: NDArray[np.float64] = field(default_factory=_no_levels)
     never: NDArray[np.float64] = field(default_factory=_no_levels)
 

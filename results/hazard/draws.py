@@ -19,22 +19,13 @@ _NODES_PER_E_FOLD = 60
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Draws of rocks' fragilities and ages.
+    """Draws of rocks' fragilities and ages."""
 
-    Parameters
-    ----------
-    curves : list of lists of Lognormal
-        Of each draw, one per rock.
-    years : (draws, rocks) array
-    carries : tuple of str
-        What differs between draws: fragility, age, or both.
-    records : Resampled or None
-        The bootstrap with the fewest records, which decides how wide an interval has to be; None where only ages vary.
-    """
-
-    curves: list[list[Lognormal]]
-    years: NDArray[np.float64]
-    carries: tuple[str, ...]
+    curves: list[list[Lognormal]]  # of each draw, one per rock
+    years: NDArray[np.float64]  # (draws, rocks)
+    carries: tuple[str, ...]  # what differs between draws: fragility, age, or both
+    # The bootstrap with the fewest records, which decides how wide an interval has to be; None where only
+    # ages vary.
     records: Resampled | None
 
     def interval(self, values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -101,18 +101,12 @@ def rates_factor(
 
 @dataclass(frozen=True, eq=False)
 class EventUpdate:
-    """A set of events and the rocks that have stood through them.
-
-    Parameters
-    ----------
-    rocks : sequence of FeltRock
-    confidence : float
-        A branch under which the rocks survive with less than 1 - confidence is rejected.
-    """
+    """A set of events and the rocks that have stood through them."""
 
     rocks: Sequence[FeltRock]
     events: EventSet
     exposure: Exposure
+    # A branch under which the rocks survive with less than 1 - confidence is rejected.
     confidence: float = 0.95
 
     @cached_property

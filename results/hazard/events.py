@@ -36,39 +36,22 @@ _LEAST_LOGARITHM = -745.0
 
 @dataclass(frozen=True)
 class EventSite:
-    """A site of a set of events.
-
-    Parameters
-    ----------
-    place : (longitude, latitude) or None
-        Degrees.
-    """
+    """A site of a set of events."""
 
     name: str
-    place: tuple[float, float] | None = None
+    place: tuple[float, float] | None = None  # (longitude, latitude): degrees
 
 
 @dataclass(frozen=True, eq=False)
 class EventBranch:
-    """Events of one branch, or of one model.
-
-    Parameters
-    ----------
-    rate : (m,) array
-        Annual rate of each event.
-    motions : mapping of (m, sites) arrays
-        By measure, in its SI unit; 0 where an event is not felt.
-    weight : float
-        Of this branch among others.
-    model : str
-        Its ground-motion model, where the branches' names tell it.
-    """
+    """Events of one branch, or of one model."""
 
     name: str
-    rate: NDArray[np.float64]
+    rate: NDArray[np.float64]  # (m,): annual rate of each event
+    # mapping of (m, sites): by measure, in its SI unit; 0 where an event is not felt.
     motions: Mapping[str, NDArray[np.float64]]
-    weight: float = 1.0
-    model: str = ""
+    weight: float = 1.0  # of this branch among others
+    model: str = ""  # its ground-motion model, where the branches' names tell it
 
     def at(self, site: int) -> Motions:
         """Motions at one site, by measure."""
@@ -77,31 +60,19 @@ class EventBranch:
 
 @dataclass(frozen=True, eq=False)
 class EventSet:
-    """Branches of events that are felt at the same sites.
-
-    Parameters
-    ----------
-    sites : tuple of EventSite
-    branches : tuple of EventBranch
-    source : str
-        File or folder.
-    years : float or None
-        Time that the events of each branch were simulated for, where they are a catalogue.
-    notes : tuple of str
-        What a reader of the answer should know.
-    sampled : bool
-        Whether the events are a sample, whose rates are uncertain by chance; not where they stand for hazard curves.
-    readings : tuple of tuples of EventBranch
-        The branches again, once for each of several equally likely readings of what the hazard leaves open; intervals
-        are over them. Empty where nothing is left open.
-    """
+    """Branches of events that are felt at the same sites."""
 
     sites: tuple[EventSite, ...]
     branches: tuple[EventBranch, ...]
-    source: str
+    source: str  # file or folder
+    # Time that the events of each branch were simulated for, where they are a catalogue.
     years: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what a reader of the answer should know
+    # Whether the events are a sample, whose rates are uncertain by chance; not where they stand for hazard
+    # curves.
     sampled: bool = True
+    # The branches again, once for each of several equally likely readings of what the hazard leaves open;
+    # intervals are over them. Empty where nothing is left open.
     readings: tuple[tuple[EventBranch, ...], ...] = ()
 
     @property
@@ -122,24 +93,14 @@ class EventSet:
 
 @dataclass(frozen=True, eq=False)
 class FeltRock:
-    """A rock at a site of a set of events.
-
-    Parameters
-    ----------
-    fragility : Lognormal or Surface
-    site : int
-        Number of the site.
-    drawn : sequence of the same
-        Fragilities of resampled records; empty where they are not known.
-    since : Since or None
-        When it became as fragile as it is; None where it has always been.
-    """
+    """A rock at a site of a set of events."""
 
     name: str
     fragility: Fragility
-    site: int = 0
+    site: int = 0  # number of the site
+    # Fragilities of resampled records; empty where they are not known.
     drawn: Sequence[Fragility] = field(default=())
-    since: Since | None = None
+    since: Since | None = None  # when it became as fragile as it is; None where it has always been
 
 
 def standing_shares(rocks: Sequence[FeltRock], branch: EventBranch) -> tuple[NDArray, NDArray]:

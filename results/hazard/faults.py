@@ -31,19 +31,13 @@ _fault_error = refusals(
 
 @dataclass(frozen=True, eq=False)
 class FaultTrace:
-    """A fault's trace.
-
-    Parameters
-    ----------
-    lines : tuple of (n, 2) arrays
-        Points in km east and north of the rock: distances and directions from the rock are those of the great circle.
-    magnitude : float or None
-        Of its earthquake, where the file states one.
-    """
+    """A fault's trace."""
 
     name: str
+    # tuple of (n, 2): points in km east and north of the rock: distances and directions from the rock are
+    # those of the great circle.
     lines: tuple[NDArray[np.float64], ...]
-    magnitude: float | None = None
+    magnitude: float | None = None  # of its earthquake, where the file states one
 
     @property
     def distance_km(self) -> float:

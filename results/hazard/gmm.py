@@ -55,33 +55,20 @@ class GroundMotionModel:
     The site lies beside a fault whose top edge is `depth_top_km` deep, on its footwall where it dips: the distance is
     that to the surface above the top edge (Joyner-Boore), from which the distance to the rupture follows.
 
-    Parameters
-    ----------
-    name : str
-        One of `MODELS`.
-    measure : str
-        Column of the results.
-    vs30_m_s : float
-        Shear-wave velocity of the upper 30 m at the rock.
-    mechanism : str
-        One of `MECHANISMS`.
-    dip_deg, depth_top_km : float
-        Of the fault.
-    ratio : float
-        Peak of the horizontal vector over the model's component (RotD50 for the NGA-West2 models).
-
     Raises
     ------
     InputError
         If pygmm is not installed, the model is unknown, or does not cover the site or the mechanism.
     """
 
-    name: str
-    measure: str
-    vs30_m_s: float
-    mechanism: str = "SS"
+    name: str  # one of `MODELS`
+    measure: str  # column of the results
+    vs30_m_s: float  # shear-wave velocity of the upper 30 m at the rock
+    mechanism: str = "SS"  # one of `MECHANISMS`
+    # Of the fault.
     dip_deg: float = 90.0
     depth_top_km: float = 0.0
+    # Peak of the horizontal vector over the model's component (RotD50 for the NGA-West2 models).
     ratio: float = 1.0
 
     def __post_init__(self) -> None:

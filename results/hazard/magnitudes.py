@@ -54,38 +54,22 @@ class Model(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MotionGrid:
-    """Motions of some models over magnitude and distance.
+    """Motions of some models over magnitude and distance."""
 
-    Parameters
-    ----------
-    magnitude : (m,) array
-    distance_km : (r,) array
-    mean, sigma : (models, m, r) arrays
-        Of the logarithm of the motion in SI.
-    weights : (models,) array
-        Summing to 1.
-    """
-
-    magnitude: NDArray[np.float64]
-    distance_km: NDArray[np.float64]
+    magnitude: NDArray[np.float64]  # (m,)
+    distance_km: NDArray[np.float64]  # (r,)
+    # (models, m, r): of the logarithm of the motion in SI.
     mean: NDArray[np.float64]
     sigma: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    weights: NDArray[np.float64]  # (models,): summing to 1
 
 
 @dataclass(frozen=True)
 class Occurrence:
-    """How often an earthquake has happened while the rock stood.
+    """How often an earthquake has happened while the rock stood."""
 
-    Parameters
-    ----------
-    name : str
-        Such as "one event".
-    probability : float
-        Toppling probability of one such earthquake from which on it is excluded; above 1 where none can be.
-    """
-
-    name: str
+    name: str  # such as "one event"
+    # Toppling probability of one such earthquake from which on it is excluded; above 1 where none can be.
     probability: float
 
 

@@ -13,22 +13,15 @@ from toppling.results.hazard.survival import Standing
 
 @dataclass(frozen=True)
 class RandomRock:
-    """Fragility of a theoretical random rock of a site.
+    """Fragility of a theoretical random rock of a site."""
 
-    Parameters
-    ----------
-    curve : Lognormal
-        Its beta holds the spread between rocks and the mean spread within them: the logarithm's variance of a mixture
-        of their curves is the sum of both.
-    beta_within, beta_between : float
-        Root mean square of the rocks' betas, and standard deviation of the logarithms of their medians.
-    median_interval : (float, float) or None
-        95 %, over other records; None where these are not known of all rocks.
-    """
-
+    # Its beta holds the spread between rocks and the mean spread within them: the logarithm's variance of a
+    # mixture of their curves is the sum of both.
     curve: Lognormal
+    # Root mean square of the rocks' betas, and standard deviation of the logarithms of their medians.
     beta_within: float
     beta_between: float
+    # 95 %, over other records; None where these are not known of all rocks.
     median_interval: tuple[float, float] | None
 
 

@@ -18,23 +18,12 @@ Motions = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Surface:
-    """Fragility over several measures: P(topple | x, y) = Phi(a + b ln x + c ln y).
+    """Fragility over several measures: P(topple | x, y) = Phi(a + b ln x + c ln y)."""
 
-    Parameters
-    ----------
-    measures : tuple of str
-        Columns of the results.
-    coefficients : tuple of float
-        a, then one slope a measure's natural logarithm.
-    basis : Basis or None
-        Where it is known; its strongest shaking is in the first measure.
-    resampled : Resampled or None
-        The same surface of resampled records, where it is known.
-    """
-
-    measures: tuple[str, ...]
-    coefficients: tuple[float, ...]
-    basis: Basis | None = None
+    measures: tuple[str, ...]  # columns of the results
+    coefficients: tuple[float, ...]  # a, then one slope a measure's natural logarithm
+    basis: Basis | None = None  # where it is known; its strongest shaking is in the first measure
+    # The same surface of resampled records, where it is known.
     resampled: Resampled | None = field(default=None, compare=False, repr=False)
 
     def probability(self, motions: Motions) -> NDArray[np.float64]:

@@ -14,22 +14,14 @@ from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_ra
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A rock that has stood for some time.
-
-    Parameters
-    ----------
-    years : (n,) array
-        Equally likely ages; one where it is known.
-    resampled : Resampled or None
-        The same curve of resampled records; None for a curve of a file, which does not keep them.
-    together : bool
-        Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
-    """
+    """A rock that has stood for some time."""
 
     name: str
     curve: Lognormal
-    years: NDArray[np.float64]
+    years: NDArray[np.float64]  # (n,): equally likely ages; one where it is known
+    # The same curve of resampled records; None for a curve of a file, which does not keep them.
     resampled: Resampled | None = None
+    # Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
     together: bool = False
 
 

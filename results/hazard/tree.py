@@ -24,47 +24,27 @@ FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One branch of a logic tree.
-
-    Parameters
-    ----------
-    weight : float
-        Before the rocks have a say; those of a tree sum to 1.
-    path : str
-        Choices that lead to it, as OpenQuake abbreviates them: one letter a level, source models ~ ground motion.
-    number : int or None
-        Of OpenQuake's realisation.
-    """
+    """One branch of a logic tree."""
 
     name: str
-    weight: float
+    weight: float  # before the rocks have a say; those of a tree sum to 1
     curve: HazardCurve
+    # Choices that lead to it, as OpenQuake abbreviates them: one letter a level, source models ~ ground
+    # motion.
     path: str = ""
-    number: int | None = None
+    number: int | None = None  # of OpenQuake's realisation
 
 
 @dataclass(frozen=True, eq=False)
 class HazardTree:
-    """Branches of one intensity measure at one site.
+    """Branches of one intensity measure at one site."""
 
-    Parameters
-    ----------
-    measure : str
-        Column of the results.
-    branches : tuple of Branch
-        One where a file states a single curve.
-    weights_from : str
-        Who states the weights: a file, the command line, or nobody ("equal").
-    fractiles : dict of HazardCurve by probability
-        As the files state them. They are no branches, and cannot be weighted again.
-    parts : tuple of HazardCurve
-        Contributions that add up to the one branch: by source type, by ground-motion model.
-    """
-
-    measure: str
-    branches: tuple[Branch, ...]
-    weights_from: str = "equal"
+    measure: str  # column of the results
+    branches: tuple[Branch, ...]  # one where a file states a single curve
+    weights_from: str = "equal"  # who states the weights: a file, the command line, or nobody ("equal")
+    # As the files state them. They are no branches, and cannot be weighted again.
     fractiles: dict[float, HazardCurve] = field(default_factory=dict)
+    # Contributions that add up to the one branch: by source type, by ground-motion model.
     parts: tuple[HazardCurve, ...] = ()
 
     def __post_init__(self) -> None:
@@ -123,20 +103,12 @@ def sources(tree: HazardTree) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """Mean and fractiles of a tree's annual rates of exceedance.
+    """Mean and fractiles of a tree's annual rates of exceedance."""
 
-    Parameters
-    ----------
-    levels : (n,) array
-        Intensities in SI.
-    mean : (n,) array
-        Annual rates; infinite where every branch is certain, 0 where none has a rate.
-    fractiles : dict of (n,) arrays by probability
-    """
-
-    levels: NDArray[np.float64]
+    levels: NDArray[np.float64]  # (n,): intensities in SI
+    # (n,): annual rates; infinite where every branch is certain, 0 where none has a rate.
     mean: NDArray[np.float64]
-    fractiles: dict[float, NDArray[np.float64]]
+    fractiles: dict[float, NDArray[np.float64]]  # dict of (n,)
 
 
 def common_levels(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,18 +47,12 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """A tree of hazard and the rocks that have stood under it.
-
-    Parameters
-    ----------
-    rocks : sequence of Standing
-    confidence : float
-        A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at which
-        survival falls to it.
-    """
+    """A tree of hazard and the rocks that have stood under it."""
 
     rocks: Sequence[Standing]
     tree: HazardTree
+    # A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at
+    # which survival falls to it.
     confidence: float = 0.95
 
     @cached_property

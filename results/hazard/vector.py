@@ -58,18 +58,11 @@ _CLOSE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Events of two measures that follow two hazard curves.
+    """Events of two measures that follow two hazard curves."""
 
-    Parameters
-    ----------
-    events : EventBranch
-        At one site.
-    misfit : float
-        Largest relative difference of the rates of the second measure from its own curve, where both curves have
-        rates.
-    """
-
-    events: EventBranch
+    events: EventBranch  # at one site
+    # Largest relative difference of the rates of the second measure from its own curve, where both curves
+    # have rates.
     misfit: float
 
 

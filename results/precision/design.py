@@ -46,45 +46,23 @@ _RECORDS_BOUND = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Jobs that may be chosen: all of a campaign under one contact.
+    """Jobs that may be chosen: all of a campaign under one contact."""
 
-    Parameters
-    ----------
-    rows : (records, cells, levels) int array
-        Rows of the plan.
-    log_x : mapping
-        Of each measure its logarithm by record and level, (records, levels).
-    """
-
-    rows: Numbers
-    log_x: Mapping[str, Array]
+    rows: Numbers  # (records, cells, levels): rows of the plan
+    log_x: Mapping[str, Array]  # of each measure its logarithm by record and level, (records, levels)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the jobs so far say, and whether they are enough.
+    """What the jobs so far say, and whether they are enough."""
 
-    Parameters
-    ----------
-    measure : str
-        That predicts best, or that the target states.
-    curve : Curve or None
-        None before both answers have come.
-    reason : str
-        Why the precision cannot be reached; empty where it is reached, or may still be.
-    jobs_needed : int
-        In all, by what is known.
-    departure : Departure or None
-        How the answers contradict the curve, where they do.
-    """
-
-    measure: str
-    curve: Curve | None
+    measure: str  # that predicts best, or that the target states
+    curve: Curve | None  # None before both answers have come
     estimate: Estimate | None
     ended: bool
-    reason: str
-    jobs_needed: int
-    departure: Departure | None = None
+    reason: str  # why the precision cannot be reached; empty where it is reached, or may still be
+    jobs_needed: int  # in all, by what is known
+    departure: Departure | None = None  # how the answers contradict the curve, where they do
 
 
 def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:

@@ -25,52 +25,26 @@ _DIFFERENCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Answers to jobs, in the order in which they were chosen.
+    """Answers to jobs, in the order in which they were chosen."""
 
-    Parameters
-    ----------
-    log_x : (n,) array
-        Logarithm of the intensity.
-    toppled : (n,) array
-        1 or 0.
-    record : (n,) int array
-        Number of each job's record.
-    weight : (n,) array
-        How much each counts; of mean 1.
-    """
-
-    log_x: Array
-    toppled: Array
-    record: NDArray[np.int64]
-    weight: Array
+    log_x: Array  # (n,): logarithm of the intensity
+    toppled: Array  # (n,): 1 or 0
+    record: NDArray[np.int64]  # (n,): number of each job's record
+    weight: Array  # (n,): how much each counts; of mean 1
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A fitted curve and how well it is known.
+    """A fitted curve and how well it is known."""
 
-    Parameters
-    ----------
-    coefficients : (2,) array
-        a and b.
-    independent : (2, 2) array
-        Covariance, were jobs independent.
-    pairs : (2, 2) array
-        What pairs of jobs of one record add.
-    log_likelihood : float
-        At the maximum, without the prior.
-    jobs, records : float
-        Numbers; Kish's effective one of records that weigh unlike.
-    pairs_share : float
-        Number of pairs over jobs squared, by which the pairs' part shrinks if a record has more jobs.
-    """
-
-    coefficients: Array
-    independent: Array
-    pairs: Array
-    log_likelihood: float
+    coefficients: Array  # (2,): a and b
+    independent: Array  # (2, 2): covariance, were jobs independent
+    pairs: Array  # (2, 2): what pairs of jobs of one record add
+    log_likelihood: float  # at the maximum, without the prior
+    # Numbers; Kish's effective one of records that weigh unlike.
     jobs: int
     records: float
+    # Number of pairs over jobs squared, by which the pairs' part shrinks if a record has more jobs.
     pairs_share: float
 
     @property

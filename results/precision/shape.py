@@ -23,22 +23,13 @@ _LEAST_JOBS_BETWEEN = 10
 
 @dataclass(frozen=True)
 class Departure:
-    """How answers contradict a curve.
+    """How answers contradict a curve."""
 
-    Parameters
-    ----------
-    p_value : float
-        Probability of as clear a contradiction under a lognormal curve.
-    expected, observed : float
-        Shares that topple, by the curve and by the answers, of the jobs where they differ most clearly.
-    jobs : int
-        How many those are.
-    """
-
-    p_value: float
+    p_value: float  # probability of as clear a contradiction under a lognormal curve
+    # Shares that topple, by the curve and by the answers, of the jobs where they differ most clearly.
     expected: float
     observed: float
-    jobs: int
+    jobs: int  # how many those are
 
     @property
     def words(self) -> str:

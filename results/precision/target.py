@@ -21,21 +21,13 @@ _USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A number that follows from a fragility curve.
+    """A number that follows from a fragility curve."""
 
-    Parameters
-    ----------
-    name : str
-        One of `_SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
-    measure : str or None
-        Column of the results; None for whichever predicts best. Stated with a probability and a rate.
-    intensity : float or None
-        At which the probability is asked for, in the measure's SI unit.
-    """
-
+    # One of `_SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
     name: str = "median"
+    # Column of the results; None for whichever predicts best. Stated with a probability and a rate.
     measure: str | None = None
-    intensity: float | None = None
+    intensity: float | None = None  # at which the probability is asked for, in the measure's SI unit
     hazard: HazardCurve | None = None
 
     @property
@@ -91,30 +83,18 @@ class Target:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A target and how well jobs so far know it.
+    """A target and how well jobs so far know it."""
 
-    Parameters
-    ----------
-    value, low, high : float
-        The target and its interval of 95 %.
-    precision : float
-        Half of the interval: relative, for a probability in its own unit.
-    bearable : float
-        The same, had each record jobs without end.
-    independent, pairs : float
-        Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
-    scale : float
-        Precision over the square root of that variance, in standard errors of half an interval.
-    """
-
+    # The target and its interval of 95 %.
     value: float
     low: float
     high: float
-    precision: float
-    bearable: float
+    precision: float  # half of the interval: relative, for a probability in its own unit
+    bearable: float  # the same, had each record jobs without end
+    # Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
     independent: float
     pairs: float
-    scale: float
+    scale: float  # precision over the square root of that variance, in standard errors of half an interval
 
 
 def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:

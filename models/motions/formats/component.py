@@ -19,60 +19,31 @@ _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One channel of acceleration.
+    """One channel of acceleration."""
 
-    Parameters
-    ----------
-    acceleration_m_s2 : (n,) array
-        In the file's own unit if `unit_known` is false.
-    time_step_s : float
-    direction : float, "up", "down" or None
-        Compass bearing of the positive axis in degrees, vertical, or unknown.
-    path : Path
-    line : int
-        Line of the first sample, 0 in a binary file.
-    file_format : str
-    corrected : bool or None
-        Whether the agency has filtered it; None if the file does not say.
-    unit_known : bool
-    stated_unit_m_s2 : float or None
-        One unit of the file, where it is a word in a header that the metadata table must not contradict.
-    event, station, label : str
-        As in the header.
-    magnitude, distance_km : float or None
-    series : str
-        What else tells two records of one station apart.
-    start_s : float or None
-        Time of the first sample, seconds since 1970.
-    notes : tuple of str
-        What the reader had to do.
-    warnings : tuple of str
-        What the user should know of the file, though it could be read.
-    missing : int
-        Samples that the header counts beyond those that there are.
-    no_unit : InputError or None
-        Why the unit is not known, where more can be said than that the file is silent.
-    """
-
-    acceleration_m_s2: NDArray[np.float64]
+    acceleration_m_s2: NDArray[np.float64]  # (n,): in the file's own unit if `unit_known` is false
     time_step_s: float
-    direction: float | str | None
+    direction: float | str | None  # compass bearing of the positive axis in degrees, vertical, or unknown
     path: Path
-    line: int
+    line: int  # line of the first sample, 0 in a binary file
     file_format: str
-    corrected: bool | None = None
+    corrected: bool | None = None  # whether the agency has filtered it; None if the file does not say
     unit_known: bool = True
+    # One unit of the file, where it is a word in a header that the metadata table must not contradict.
     stated_unit_m_s2: float | None = None
+    # As in the header.
     event: str = ""
     station: str = ""
     label: str = ""
     magnitude: float | None = None
     distance_km: float | None = None
-    series: str = ""
-    start_s: float | None = None
-    notes: tuple[str, ...] = field(default=())
+    series: str = ""  # what else tells two records of one station apart
+    start_s: float | None = None  # time of the first sample, seconds since 1970
+    notes: tuple[str, ...] = field(default=())  # what the reader had to do
+    # What the user should know of the file, though it could be read.
     warnings: tuple[str, ...] = field(default=())
-    missing: int = 0
+    missing: int = 0  # samples that the header counts beyond those that there are
+    # Why the unit is not known, where more can be said than that the file is silent.
     no_unit: InputError | None = None
 
     @property

@@ -11,17 +11,10 @@ _G_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of ground motion.
-
-    Parameters
-    ----------
-    quantity : "acceleration", "velocity" or "displacement"
-    factor : float
-        One of it in m/s2, m/s or m.
-    """
+    """A unit of ground motion."""
 
     quantity: Quantity
-    factor: float
+    factor: float  # one of it in m/s2, m/s or m
 
 
 _LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}

@@ -29,21 +29,11 @@ HEADLINE_MEASURE = "pgv_m_s"
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Jobs of one scene, preset and contact, with their fits.
+    """Jobs of one scene, preset and contact, with their fits."""
 
-    Parameters
-    ----------
-    words : str
-        What distinguishes it from others, such as "μ = 0.8".
-    jobs : DataFrame
-        All of its jobs, with or without an answer.
-    samples : int
-        Bootstrap samples of the fits.
-    """
-
-    words: str
-    jobs: pd.DataFrame
-    samples: int
+    words: str  # what distinguishes it from others, such as "μ = 0.8"
+    jobs: pd.DataFrame  # all of its jobs, with or without an answer
+    samples: int  # bootstrap samples of the fits
 
     @cached_property
     def known(self) -> pd.DataFrame:
@@ -100,22 +90,12 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """A run as its report sees it.
-
-    Parameters
-    ----------
-    samples : int
-        Bootstrap samples of the fits.
-    years : (n,) array or None
-        Equally likely ages of the standing rock.
-    tree : HazardTree or None
-        Asked about; it needs an age.
-    """
+    """A run as its report sees it."""
 
     run: Run
-    samples: int = resampling.SAMPLES
-    years: NDArray[np.float64] | None = None
-    tree: HazardTree | None = None
+    samples: int = resampling.SAMPLES  # bootstrap samples of the fits
+    years: NDArray[np.float64] | None = None  # (n,): equally likely ages of the standing rock
+    tree: HazardTree | None = None  # asked about; it needs an age
 
     @cached_property
     def frame(self) -> pd.DataFrame:

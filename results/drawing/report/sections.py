@@ -49,15 +49,10 @@ _MOST_BRANCHES = 15
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report.
-
-    Parameters
-    ----------
-    write : callable
-        From the content and the document, which numbers figures and tables, to HTML; empty omits the section.
-    """
+    """A part of the report."""
 
     title: str
+    # From the content and the document, which numbers figures and tables, to HTML; empty omits the section.
     write: Callable[[Content, Document], str]
 
 

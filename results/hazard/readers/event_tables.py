@@ -35,22 +35,12 @@ event_error = refusals(
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A CSV file with what its comment line states.
-
-    Parameters
-    ----------
-    header : tuple of str
-        Columns, by today's names.
-    keys : mapping
-        Of the comment line.
-    skipped : int
-        Lines above the columns.
-    """
+    """A CSV file with what its comment line states."""
 
     path: Path
-    header: tuple[str, ...]
-    keys: Mapping[str, str]
-    skipped: int
+    header: tuple[str, ...]  # columns, by today's names
+    keys: Mapping[str, str]  # of the comment line
+    skipped: int  # lines above the columns
     separator: str = ","
 
     def frame(self) -> pd.DataFrame:

@@ -21,55 +21,30 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class Hints:
-    """What the user says about files that do not say it.
+    """What the user says about files that do not say it."""
 
-    Parameters
-    ----------
-    site : (longitude, latitude), name or None
-        Only this site of each file is read.
-    measure : str or None
-        Column of the results that a file is over which does not say.
-    years : float or None
-        Time that values are probabilities over, in files that do not say; 0 for annual rates.
-    """
-
-    site: Place | str | None = None
-    measure: str | None = None
+    site: Place | str | None = None  # (longitude, latitude): only this site of each file is read
+    measure: str | None = None  # column of the results that a file is over which does not say
+    # Time that values are probabilities over, in files that do not say; 0 for annual rates.
     years: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """A curve of a file, and which one of a calculation it is.
-
-    Parameters
-    ----------
-    kind : str
-        curve (a mean, a total, or the only one), realisation, fractile, or part (a contribution to the total).
-    key : float or str or None
-        Number of the realisation, probability of the fractile, name of the part.
-    calculation : str
-        What tells calculations apart, where a file says: OpenQuake's checksum.
-    """
+    """A curve of a file, and which one of a calculation it is."""
 
     curve: HazardCurve
+    # curve (a mean, a total, or the only one), realisation, fractile, or part (a contribution to the total).
     kind: str = "curve"
-    key: float | str | None = None
-    calculation: str = ""
+    key: float | str | None = None  # number of the realisation, probability of the fractile, name of the part
+    calculation: str = ""  # what tells calculations apart, where a file says: OpenQuake's checksum
 
 
 @dataclass(frozen=True)
 class Realisations:
-    """Weights of a logic tree's branches.
+    """Weights of a logic tree's branches."""
 
-    Parameters
-    ----------
-    source : str
-        File.
-    weights, paths : dict by number of the realisation
-    """
-
-    source: str
+    source: str  # file
     weights: dict[int, float]
     paths: dict[int, str]
 

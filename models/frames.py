@@ -56,20 +56,9 @@ def slope_of_normal(normal: ArrayLike) -> tuple[float, float]:
 def rotation_between(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
     """Smallest rotation that carries one unit vector into another.
 
-    Parameters
-    ----------
-    start, end : (3,) array
-        Unit vectors, not opposite to each other.
-
-    Returns
-    -------
-    (3, 3) array
-        Rotation matrix R with R @ start = end (Rodrigues' formula).
-
-    Raises
-    ------
-    ValueError
-        If the vectors are opposite, where the smallest rotation is not unique.
+    start, end: (3,), unit vectors, not opposite to each other.
+    Returns (3, 3) array: rotation matrix R with R @ start = end (Rodrigues' formula).
+    Raises ValueError if the vectors are opposite, where the smallest rotation is not unique.
     """
     a = np.asarray(start, dtype=float)
     b = np.asarray(end, dtype=float)

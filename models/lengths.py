@@ -78,17 +78,9 @@ def unit_called(word: str) -> str | None:
 def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
     """The unit that remarks in a file state, None if they state none.
 
-    Parameters
-    ----------
-    remarks : iterable of str
-        Such as "units: US survey feet", "coordinates in mm".
-    where : str
-        The file, for errors.
-
-    Raises
-    ------
-    InputError
-        If they state degrees, a unit that nobody knows, two, or one of heights alone.
+    remarks: such as "units: US survey feet", "coordinates in mm".
+    where: the file, for errors.
+    Raises InputError if they state degrees, a unit that nobody knows, two, or one of heights alone.
 
     Examples
     --------

@@ -47,11 +47,8 @@ class Rock:
     def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
         """Rock from a closed triangle mesh; coincident vertices are merged, mass properties integrated exactly.
 
-        Raises
-        ------
-        InputError
-            If the mesh is not closed, not consistently oriented, not one body, encloses no volume, or is too thin for
-            its inertia to be told.
+        Raises InputError if the mesh is not closed, not consistently oriented, not one body, encloses no volume, or
+        is too thin for its inertia to be told.
         """
         check_triangles(vertices_m, faces, where)
         mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
@@ -108,10 +105,7 @@ class Rock:
     def principal_axes(self, frame: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Principal moments (3,) of inertia over mass, ascending, and right-handed axes (columns) in a frame.
 
-        Parameters
-        ----------
-        frame : (3, 3) array
-            Its axes as columns, scene frame.
+        frame: (3, 3), its axes as columns, scene frame.
         """
         turn = np.asarray(frame, float)
         moments, axes = np.linalg.eigh(turn.T @ self.inertia_per_mass_m2 @ turn)
@@ -151,10 +145,8 @@ def origin_beside_m(vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None:
     """Refuse vertices that are no places, and triangles between vertices that there are not.
 
-    Raises
-    ------
-    InputError
-        If a shape is wrong, a coordinate is not finite or beyond `_FARTHEST_M`, or an index is out of range.
+    Raises InputError if a shape is wrong, a coordinate is not finite or beyond `_FARTHEST_M`, or an index is out of
+    range.
     """
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
@@ -180,10 +172,7 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
 def check_size(height_m: float, where: str) -> None:
     """Refuse a rock that is not in metres.
 
-    Raises
-    ------
-    InputError
-        If its height is none of a rock that is worth shaking.
+    Raises InputError if its height is none of a rock that is worth shaking.
     """
     least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:

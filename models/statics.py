@@ -73,10 +73,8 @@ def quasi_static_toppling_m_s2(
     tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass fallen by no more than ``TOPPLED_FALL``. A rock with
     a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip.
 
-    Returns
-    -------
-    list of (azimuth_deg, acceleration_m_s2)
-        Zero where gravity alone topples the rock, infinite where no acceleration of this azimuth does.
+    Returns list of (azimuth_deg, acceleration_m_s2): zero where gravity alone topples the rock, infinite where no
+    acceleration of this azimuth does.
     """
     seat = Seat.of(rock, pedestal)
     return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
@@ -155,21 +153,12 @@ def holds_still(
 ) -> NDArray[np.bool_]:
     """The cone of :func:`equilibrium_possible` for a support polygon in any pose and frame.
 
-    Parameters
-    ----------
-    corners_m : (k, 3) array
-        Counter-clockwise seen against the normal; fewer than three hold nothing.
-    com_m : (3,) array
-    normal : (3,) array
-        Upward unit normal of the plane.
-    friction : float
-        Static coefficient.
-    pull_m_s2 : (n, 3) array
-        Gravity less ground acceleration.
-
-    Returns
-    -------
-    (n,) bool array
+    corners_m: (k, 3), counter-clockwise seen against the normal; fewer than three hold nothing.
+    com_m: (3,).
+    normal: (3,), upward unit normal of the plane.
+    friction: static coefficient.
+    pull_m_s2: (n, 3), gravity less ground acceleration.
+    Returns (n,) bool array.
     """
     if len(corners_m) < 3 or planar_hull(corners_m @ np.column_stack(plane_axes(normal)), 0.0) is None:
         return np.zeros(len(pull_m_s2), bool)

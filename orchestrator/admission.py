@@ -33,10 +33,7 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
 
     Of a scheduler of somebody else that is gone, the next at its address is waited for.
 
-    Raises
-    ------
-    InputError, RunError
-        As :func:`check_workers`; RunError also if the scheduler is lost.
+    Raises InputError, RunError as `check_workers`; RunError also if the scheduler is lost.
     """
     end = None
     while client.status in ("running", "connecting"):
@@ -63,12 +60,9 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
 def check_workers(client: Client, *run_keys: RunKey) -> None:
     """Let every worker present load the assets of the first run key, and offer all to workers that do not see them.
 
-    Raises
-    ------
-    InputError
-        If one cannot, because of another version or because it has no way to the run's scene and ensemble.
-    RunError
-        If the workers of a local cluster die whenever they start.
+    Raises InputError if one cannot, because of another version or because it has no way to the run's scene and
+    ensemble.
+    Raises RunError if the workers of a local cluster die whenever they start.
     """
     _wait_for_a_worker(client)
     answers = client.run(check, run_keys[0], on_error="return")
@@ -97,10 +91,7 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
 def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
     """Put the scenes and ensembles of orders at the scheduler, for workers that do not see the run's folder.
 
-    Raises
-    ------
-    RunError
-        If they are not in that folder any more.
+    Raises RunError if they are not in that folder any more.
     """
     places: dict[str, Path] = {}
     for one in run_keys:

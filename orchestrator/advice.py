@@ -174,10 +174,7 @@ class Share:
 def suggestions(shares: Sequence[Share]) -> list[str]:
     """What the shares of a run suggest for the next one.
 
-    Parameters
-    ----------
-    shares : sequence of Share
-        One per level.
+    shares: one per level.
 
     Examples
     --------

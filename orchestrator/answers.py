@@ -27,12 +27,8 @@ _SAME_PGA = 1e-6
 def checked(specs: Sequence[JobSpec], rows: Any) -> list[Row]:
     """Rows that a worker gave for the first jobs of a batch; a job whose row is none of it has failed.
 
-    Parameters
-    ----------
-    specs : sequence of JobSpec
-        The batch as it was sent.
-    rows : what came back
-        Meant to be a list of one row at least, in the batch's order.
+    specs: the batch as it was sent.
+    rows: meant to be a list of one row at least, in the batch's order.
     """
     if not isinstance(rows, list) or not 0 < len(rows) <= len(specs):
         what = f"{len(rows)} rows" if isinstance(rows, list) else f"a {type(rows).__name__}"

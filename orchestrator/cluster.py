@@ -70,12 +70,8 @@ def local(workers: int, most: int | None = None) -> Iterator[Client]:
     Loopback is shared with every account of the host, so that scheduler and workers accept only who holds the session's
     key, which never leaves the memory of these processes; what they write is in a folder of this account alone.
 
-    Parameters
-    ----------
-    workers : int
-        To begin with.
-    most : int or None
-        As many as there may be where there is work for them; None for no more.
+    workers: to begin with.
+    most: as many as there may be where there is work for them; None for no more.
     """
     safe_for_children()
     compile_apart()
@@ -161,19 +157,10 @@ class _ClosedIfNotStarted(Client):
 def existing(address: str | None, scheduler_file: Path | None, tls: Security | None) -> Iterator[Client]:
     """Connect to a scheduler that somebody else has started.
 
-    Parameters
-    ----------
-    address : str or None
-        Such as `tcp://host:8786`; without it and a file, the configuration's `scheduler-address`.
-    scheduler_file : Path or None
-        Written by `dask scheduler --scheduler-file`.
-    tls : Security or None
-        Certificates; None for the configuration's.
-
-    Raises
-    ------
-    InputError
-        If nothing answers there, or it refuses the connection.
+    address: such as `tcp://host:8786`; without it and a file, the configuration's `scheduler-address`.
+    scheduler_file: written by `dask scheduler --scheduler-file`.
+    tls: certificates; None for the configuration's.
+    Raises InputError if nothing answers there, or it refuses the connection.
     """
     load_defaults()
     where = address or (str(scheduler_file) if scheduler_file else dask.config.get("scheduler-address", ""))
@@ -205,16 +192,10 @@ def queue(kind: str, jobs: int, secrets: Path, most: int | None = None) -> Itera
     Scheduler and workers accept only who holds the session's key. Batch jobs have to find it: it lies in files of
     mode 600 as long as the session goes on. Where the configuration has certificates, these are used instead.
 
-    Parameters
-    ----------
-    kind : str
-        One of `QUEUES`.
-    jobs : int
-        Batch jobs to submit to begin with.
-    secrets : Path
-        Folder for the key, which all hosts see.
-    most : int or None
-        Batch jobs that there may be where there is work for them; None for no more.
+    kind: one of `QUEUES`.
+    jobs: batch jobs to submit to begin with.
+    secrets: folder for the key, which all hosts see.
+    most: batch jobs that there may be where there is work for them; None for no more.
     """
     with Uninterrupted(_queue_session(kind, secrets)) as (cluster, client):
         cluster.scale(jobs=jobs)
@@ -240,10 +221,7 @@ def job_script(kind: str) -> str:
 def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
     """Certificates of a cluster across hosts; without them nobody is let in, in either direction.
 
-    Raises
-    ------
-    InputError
-        If a file is absent.
+    Raises InputError if a file is absent.
     """
     for path in (ca, certificate, key):
         if not path.is_file():

@@ -126,10 +126,7 @@ class ClusterSupervisor:
     def grow(self, work_left_s: float) -> None:
         """Start more workers, or submit more batch jobs, if there is work for them and they are allowed.
 
-        Parameters
-        ----------
-        work_left_s : float
-            Of one process.
+        work_left_s: of one process.
         """
         cluster: Any = self._client.cluster
         # None, of a scheduler that others started.
@@ -147,10 +144,7 @@ class ClusterSupervisor:
     def shrink(self, processing: Mapping[str, Collection[Any]]) -> None:
         """Let go of workers, or batch jobs, that have had nothing to do for a while, as far as the least allows.
 
-        Parameters
-        ----------
-        processing : mapping
-            What each worker has in hand, by its address.
+        processing: what each worker has in hand, by its address.
         """
         cluster: Any = self._client.cluster
         spare = len(cluster.worker_spec) - _SIZES[cluster][0] if cluster in _SIZES else 0

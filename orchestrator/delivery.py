@@ -87,10 +87,7 @@ class Shelf:
 def offer(client: Client, folders: Mapping[str, Path]) -> None:
     """Put folders of few files at the scheduler, where workers can ask for them as long as the client is connected.
 
-    Parameters
-    ----------
-    folders : mapping
-        Folder by the id of its content; what the scheduler has already is not sent again.
+    folders: folder by the id of its content; what the scheduler has already is not sent again.
     """
     for name, folder in folders.items():
         if client.run_on_scheduler(_holds, name=name, client=client.id):
@@ -118,17 +115,9 @@ def _complete(upload: str, name: str, client: str, dask_scheduler: Any = None) -
 def delivered(name: str) -> Path:
     """Folder in which this host keeps what it was sent, asked for at the scheduler where it is not there yet.
 
-    Parameters
-    ----------
-    name : str
-        Id of its content.
-
-    Raises
-    ------
-    NotDeliveredError
-        If the scheduler has not got it.
-    NotKeptError
-        If no place here can be written.
+    name: id of its content.
+    Raises NotDeliveredError if the scheduler has not got it.
+    Raises NotKeptError if no place here can be written.
     """
     if not _ID.fullmatch(name):
         msg = f"{name!r} is no id of a content"

@@ -101,12 +101,8 @@ class Dispatch:
     def next_batch(self, workers: int, room: int = JOBS_IN_BATCH) -> Batch | None:
         """Hand out the next batch, or None if nothing waits.
 
-        Parameters
-        ----------
-        workers : int
-            Of the cluster.
-        room : int
-            Jobs that the time budget of a batch leaves room for, as far as known.
+        workers: of the cluster.
+        room: jobs that the time budget of a batch leaves room for, as far as known.
         """
         if self._suspects:
             job = self._suspects.popleft()

@@ -103,19 +103,10 @@ def estimate(
 ) -> TimeEstimate | None:
     """Time some jobs of a plan and say what all cost.
 
-    Parameters
-    ----------
-    scene, ensemble
-        The plan's.
-    pending : (n,) int array or None
-        Rows of the jobs that are left; all unless given.
-    advance : callable
-        Called for each job that was timed.
-
-    Returns
-    -------
-    TimeEstimate or None
-        None where nothing is pending, and where jobs cannot be done here.
+    scene, ensemble: the plan's.
+    pending: (n,), rows of the jobs that are left; all unless given.
+    advance: called for each job that was timed.
+    Returns TimeEstimate or None: None where nothing is pending, and where jobs cannot be done here.
     """
     rows = np.arange(len(planned)) if pending is None else pending
     if not len(rows):

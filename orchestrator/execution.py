@@ -102,12 +102,8 @@ class Execution:
     def __call__(self) -> RunProgress:
         """Work until every job has a row in the store.
 
-        Raises
-        ------
-        RunError
-            If the scheduler is lost or no worker is fit.
-        OSError
-            If a part cannot be written.
+        Raises RunError if the scheduler is lost or no worker is fit.
+        Raises OSError if a part cannot be written.
         """
         arriving = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:

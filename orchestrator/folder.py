@@ -59,10 +59,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
 
     Jobs of rocks that do not stand have their rows from the beginning.
 
-    Raises
-    ------
-    InputError
-        If the folder is of another campaign, of other versions, or no run.
+    Raises InputError if the folder is of another campaign, of other versions, or no run.
     """
     if run.exists() or run.is_symlink():
         _check(run, plan, versions)
@@ -124,10 +121,7 @@ def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
 def describe(run: Path) -> dict[str, Any]:
     """Read `run.json`.
 
-    Raises
-    ------
-    InputError
-        If the folder is no run, or the file is damaged.
+    Raises InputError if the folder is no run, or the file is damaged.
     """
     try:
         content = digest.read_json(run / "run.json")
@@ -154,10 +148,7 @@ def describe(run: Path) -> dict[str, Any]:
 def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Hold the folder for writing; what the block adds to the session's notes ends up in `run.json`.
 
-    Raises
-    ------
-    InputError
-        If another process writes to the run, or its file system has no locks to tell.
+    Raises InputError if another process writes to the run, or its file system has no locks to tell.
     """
     with (run / ".lock").open("a+") as lock:
         try:
@@ -216,10 +207,7 @@ def ended(notes: dict[str, Any]) -> dict[str, Any]:
 def place_in(run: Path, name: str) -> Path:
     """Tell where in a run a verb writes what it makes of it.
 
-    Raises
-    ------
-    InputError
-        If something there is a link: a run may come from a stranger.
+    Raises InputError if something there is a link: a run may come from a stranger.
     """
     path = run / name
     above = [folder for folder in path.parents if run in folder.parents]

@@ -77,10 +77,7 @@ def read_keys(
 ) -> dict[str, Any]:
     """Values of all keys, defaults where the content has none.
 
-    Raises
-    ------
-    InputError
-        If a key is unknown or missing, or a value is out of its range.
+    Raises InputError if a key is unknown or missing, or a value is out of its range.
     """
     known = {key.name: key for key in keys}
     content = {name: one for name, one in content.items() if one is not None or name not in known}

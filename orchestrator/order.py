@@ -37,15 +37,8 @@ Codes = NDArray[np.integer]
 def diagonal(*sizes: int) -> NDArray[np.int64]:
     """Cells of a grid, each once, so that every stretch holds each value of an axis equally often, but for one or two.
 
-    Parameters
-    ----------
-    *sizes : int
-        Of the axes.
-
-    Returns
-    -------
-    (product of sizes, number of axes) int array
-        Indices of the cells.
+    *sizes: of the axes.
+    Returns (product of sizes, number of axes) int array: indices of the cells.
 
     Examples
     --------
@@ -79,17 +72,10 @@ def balanced_order(
 ) -> NDArray[np.int64]:
     """Order of some jobs of a campaign, of which every beginning is balanced up to one block.
 
-    Parameters
-    ----------
-    record, level, azimuth, scene : (n,) int array
-        For each job the numbers of these, from 0; no two jobs have all four in common.
-    scene_sizes : tuple of int
-        Of the axes that scenes are numbered along, the last the fastest; one axis unless given.
-
-    Returns
-    -------
-    (n,) int array
-        Places of the jobs, the first to go out first.
+    record, level, azimuth, scene: (n,), for each job the numbers of these, from 0; no two jobs have all four in
+    common.
+    scene_sizes: of the axes that scenes are numbered along, the last the fastest; one axis unless given.
+    Returns (n,) int array: places of the jobs, the first to go out first.
     """
     if not len(record):
         return np.zeros(0, np.int64)

@@ -89,16 +89,10 @@ def try_out(
 ) -> Pilot:
     """Shake a few records harder and harder until most of them topple the rock.
 
-    Parameters
-    ----------
-    least_m_s2 : float
-        Level below the first one.
-    azimuths_deg : sequence of float
-        Each record has one of them.
-    friction : (float, float)
-        Static and kinetic.
-    advance : callable
-        Called after each job.
+    least_m_s2: level below the first one.
+    azimuths_deg: each record has one of them.
+    friction: static and kinetic.
+    advance: called after each job.
     """
     assets = Assets(scene, ensemble)
     records = spread_records(ensemble, RECORDS)

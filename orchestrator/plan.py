@@ -194,10 +194,7 @@ def numbered(values: NDArray) -> NDArray[np.int64]:
 def plan_of(campaign: Campaign) -> Plan:
     """Expand a campaign to its jobs, with the scenes and ensembles that it names; one scene is in memory at a time.
 
-    Raises
-    ------
-    InputError
-        As :func:`plan`; of many rocks, if none can be read, or two are the same.
+    Raises InputError as `plan`; of many rocks, if none can be read, or two are the same.
     """
     if not campaign.sites:
         return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))

@@ -13,10 +13,7 @@ from toppling.orchestrator.interrupt import ENDS, kept_from_children
 def pool_of(count: int, load: Callable[..., object] = bool, *assets: Any) -> Iterator[ProcessPoolExecutor]:
     """A pool of processes that hear nothing of Ctrl-C, and that end at once where what is done with them fails.
 
-    Parameters
-    ----------
-    load : callable
-        Called with `assets` in each of them first.
+    load: called with `assets` in each of them first.
     """
     pool = ProcessPoolExecutor(count, initializer=_begin, initargs=(load, *assets))
     try:

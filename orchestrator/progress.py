@@ -53,12 +53,8 @@ class Advance:
 def bar(what: str, total: float | None = None) -> Iterator[Advance]:
     """Show on stderr how far a piece of work is, in the way that fits where stderr leads.
 
-    Parameters
-    ----------
-    what : str
-        Named before the numbers.
-    total : float or None
-        Parts of the work; None where they are not known.
+    what: named before the numbers.
+    total: parts of the work; None where they are not known.
     """
     console = Console(stderr=True)
     advance = Advance(total)

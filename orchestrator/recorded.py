@@ -54,15 +54,8 @@ def ensembles_in(folder: Path) -> list[Path]:
 def read_recorded(paths: Sequence[Path]) -> Recorded:
     """Read motions that a rock is known to have stood.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Files of records, those of one record's components together, or folders of ensembles.
-
-    Raises
-    ------
-    InputError
-        If one cannot be read, holds no record, or is given twice.
+    paths: files of records, those of one record's components together, or folders of ensembles.
+    Raises InputError if one cannot be read, holds no record, or is given twice.
     """
     found: list[tuple[Record, str]] = []
     files = [path for path in paths if not (path / CATALOG).is_file()]
@@ -79,17 +72,9 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
 def check_weighable(scene: Scene, realisations: int, where: str) -> None:
     """Make sure that there are bases to weigh, and jobs that have them.
 
-    Parameters
-    ----------
-    realisations : int
-        Of a campaign, the nominal scene (0) not counted.
-    where : str
-        What the messages name.
-
-    Raises
-    ------
-    InputError
-        If the scene has no draws of its base, or the campaign no realisations.
+    realisations: of a campaign, the nominal scene (0) not counted.
+    where: what the messages name.
+    Raises InputError if the scene has no draws of its base, or the campaign no realisations.
     """
     if scene.unseen is None:
         raise InputError(

@@ -44,22 +44,10 @@ class Session:
     def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
 
-        Parameters
-        ----------
-        folder : Path
-            The run's, absolute; made if absent.
-
-        Returns
-        -------
-        RunProgress
-            Of this session.
-
-        Raises
-        ------
-        InputError
-            If the folder is of another campaign, or workers are unfit for the run.
-        RunError
-            If the run cannot go on; what was done stays.
+        folder: the run's, absolute; made if absent.
+        Returns RunProgress: of this session.
+        Raises InputError if the folder is of another campaign, or workers are unfit for the run.
+        Raises RunError if the run cannot go on; what was done stays.
         """
         here = versions(planned.campaign.engine)
         prepare(folder, planned, dict(here))
@@ -154,15 +142,8 @@ class _Goal:
 def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] | None = None) -> None:
     """Shake until every job that is wanted has a row.
 
-    Parameters
-    ----------
-    merge : callable or None
-        What is done once all have a row; returns the ids of the jobs that still have one.
-
-    Raises
-    ------
-    RunError
-        If the run cannot go on, or rows are lost again and again.
+    merge: what is done once all have a row; returns the ids of the jobs that still have one.
+    Raises RunError if the run cannot go on, or rows are lost again and again.
     """
     folder, ids, progress, redo = work.folder, work.planned.ids, work.progress, work.redo
     sent: set[int] = set()

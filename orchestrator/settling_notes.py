@@ -38,10 +38,7 @@ class Settled:
     def of(cls, scene: Scene) -> "Settled":
         """Let the rock of a scene settle.
 
-        Raises
-        ------
-        InputError
-            If it does not stand by itself.
+        Raises InputError if it does not stand by itself.
         """
         stands = settled(scene)
         return cls(scene, stands, Settling.between(scene.rock, stands.rock, scene.pedestal.normal))

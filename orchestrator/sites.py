@@ -85,10 +85,8 @@ class Site:
 def read_sites(given: Path, where: str | None = None) -> tuple[Site, ...]:
     """Rocks of a table, CSV or TOML (`[[rock]]` for each).
 
-    Raises
-    ------
-    InputError
-        If a column is unknown, a value out of its range, a rock named twice, or a place stated by half.
+    Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a place stated by
+    half.
     """
     where = where or str(given)
     check_size(given, LARGEST_CSV_BYTES, "a table of rocks")
@@ -177,10 +175,7 @@ def scene_folder(folder: Path) -> Path:
 def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
     """Folders of scenes that paths with wildcards name.
 
-    Raises
-    ------
-    InputError
-        If one names none.
+    Raises InputError if one names none.
     """
     found: dict[Path, None] = {}
     for pattern in patterns:
@@ -206,10 +201,7 @@ def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[S
 def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
     """The rocks, if each name is there once (folders of a file system may not tell capitals apart).
 
-    Raises
-    ------
-    InputError
-        If one is not, or there is no rock.
+    Raises InputError if one is not, or there is no rock.
     """
     if not sites:
         raise Place(where).wrong("holds no rock", "at least one", "add a row with a scene")
@@ -237,10 +229,7 @@ def sites_text(sites: Iterable[Site]) -> str:
 def ensemble_folder(site: Site, sites: Sequence[Site]) -> Path | None:
     """Folder with the records of a rock of its own, imported if need be; None where it has none.
 
-    Raises
-    ------
-    InputError
-        If none of the seismograms can be read, or none is of the rock's site.
+    Raises InputError if none of the seismograms can be read, or none is of the rock's site.
     """
     if site.seismograms is None:
         return site.ensemble
@@ -269,10 +258,7 @@ def _imported(source: Path, station: str | None) -> Path:
 def seismograms_in(source: Path) -> tuple[Record, ...]:
     """Records of a file, a folder of files, or an ensemble.
 
-    Raises
-    ------
-    InputError
-        If there is none.
+    Raises InputError if there is none.
     """
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
 
@@ -290,10 +276,7 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
 def _of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
     """Records of a station; all where none is asked for.
 
-    Raises
-    ------
-    InputError
-        If there is none of it.
+    Raises InputError if there is none of it.
     """
     chosen = [one for one in records if station is None or one.station.casefold() == station.casefold()]
     if not chosen:

@@ -16,15 +16,8 @@ def check_stands(campaign: Campaign, scene: Scene) -> Settling:
 
     Otherwise every job would find it out again. Where the campaign has realisations, only the nominal one is looked at.
 
-    Returns
-    -------
-    Settling
-        With the friction with which it tilts most.
-
-    Raises
-    ------
-    InputError
-        If it does not.
+    Returns Settling: with the friction with which it tilts most.
+    Raises InputError if it does not.
     """
     found = _settlings(campaign, scene)
     for one in found.values():
@@ -53,10 +46,7 @@ def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Se
 def with_settling(plan: Plan) -> Plan:
     """A plan that knows how its rocks settle; of many, those that do not stand are no reason to refuse the others.
 
-    Raises
-    ------
-    InputError
-        If the only rock does not stand.
+    Raises InputError if the only rock does not stand.
     """
     found: dict[tuple[str, float, float], Settling | InputError] = {}
     for one in plan.scenes:

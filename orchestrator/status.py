@@ -25,10 +25,7 @@ _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "f
 def state_of(run: Path) -> dict[str, Any]:
     """Count a run's rows and failures, and measure its rate.
 
-    Raises
-    ------
-    InputError
-        If the folder is no run.
+    Raises InputError if the folder is no run.
     """
     described = describe(run)
     rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))

@@ -39,10 +39,7 @@ class TargetSpec:
 def read_precision(value: Any, where: str) -> float:
     """Half of the interval of 95 % that is asked for.
 
-    Raises
-    ------
-    InputError
-        If it is no share.
+    Raises InputError if it is no share.
     """
     if not is_number(value) or not _FINEST <= value <= _COARSEST:
         remedy = "5 % is 0.05"
@@ -57,10 +54,7 @@ def read_precision(value: Any, where: str) -> float:
 def read_target(value: Any, folder: Path, where: str) -> TargetSpec:
     """What is asked for, by a word or a table.
 
-    Raises
-    ------
-    InputError
-        If it is neither, or contradicts itself.
+    Raises InputError if it is neither, or contradicts itself.
     """
     table: Mapping[str, Any] = {"of": value} if isinstance(value, str) else value
     if not isinstance(table, dict) or not table or not set(table) <= set(_KEYS):

@@ -173,12 +173,8 @@ ROCKS_KEPT = 2
 def assets_of(run_key: RunKey) -> Assets:
     """Load a scene and its ensemble, verified by their hashes, once as long as the process shakes that rock.
 
-    Raises
-    ------
-    UnfitWorkerError
-        If the versions differ, or the folder cannot be read or holds something else.
-    NotDeliveredError
-        If this host sees no such folder, and the client has not offered it.
+    Raises UnfitWorkerError if the versions differ, or the folder cannot be read or holds something else.
+    Raises NotDeliveredError if this host sees no such folder, and the client has not offered it.
     """
     _check_versions(run_key.versions)
     folder = Path(run_key.folder)

@@ -42,10 +42,7 @@ _OF_A_REPLAY = (
 def shown(run: Path) -> dict[str, Any]:
     """What the page shows of a run, in plain values.
 
-    Raises
-    ------
-    InputError
-        If the folder is no run, or a file of it is damaged.
+    Raises InputError if the folder is no run, or a file of it is damaged.
     """
     state = state_of(run)
     opened = open_run(run)
@@ -125,10 +122,7 @@ class Replays:
     def page(self, job: str) -> str | None:
         """The replay's page once it is there; until then it is being made, and None is returned.
 
-        Raises
-        ------
-        InputError
-            If the job cannot be replayed.
+        Raises InputError if the job cannot be replayed.
         """
         drawn = self._folder / job / "replay.html"
         with self._lock:
@@ -223,10 +217,7 @@ class _Answers(Answers):
 def watching(run: Path, folder: Path, port: int = 0) -> Watching:
     """Make the server of a run, whose replays go to a folder outside of it.
 
-    Raises
-    ------
-    InputError
-        If the folder is no run.
+    Raises InputError if the folder is no run.
     """
     state_of(run)
     return Watching(run, Replays(run.resolve(), folder), port)

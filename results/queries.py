@@ -106,10 +106,7 @@ def connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyC
 def answered(runs: Sequence[Readable], question: Question, trusted: bool) -> pa.Table:
     """Answer of a question to the tables of some runs, asked again where a run is merged meanwhile.
 
-    Raises
-    ------
-    InputError
-        If DuckDB refuses it.
+    Raises InputError if DuckDB refuses it.
     """
     return read_steady([run.root for run in runs], lambda: _asked_once(runs, question, trusted))
 

@@ -89,17 +89,9 @@ def check_files(run: Path) -> None:
 def check_rows(run: Path, path: Path) -> None:
     """Compare the rows of a file of results with the jobs of the run.
 
-    Parameters
-    ----------
-    run : Path
-        Folder with the plan (`jobs.parquet`); without one there is nothing to compare with but the scene.
-    path : Path
-        Verified Parquet file with columns of the schema of results.
-
-    Raises
-    ------
-    InputError
-        If it holds rows of other jobs.
+    run: folder with the plan (`jobs.parquet`); without one there is nothing to compare with but the scene.
+    path: verified Parquet file with columns of the schema of results.
+    Raises InputError if it holds rows of other jobs.
     """
     known = [one for one in (run / _RUN_FILE, run / JOBS_FILE) if one.exists()]
     if known:
@@ -109,10 +101,7 @@ def check_rows(run: Path, path: Path) -> None:
 def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
     """Compare the id of the plan that a file states with that of the run whose folder it lies in.
 
-    Raises
-    ------
-    InputError
-        If it is another.
+    Raises InputError if it is another.
     """
     expected = _document(run).get("plan_id") if (run / _RUN_FILE).exists() else None
     if plan_id is not None and expected is not None and plan_id != expected:

@@ -37,10 +37,7 @@ def opened(trusted: bool) -> duckdb.DuckDBPyConnection:
 def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator[None]:
     """Stop a query of this block that takes too long, unless it is trusted.
 
-    Raises
-    ------
-    InputError
-        If it was stopped, or needed too much memory.
+    Raises InputError if it was stopped, or needed too much memory.
     """
     watch = threading.Timer(TIME_S, connection.interrupt)
     watch.daemon = True
@@ -63,10 +60,7 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
 def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
     """All rows of an answer.
 
-    Raises
-    ------
-    InputError
-        If they take more memory than an answer may, unless the query is trusted.
+    Raises InputError if they take more memory than an answer may, unless the query is trusted.
     """
     if trusted:
         return answer.to_arrow_table()

@@ -114,10 +114,7 @@ SORT_ORDER = (
 def columns(*groups: str) -> list[str]:
     """Names of the columns of some groups, in the schema's order.
 
-    Raises
-    ------
-    ValueError
-        If a group is not one of `GROUPS`.
+    Raises ValueError if a group is not one of `GROUPS`.
     """
     unknown = set(groups) - set(GROUPS)
     if unknown:

@@ -155,10 +155,7 @@ class Weights:
 def weights_of(run: Path) -> Weights | None:
     """Weights of a run's bases; None of a run whose campaign asks for none.
 
-    Raises
-    ------
-    InputError
-        If it asks for them, and they are not there or are damaged.
+    Raises InputError if it asks for them, and they are not there or are damaged.
     """
     return Weights.read(run) if are_due(run) else None
 

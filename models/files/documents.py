@@ -132,21 +132,11 @@ class Kind:
 def check_shape(value: Any, shape: Any, where: object, place: str = "") -> None:
     """Compare a document with what is expected of it; keys that are not expected are left alone.
 
-    Parameters
-    ----------
-    value : what JSON says
-    shape : Kind, dict or list
-        A dict has a shape for every key, one that ends in '?' may be missing; a list has the shape of all its items,
-        and may have their number behind it.
-    where : path
-        Of the file.
-    place : str
-        Keys that lead to the value.
-
-    Raises
-    ------
-    InputError
-        At the first value that is another, with its place.
+    shape: a dict has a shape for every key, one that ends in '?' may be missing; a list has the shape of all its
+    items, and may have their number behind it.
+    where: of the file.
+    place: keys that lead to the value.
+    Raises InputError: at the first value that is another, with its place.
     """
     if isinstance(shape, Kind):
         if not shape.holds(value):

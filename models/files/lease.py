@@ -93,12 +93,8 @@ class Lease:
     def held(self) -> Iterator[None]:
         """Be the only writer until this ends.
 
-        Raises
-        ------
-        InputError
-            If another process writes to the run.
-        OSError
-            If the store does not answer.
+        Raises InputError if another process writes to the run.
+        Raises OSError if the store does not answer.
         """
         with self._alone_here() as notes:
             self._take(notes)
@@ -113,10 +109,7 @@ class Lease:
     def check(self) -> None:
         """Refuse to go on where another process is known to have taken this one's place.
 
-        Raises
-        ------
-        InputError
-            If it has.
+        Raises InputError if it has.
         """
         if self.lost:
             raise self._refused(
@@ -127,12 +120,8 @@ class Lease:
     def make_sure(self) -> None:
         """Have a sign in the store so young that this process cannot have been taken for dead.
 
-        Raises
-        ------
-        InputError
-            As :meth:`check`.
-        OSError
-            If the store does not answer.
+        Raises InputError as `check`.
+        Raises OSError if the store does not answer.
         """
         # The clock on the wall goes on while a machine sleeps.
         if self._name and not self.lost and time.time() - self._renewed_s > GONE_AFTER_S:

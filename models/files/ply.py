@@ -139,10 +139,7 @@ def read_vertices(path: Path) -> dict[str, NDArray]:
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
     """Vertices (n, 3) and triangles (m, 3); None for a layout other than vertices, then faces that are all triangles.
 
-    Raises
-    ------
-    InputError
-        If the file is not whole.
+    Raises InputError if the file is not whole.
     """
     header = read_header(path)
     names = [each.name for each in header.elements]

@@ -64,10 +64,7 @@ def address_of(path: str | os.PathLike[str]) -> str:
 def file_system(address: str) -> tuple[Any, str]:
     """What reaches a store (an Arrow file system), and the path in it.
 
-    Raises
-    ------
-    InputError
-        If nothing here reaches such a store, or it does not answer.
+    Raises InputError if nothing here reaches such a store, or it does not answer.
     """
     import pyarrow as pa
     from pyarrow.fs import AzureFileSystem, FileSystem, FSSpecHandler, PyFileSystem

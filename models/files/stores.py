@@ -66,10 +66,7 @@ class Copy:
     def pull(self) -> None:
         """Bring here what is new or changed in the store; what the store has no more is removed here too.
 
-        Raises
-        ------
-        InputError
-            If the store does not answer, or holds what is no file of a folder.
+        Raises InputError if the store does not answer, or holds what is no file of a folder.
         """
         with self._alone, self._told():
             there = self._listed()
@@ -92,10 +89,7 @@ class Copy:
     def push(self) -> None:
         """Carry what is new or changed here to the store, `run.json` last, then remove there what is no more here.
 
-        Raises
-        ------
-        InputError
-            If the store does not answer, or another process has taken this one's place meanwhile.
+        Raises InputError if the store does not answer, or another process has taken this one's place meanwhile.
         """
         if self._lease.lost:
             return
@@ -121,10 +115,7 @@ class Copy:
     def kept_up(self) -> Iterator[Callable[[], None]]:
         """Write as the only one: bring what others wrote, carry over what is written meanwhile, and all at the end.
 
-        Yields
-        ------
-        callable
-            Raises InputError once another process has taken this one's place.
+        Yields callable: raises InputError once another process has taken this one's place.
         """
         with contextlib.ExitStack() as until_done:
             with self._told():
@@ -136,10 +127,7 @@ class Copy:
     def holds_run(self) -> bool:
         """Whether the folder in the store is a run's.
 
-        Raises
-        ------
-        InputError
-            If the store does not answer.
+        Raises InputError if the store does not answer.
         """
         from pyarrow.fs import FileType
 
@@ -149,10 +137,7 @@ class Copy:
     def is_written_elsewhere(self) -> bool:
         """Whether another machine writes to the folder now.
 
-        Raises
-        ------
-        InputError
-            If the store does not answer.
+        Raises InputError if the store does not answer.
         """
         with self._told():
             return self._lease.is_held_elsewhere()
@@ -222,10 +207,7 @@ _COPIES: dict[str, Copy] = {}
 def copy_of(path: str | os.PathLike[str]) -> Copy:
     """The copy on this machine of a folder in a store, as the store has it at the first call.
 
-    Raises
-    ------
-    InputError
-        As :class:`Copy` and :meth:`Copy.pull`.
+    Raises InputError as `Copy` and `Copy.pull`.
     """
     address = address_of(path)
     if address not in _COPIES:

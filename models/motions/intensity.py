@@ -54,18 +54,9 @@ def oscillator_response_m_s2(
     The discretisation is exact for a base acceleration that is linear between samples (SciPy's first-order
     hold, the method of Nigam and Jennings 1969), from rest.
 
-    Parameters
-    ----------
-    acceleration : (n,) or (n, k) array
-        Acceleration of the base, m/s2.
-    time_step_s, period_s : float
-    damping : float
-        Share of critical damping.
-
-    Returns
-    -------
-    array
-        As `acceleration`.
+    acceleration: (n,), acceleration of the base, m/s2.
+    damping: share of critical damping.
+    Returns array: as `acceleration`.
     """
     numerator, denominator = _oscillator(time_step_s, period_s, damping)
     return scipy.signal.lfilter(numerator, denominator, np.asarray(acceleration, float), axis=0)
@@ -85,14 +76,8 @@ def _oscillator(
 def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
     """Largest absolute value of a horizontal pair along every whole degree from 0 to 179 (Boore 2010).
 
-    Parameters
-    ----------
-    horizontal : (n, 2) array
-
-    Returns
-    -------
-    (180,) array
-        Its median is RotD50, its maximum RotD100.
+    horizontal: (n, 2).
+    Returns (180,) array: its median is RotD50, its maximum RotD100.
     """
     points = np.asarray(horizontal, float)
     coarse = np.stack(
@@ -124,10 +109,7 @@ def spectral_acceleration_m_s2(
 ) -> dict[str, NDArray[np.float64]]:
     """Response spectra (pseudo-acceleration) of a motion's horizontal pair.
 
-    Returns
-    -------
-    dict
-        `x`, `y` (the components), `rotd50`, `rotd100`, each as long as `periods_s`.
+    Returns dict: `x`, `y` (the components), `rotd50`, `rotd100`, each as long as `periods_s`.
     """
     rows = []
     for period in periods_s:
@@ -191,19 +173,11 @@ def _along_components(
 def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 90.0)) -> dict[str, float]:
     """Every intensity measure that a catalogue keeps.
 
-    Parameters
-    ----------
-    motion : Motion
-    component_azimuths_deg : pair of float
-        Azimuths of the two recorded horizontal components, degrees counter-clockwise from x; the stronger one
-        carries the study's energy duration (5 to 95 % of the integral of its squared velocity, Anderson
-        2004).
-
-    Returns
-    -------
-    dict
-        By name, units in the names. Those of :data:`toppling.models.motions.measures.MEASURES` are what an imposed
-        motion has.
+    component_azimuths_deg: azimuths of the two recorded horizontal components, degrees counter-clockwise from x;
+    the stronger one carries the study's energy duration (5 to 95 % of the integral of its squared velocity,
+    Anderson 2004).
+    Returns dict: by name, units in the names. Those of `models.motions.measures.MEASURES` are what an imposed
+    motion has.
     """
     a, step = motion.acceleration_m_s2, motion.time_step_s
     velocity, displacement = velocity_m_s(motion), displacement_m(motion)

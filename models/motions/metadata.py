@@ -124,10 +124,7 @@ def read_table(table: Path) -> list[Entry]:
 def text_table(table: Path) -> io.StringIO:
     """Open a CSV table, whole in memory, without what fills it up behind its end.
 
-    Raises
-    ------
-    InputError
-        If it is not in UTF-8, nor UTF-16 that says so, or holds a zero: with the line.
+    Raises InputError if it is not in UTF-8, nor UTF-16 that says so, or holds a zero: with the line.
     """
     check_size(table, LARGEST_CSV_BYTES, "CSV")
     content = table.read_bytes()

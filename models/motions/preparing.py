@@ -37,19 +37,10 @@ class ImportOptions:
 def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:
     """Record of three channels, on its way into an ensemble.
 
-    Parameters
-    ----------
-    name : str
-        Its id.
-    channels : Triple
-    options : ImportOptions
-    entry : Entry or None
-        Row of the metadata table, which names event and station before the files do.
-
-    Raises
-    ------
-    InputError
-        If time step, unit or vertical are missing, a channel is doubtful, or the channels do not fit together.
+    name: its id.
+    entry: row of the metadata table, which names event and station before the files do.
+    Raises InputError if time step, unit or vertical are missing, a channel is doubtful, or the channels do not fit
+    together.
     """
     _refuse_incomplete(channels, options)
     if not options.doubtful:

@@ -42,17 +42,8 @@ def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -
     Zeros are put before and after while it runs (1.5 order / corner seconds in all, Converse and Brady 1992),
     so that the filter's transients do not fold into the record.
 
-    Parameters
-    ----------
-    motion : Motion
-    corner_hz : float
-    order : int
-        Order after both passes, even.
-
-    Raises
-    ------
-    InputError
-        If the corner is not between zero and half the sampling rate.
+    order: order after both passes, even.
+    Raises InputError if the corner is not between zero and half the sampling rate.
     """
     nyquist_hz = 0.5 / motion.time_step_s
     if not _LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
@@ -104,10 +95,7 @@ def end_at_rest(motion: Motion) -> Motion:
 def resample(motion: Motion, time_step_s: float) -> Motion:
     """Motion at another time step, low-passed below the lower of the two Nyquist frequencies (no aliasing).
 
-    Raises
-    ------
-    InputError
-        If the ratio of the steps is not a ratio of whole numbers up to 1000.
+    Raises InputError if the ratio of the steps is not a ratio of whole numbers up to 1000.
     """
     ratio = Fraction(motion.time_step_s / time_step_s).limit_denominator(1000)
     if not 0 < ratio <= 1000 or abs(float(ratio) * time_step_s / motion.time_step_s - 1) > 1e-6:
@@ -126,15 +114,7 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
 def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tuple[str, ...]]:
     """Demean, taper, high-pass and bring to rest an uncorrected record.
 
-    Parameters
-    ----------
-    motion : Motion
-    corner_hz : float or None
-        Corner of the high-pass; None chooses the lowest of `_CORNERS_HZ` whose displacement ends near zero.
-
-    Returns
-    -------
-    Motion, history
+    corner_hz: corner of the high-pass; None chooses the lowest of `_CORNERS_HZ` whose displacement ends near zero.
     """
     start = taper(demean(motion))
     chosen, how = (corner_hz, "as asked") if corner_hz is not None else _corner_by_displacement(start)

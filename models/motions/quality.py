@@ -26,10 +26,7 @@ _FILLED_GAP_SHARE = 0.1
 def check_samples(component: Component) -> None:
     """Refuse a channel whose samples cannot be the ground's.
 
-    Raises
-    ------
-    InputError
-        At the first doubt, with file and sample.
+    Raises InputError: at the first doubt, with file and sample.
     """
     a = component.acceleration_m_s2
     peak = float(np.abs(a).max())
@@ -53,14 +50,9 @@ def beyond_nature(
 ) -> tuple[str, ...]:
     """What is to be told of a record stronger than nearly all that there are, with the unit that would explain it.
 
-    Parameters
-    ----------
-    pga_m_s2, pgv_m_s : float
-        As recorded.
-    unit_m_s2 : float or None
-        Unit that the samples were read in, where a person or a header named it.
-    baseline : bool
-        Whether the agency or the program has corrected the baseline.
+    pga_m_s2, pgv_m_s: as recorded.
+    unit_m_s2: unit that the samples were read in, where a person or a header named it.
+    baseline: whether the agency or the program has corrected the baseline.
     """
     limits = (
         ("PGA", pga_m_s2, _TOLD_PGA_M_S2, "m/s2, more than 3 g"),

@@ -71,10 +71,7 @@ def raw_motions(folder: Path) -> dict[int, Motion]:
 def _raw_motion(path: Path) -> Motion:
     """Motion of the table along x in one test.
 
-    Raises
-    ------
-    InputError
-        If the file does not hold the columns of four channels.
+    Raises InputError if the file does not hold the columns of four channels.
     """
     try:
         with warnings.catch_warnings():
@@ -111,10 +108,7 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
 
     Columns are renamed: `spN_overturned` is the outcome of specimen N, `dem_spN_...` a numerical prediction of it.
 
-    Raises
-    ------
-    InputError
-        If no workbook holds results.
+    Raises InputError if no workbook holds results.
     """
     results: list[dict[str, Any]] = []
     motions: dict[int, str] = {}

@@ -51,10 +51,7 @@ def grouped(components: Iterable[Component]) -> list[list[Component]]:
 def triple(group: Sequence[Component]) -> Triple:
     """Find the horizontals and the vertical of one station.
 
-    Raises
-    ------
-    InputError
-        If there are not exactly two horizontal channels and at most one vertical.
+    Raises InputError if there are not exactly two horizontal channels and at most one vertical.
     """
     vertical = [c for c in group if _direction(c) in (UP, DOWN)]
     horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
@@ -76,18 +73,9 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
     Horizontals of known bearing are resolved, at any angle between them from 30 degrees up; of unknown
     bearing, the first is x and the second y.
 
-    Returns
-    -------
-    motion : Motion
-    azimuths : pair of float or None
-        Azimuths of the recorded horizontals, degrees counter-clockwise from x; None where unknown.
-    history : tuple of str
-
-    Raises
-    ------
-    InputError
-        If time steps differ, the components have no time in common or share too little of it, or the horizontals lie
-        along one line.
+    Returns azimuths: azimuths of the recorded horizontals, degrees counter-clockwise from x; None where unknown.
+    Raises InputError if time steps differ, the components have no time in common or share too little of it, or the
+    horizontals lie along one line.
     """
     step, series, history = _aligned(channels)
     bearings = _direction(channels.first), _direction(channels.second)

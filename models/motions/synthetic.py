@@ -107,12 +107,7 @@ def synthetic_ensemble(
 
 
 def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Motion, tuple[str, ...]]:
-    """Three components of one scenario: independent noise under one window, the vertical's spectrum its own.
-
-    Returns
-    -------
-    Motion, history
-    """
+    """Three components of one scenario: independent noise under one window, the vertical's spectrum its own."""
     duration = scenario.duration * _median_duration_s(scenario.magnitude, scenario.distance_km)
     window = _saragoni_hart_window(duration)
     lead = round(2.0 / _TIME_STEP_S)

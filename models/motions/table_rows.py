@@ -22,10 +22,7 @@ _SAME_UNIT = 1e-3
 def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entry, list[Path]]]:
     """Rows of the table with those of their files that are given.
 
-    Raises
-    ------
-    InputError
-        If there are rows, and none of them names a file that is given.
+    Raises InputError if there are rows, and none of them names a file that is given.
     """
     place = {path.resolve(): path for path in files}
     here = [(entry, [place[p.resolve()] for p in entry.files if p.resolve() in place]) for entry in table]
@@ -47,10 +44,8 @@ def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entr
 def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, list[Component]]) -> Triple:
     """Channels of a metadata table's row, of whose files `here` were given, with what the row says of them.
 
-    Raises
-    ------
-    InputError
-        If a file that the row names was not given or not read, is named twice, or contradicts the row.
+    Raises InputError if a file that the row names was not given or not read, is named twice, or contradicts the
+    row.
     """
     named = 2 + (entry.v is not None)
     if 1 < len(entry.files) < named:
@@ -94,10 +89,7 @@ def _one(components: list[Component], entry: Entry) -> Component:
 def _completed(channels: Triple, entry: Entry) -> Triple:
     """Channels with what the table says where the file is silent.
 
-    Raises
-    ------
-    InputError
-        If the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
+    Raises InputError if the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
     """
     _refuse_contradictions(channels, entry)
 
@@ -165,10 +157,7 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
     The channels of one instrument have nearly one sensitivity: the same scale of all shows that the peaks are
     those of these samples. Counts are as the instrument gave them, unless the table says otherwise.
 
-    Raises
-    ------
-    InputError
-        If the scales differ, by which the peaks are of other samples.
+    Raises InputError if the scales differ, by which the peaks are of other samples.
     """
     parts = [channels.first, channels.second, *([channels.vertical] if channels.vertical else [])]
     scales = []

@@ -29,14 +29,9 @@ class Apart:
     def do(self, note: Callable[[str], None], function: Callable[..., Any], *arguments: Any) -> Any:
         """Call `function(*arguments, note)` there; what `note` raises here ends the call there at its next note.
 
-        Raises
-        ------
-        EndedError
-            Once `end` was called.
-        InputError
-            If the process died, as one does that takes more memory than there is.
-        Exception
-            Whatever the function raises.
+        Raises EndedError once `end` was called.
+        Raises InputError if the process died, as one does that takes more memory than there is.
+        Raises Exception: whatever the function raises.
         """
         line = self._started()
         stopped: BaseException | None = None

@@ -31,13 +31,9 @@ class View:
 def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, number: int) -> View:
     """Choose the points that are drawn.
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-    label : (n,) int8 array, optional
-        0 rock, 1 pedestal, 2 neither; 2 for all where it is not known yet.
-    number : int
-        Of the view.
+    points_m: (n, 3).
+    label: (n,), 0 rock, 1 pedestal, 2 neither; 2 for all where it is not known yet.
+    number: of the view.
     """
     whole, fine = thinned(points_m, SHOWN_POINTS if label is None else SHOWN_POINTS // 3), None
     rows, finer = whole.rows, np.zeros(0, np.intp)

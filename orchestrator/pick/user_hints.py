@@ -59,10 +59,7 @@ class UserHints:
     def of(cls, content: Any) -> "UserHints":
         """Hints from a page's JSON.
 
-        Raises
-        ------
-        InputError
-            If a name is none of a hint, or a value is no list of finite numbers of its length.
+        Raises InputError if a name is none of a hint, or a value is no list of finite numbers of its length.
         """
         if not isinstance(content, Mapping):
             raise _unusable(f"{shown(content)} is no table of hints", "the page")

@@ -59,10 +59,7 @@ class Rocks:
 def event_set_of(hazard: Sequence[str]) -> Path | None:
     """The set of events that --hazard names; None where it names curves.
 
-    Raises
-    ------
-    InputError
-        If it names a set and more beside it.
+    Raises InputError if it names a set and more beside it.
     """
     paths, _ = weighted_paths(hazard)
     sets = [path for path in paths if is_event_set(path)]
@@ -100,16 +97,8 @@ def judged_by_events(
 ) -> EventStatement:
     """Judge rocks event by event.
 
-    Parameters
-    ----------
-    rocks : Rocks
-    hazard : sequence of str
-    asked : Asked
-        Its measure may be two, joined by a plus.
-    options : EventOptions
-    confidence : float
-    advance : callable
-        Called before each bootstrap sample of records.
+    asked: its measure may be two, joined by a plus.
+    advance: called before each bootstrap sample of records.
     """
     measures = tuple(asked.measure.split("+")) if asked.measure else ()
     path = event_set_of(hazard)

@@ -51,10 +51,7 @@ def check_options(
 ) -> None:
     """Refuse options that do not go together, before anything is read for long.
 
-    Raises
-    ------
-    UsageError
-        The first of them.
+    Raises UsageError: the first of them.
     """
     count, since = len(rocks), dates.fragile_since
     of_ages = {"--common-date": dates.common, "--common-error": dates.common_error, "--fragile-since": since}

@@ -34,10 +34,7 @@ from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlatio
 def measures_asked(text: str | None) -> tuple[str, ...]:
     """Measures of `pga_m_s2` or `pga_m_s2+pgv_m_s`; none where none is asked for.
 
-    Raises
-    ------
-    InputError
-        If one is unknown, or two together have no fragility.
+    Raises InputError if one is unknown, or two together have no fragility.
     """
     names = tuple(part.strip() for part in text.split("+")) if text else ()
     unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
@@ -55,10 +52,7 @@ def place_rocks(
 ) -> tuple[list[int], list[float | None]]:
     """Number of each rock's site among those of the events, and how far it is from the place that was asked for.
 
-    Raises
-    ------
-    InputError
-        If there are several sites and none is asked for, or none of the name, or too far.
+    Raises InputError if there are several sites and none is asked for, or none of the name, or too far.
     """
     if not asked:
         if len(events.sites) > 1:
@@ -117,10 +111,7 @@ def felt_by_both(
 ) -> FeltRock:
     """A rock whose fragility is over two measures, from a run or a file of curves.
 
-    Raises
-    ------
-    InputError
-        If it states no such fragility, or its answers have no such fit.
+    Raises InputError if it states no such fragility, or its answers have no such fit.
     """
     if jobs is None:
         surface, why = read_surface(path, measures), ": it is no run, and states no surface"
@@ -147,10 +138,7 @@ def joined(
 ) -> EventSet:
     """Trees of two measures at one site as a set of events, branch by branch.
 
-    Raises
-    ------
-    InputError
-        If the trees have different branches, or no correlation is known or given.
+    Raises InputError if the trees have different branches, or no correlation is known or given.
     """
     rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
     if rho is None:
@@ -272,14 +260,7 @@ def under_events(
 ) -> EventStatement:
     """Judge rocks under a set of events.
 
-    Parameters
-    ----------
-    rocks : sequence of FeltRock
-    ages : (draws, rocks) array
-        From `results.hazard.ages.joint_ages`.
-    events : EventSet
-    confidence : float
-    away_km : sequence of float or None
+    ages: (draws, rocks), from `results.hazard.ages.joint_ages`.
     """
     check_measures(rocks, events)
     late = [rock.since for rock in rocks]

@@ -27,12 +27,8 @@ def is_number(text: str) -> bool:
 def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
     """Paths of PATH or PATH=WEIGHT, and their weights; None where none has one.
 
-    Raises
-    ------
-    UsageError
-        If a weight is no positive number.
-    InputError
-        If only some have weights, or they do not sum to 1.
+    Raises UsageError if a weight is no positive number.
+    Raises InputError if only some have weights, or they do not sum to 1.
     """
     paths, weights = [], []
     for text in texts:

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 def check_hints(hints: Mapping[str, object]) -> None:
     """Refuse a keyword that is no hint, as Python does.
 
-    Raises
-    ------
-    TypeError
-        With the hint that was probably meant.
+    Raises TypeError with the hint that was probably meant.
     """
     for name in hints:
         if name not in KEYS:

@@ -97,19 +97,10 @@ def weigh(
 def _weigh_bases(campaign: Campaign, recorded: Recorded, folder: Path, shake: Shake) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Whose contacts, engine, preset and unmeasured the shakes have.
-    recorded : Recorded
-        As `Recorded.write` wrote it to the folder.
-    folder : Path
-        Where the shakes go.
-
-    Raises
-    ------
-    InputError
-        If a motion gets no answer, as where the engine refuses to shake this rock.
+    campaign: whose contacts, engine, preset and unmeasured the shakes have.
+    recorded: as `Recorded.write` wrote it to the folder.
+    folder: where the shakes go.
+    Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
     """
     scene = Scene.load(campaign.scene)
     check_weighable(scene, 1, str(campaign.scene))
@@ -192,17 +183,9 @@ def joined(own: Weights, also: Weights) -> Weights:
 def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
     """Weights of draws by the shakes of them.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        Rows of results; a shake without an answer tells nothing.
-    draws : int
-        Number of draws of the base.
-
-    Raises
-    ------
-    InputError
-        If a motion has no answer at all.
+    rows: rows of results; a shake without an answer tells nothing.
+    draws: number of draws of the base.
+    Raises InputError if a motion has no answer at all.
     """
     found = {}
     for contact, jobs in rows.groupby(CONTACT):

@@ -152,10 +152,7 @@ class JobsForPrecision:
 def _target_of(asked: TargetSpec) -> Target:
     """What a campaign asks for, with its hazard read.
 
-    Raises
-    ------
-    InputError
-        If the hazard cannot be read, or is of several curves or of no measure that records have.
+    Raises InputError if the hazard cannot be read, or is of several curves or of no measure that records have.
     """
     if asked.hazard is not None:
         from toppling.results.hazard.readers import read_hazard
@@ -179,10 +176,7 @@ def _target_of(asked: TargetSpec) -> Target:
 def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[str]:
     """Measures that every record has, or the one that is asked for.
 
-    Raises
-    ------
-    InputError
-        If a record lacks that one.
+    Raises InputError if a record lacks that one.
     """
     wanted = [target.measure] if target.measure else list(LEVEL_MEASURES)
     usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
@@ -199,11 +193,7 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
 def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
     """The jobs of each contact, by record, cell (azimuth and realisation) and level.
 
-    Parameters
-    ----------
-    catalog : DataFrame
-        Intensities of the records as recorded, in the order in which they are numbered.
-    measures : list of str
+    catalog: intensities of the records as recorded, in the order in which they are numbered.
     """
     jobs = planned.jobs.to_pandas().astype({"record_id": str}).reset_index(names="row")
     levels = np.sort(np.array(planned.campaign.pga_m_s2))

@@ -82,18 +82,9 @@ def specimen(
 ) -> Scene:
     """The specimen on a level table, with draws of its base.
 
-    Parameters
-    ----------
-    mesh : Path or (vertices, faces)
-    progress : callable
-        Told of each draw.
-    tolerance_share : float
-        What contact points may leave out of a draw, of its standard deviation.
-
-    Raises
-    ------
-    InputError
-        If the mesh is none, or the rock hardly ever stands on such bases.
+    progress: told of each draw.
+    tolerance_share: what contact points may leave out of a draw, of its standard deviation.
+    Raises InputError if the mesh is none, or the rock hardly ever stands on such bases.
     """
     scene = Scene.from_mesh(mesh, 0.5 * sum(_FRICTION))
     height_m = scene.rock.height_m

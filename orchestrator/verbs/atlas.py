@@ -81,10 +81,7 @@ def atlas(
 def rocks_of(opened: list[Run]) -> list[Run]:
     """The rocks of some runs, each once.
 
-    Raises
-    ------
-    InputError
-        If one is there twice.
+    Raises InputError if one is there twice.
     """
     found = [rock for run in opened for rock in (run.rocks or (run,))]
     ids = [run.scene_id() for run in found]

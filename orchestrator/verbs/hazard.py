@@ -33,10 +33,7 @@ class SiteCommand(click.Command):
 def years_of(values: str | None) -> float | None:
     """Years of --values, 0 for rates; None where it is not given.
 
-    Raises
-    ------
-    click.UsageError
-        If it is neither 'rate' nor a positive number.
+    Raises click.UsageError if it is neither 'rate' nor a positive number.
     """
     if values is None:
         return None

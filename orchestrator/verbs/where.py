@@ -89,10 +89,7 @@ class Where(TypedDict):
 def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
     """Cluster that the options select; nothing starts before it is entered.
 
-    Raises
-    ------
-    UsageError
-        If options exclude each other.
+    Raises UsageError if options exclude each other.
     """
     from toppling.orchestrator.cluster import existing, local, queue, tls_security
 

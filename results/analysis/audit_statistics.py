@@ -164,19 +164,10 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
 def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
     """Compare answers with those to a random sample of the same jobs done again.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        Rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
-    repeated : DataFrame
-        Rows of the same jobs done again.
-    measure : str
-        The intensity whose median is asked for.
-
-    Returns
-    -------
-    Audit or None
-        None of fewer than `LEAST_JOBS`.
+    rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
+    repeated: rows of the same jobs done again.
+    measure: the intensity whose median is asked for.
+    Returns Audit or None: None of fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
     again = repeated[[*JOB, "toppled", "max_tilt_deg"]].assign(drawn=True)
@@ -212,19 +203,10 @@ def median_shift_percent(
 ) -> Estimate:
     """Shift of the median intensity, from a random sample's differing answers.
 
-    Parameters
-    ----------
-    known : DataFrame
-        Rows with an answer; of several contacts the mean of their shifts is told.
-    place : (n,) int array
-        Which rows were drawn.
-    differs : (n,) array
-        Of each its answer (1 toppled, 0 stands) less that when done again.
-
-    Returns
-    -------
-    Estimate
-        In percent; NaN where the answers have no fit.
+    known: rows with an answer; of several contacts the mean of their shifts is told.
+    place: (n,), which rows were drawn.
+    differs: (n,), of each its answer (1 toppled, 0 stands) less that when done again.
+    Returns Estimate: in percent; NaN where the answers have no fit.
     """
     difference = np.zeros(len(known))
     difference[place] = differs

@@ -43,18 +43,11 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.
 
     Only jobs that were answered under both are compared, so that a difference is friction's.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results of one scene, preset and restitution (`by_surroundings`).
-    reference : pair of float
-        Static and kinetic friction on the horizontal axis.
-
-    Returns
-    -------
-    DataFrame
-        One row a friction and cell: friction_static, friction_kinetic, the cell's bounds, records, probability,
-        wilson_low, wilson_high, and the same without the bounds and records with `reference_` before them, thin.
+    frame: rows of results of one scene, preset and restitution (`by_surroundings`).
+    reference: static and kinetic friction on the horizontal axis.
+    Returns DataFrame: one row a friction and cell: friction_static, friction_kinetic, the cell's bounds, records,
+    probability, wilson_low, wilson_high, and the same without the bounds and records with `reference_` before them,
+    thin.
     """
     answered = frame[frame["toppled"].notna()]
     base = _under(answered, reference)
@@ -76,11 +69,8 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.
 def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
     """Pair each job with the same one under a reference friction, and count how the answers differ.
 
-    Returns
-    -------
-    DataFrame
-        One row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither, only_this,
-        only_reference.
+    Returns DataFrame: one row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither,
+    only_this, only_reference.
     """
     answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
     base = _under(answered, reference)[[*_JOB, "toppled"]]

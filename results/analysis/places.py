@@ -9,12 +9,8 @@ from toppling.results.reader import Run
 def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> NDArray[np.float64] | None:
     """Longitude and latitude (n, 2) of places beside a rock; None where its place is not known.
 
-    Parameters
-    ----------
-    run : Run
-        Of the rock: its atlas, or the coordinate system of its scan, says where it stands.
-    offsets_m : (n, 2) array
-        East and north of the rock's centre of mass, scene frame.
+    run: of the rock: its atlas, or the coordinate system of its scan, says where it stands.
+    offsets_m: (n, 2), east and north of the rock's centre of mass, scene frame.
     """
     offsets = np.asarray(offsets_m, float)
     entry = run.entry

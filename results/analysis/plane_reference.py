@@ -91,23 +91,13 @@ def topples(
 ) -> NDArray[np.bool_]:
     """Rock plane bodies, each under its own motion.
 
-    Parameters
-    ----------
-    arms_m : (n, 2, 2) array
-        `Section.arms_m` of each body.
-    inertia : (n,) array
-        `Section.inertia_per_mass_m2` of each body.
-    unit : (k, 2, m) array
-        Ground acceleration along the section and up over PGA, of m records at k steps of `TIME_STEP_S`.
-    record : (n,) int array
-        Which record shakes each body.
-    pga_m_s2 : (n,) array
-        What it is scaled to.
-
-    Returns
-    -------
-    (n,) bool array
-        Whether the body has turned by a right angle.
+    arms_m: (n, 2, 2), `Section.arms_m` of each body.
+    inertia: (n,), `Section.inertia_per_mass_m2` of each body.
+    unit: (k, 2, m), ground acceleration along the section and up over PGA, of m records at k steps of
+    `TIME_STEP_S`.
+    record: (n,), which record shakes each body.
+    pga_m_s2: (n,), what it is scaled to.
+    Returns (n,) bool array: whether the body has turned by a right angle.
     """
     squared = (arms_m**2).sum(axis=2)
     inertia_at = inertia[:, None] + squared

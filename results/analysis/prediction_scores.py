@@ -173,12 +173,8 @@ def weighted_draws(
     can be (stacking of predictive distributions, Yao et al. 2018), by expectation and maximisation. The tests of a
     record err together and count as one; before any outcome, draws weigh alike, with the weight of one record.
 
-    Returns
-    -------
-    weights : (draws,) array
-        Their sum is 1.
-    rates : (float, float)
-        Share that overturns where a draw says that it stands, and where it says that it topples.
+    Returns weights, (draws,) array: their sum is 1.
+    Returns rates: share that overturns where a draw says that it stands, and where it says that it topples.
     """
     names, size = np.unique(group, return_counts=True)
     evidence = len(names) / size.sum()

@@ -23,21 +23,11 @@ _FARTHEST = 4.0
 def reflected(fitted: Array, refits: Array, records: int, level: float = 0.95) -> Array:
     """Coefficients whose percentiles are the ends of intervals.
 
-    Parameters
-    ----------
-    fitted : (p,) array
-        Coefficients of a fit to one or two measures.
-    refits : (k, p) array
-        Of the samples.
-    records : int
-        Number that are drawn.
-    level : float
-        Of the intervals that are wanted most.
-
-    Returns
-    -------
-    (k, p) array
-        As they were for a sample too far from the fit to mean anything.
+    fitted: (p,), coefficients of a fit to one or two measures.
+    refits: (k, p), of the samples.
+    records: number that are drawn.
+    level: of the intervals that are wanted most.
+    Returns (k, p) array: as they were for a sample too far from the fit to mean anything.
     """
     to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
     tail = (1 + level) / 2

@@ -162,10 +162,7 @@ class Mean:
 def component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.float64]:
     """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
 
-    Parameters
-    ----------
-    of_cause : Mean
-        Its expectation is the error's and `times` the component.
+    of_cause: its expectation is the error's and `times` the component.
 
     Notes
     -----

@@ -37,15 +37,9 @@ def constraint_figure(
 ) -> Figure:
     """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
 
-    Parameters
-    ----------
-    bound : DataFrame
-        From `analysis.constraint.bound_table`.
-    branches : sequence of Branch
-    verdicts : DataFrame or None
-        From `analysis.constraint.branch_table`: survival and verdict of each branch, for the legend.
-    rocks : sequence of Standing
-        Their ages stand above the figure.
+    bound: from `analysis.constraint.bound_table`.
+    verdicts: from `analysis.constraint.branch_table`: survival and verdict of each branch, for the legend.
+    rocks: their ages stand above the figure.
     """
     measure = bound.columns[0]
     rate = bound["rejected_annual_rate"]

@@ -23,12 +23,9 @@ def events_figure(
 ) -> Figure:
     """Survival of each branch, and rates of exceedance before and after at each site, of each measure.
 
-    Parameters
-    ----------
-    branches : DataFrame
-        From `EventUpdate.branches`.
-    updated : DataFrame or None
-        From `EventUpdate.updated`, with its `measure` and `site`; None where no event is felt at the rocks' sites.
+    branches: from `EventUpdate.branches`.
+    updated: from `EventUpdate.updated`, with its `measure` and `site`; None where no event is felt at the rocks'
+    sites.
     """
     hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]
     count = 1 + len(hazards[:MOST_PANELS])

@@ -35,16 +35,10 @@ def fit_figure(
 ) -> Figure:
     """One measure's fragility with its band, how the measures rank, and how predictions hold.
 
-    Parameters
-    ----------
-    resampled : Resampled or None
-        From `analysis.fits.bootstrap`.
-    observed, ranking, calibrated : DataFrame
-        From `analysis.fits`: observed_shares, compare_measures, calibration.
-    toppled : int or None
-        Topplings among the jobs, where known: too few of them rank no measure.
-    width_in : float
-        Three panels in a row on a page's width, below each other on less.
+    resampled: from `analysis.fits.bootstrap`.
+    observed, ranking, calibrated: from `analysis.fits`: observed_shares, compare_measures, calibration.
+    toppled: topplings among the jobs, where known: too few of them rank no measure.
+    width_in: three panels in a row on a page's width, below each other on less.
     """
     beside = width_in >= FULL_WIDTH_IN
     too_few = toppled is not None and toppled < FEW_TOPPLED

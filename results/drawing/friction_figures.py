@@ -18,14 +18,9 @@ _GAP_IN = 0.6
 def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Each cell's toppling probability under one friction against that under the reference.
 
-    Parameters
-    ----------
-    table : DataFrame
-        From `analysis.friction.compare_cells`.
-    jobs : DataFrame
-        From `analysis.friction.compare_jobs`.
-    width_in : float
-        At most; panels that have no room beside each other stand below each other.
+    table: from `analysis.friction.compare_cells`.
+    jobs: from `analysis.friction.compare_jobs`.
+    width_in: at most; panels that have no room beside each other stand below each other.
     """
     columns = min(len(jobs), max(1, int((width_in - 0.6) // 2.2)))
     lines = -(-len(jobs) // columns)

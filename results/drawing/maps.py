@@ -53,18 +53,11 @@ def map_figure(
 ) -> Figure:
     """One map: toppling probability in the cells of a plane.
 
-    Parameters
-    ----------
-    table : DataFrame
-        From `analysis.fragility.cells`.
-    plane : Plane
-        The plane it was made for.
-    title : str
-        What the jobs have in common, as "μ = 0.8".
-    unplaced, beyond : int
-        From `analysis.fragility`'s functions of these names.
-    records : int or None
-        Distinct records on the map, where known.
+    table: from `analysis.fragility.cells`.
+    plane: the plane it was made for.
+    title: what the jobs have in common, as "μ = 0.8".
+    unplaced, beyond: from `analysis.fragility`'s functions of these names.
+    records: distinct records on the map, where known.
     """
     caption = [*_width_words(table, plane), *_left_out(plane, unplaced, beyond)]
     height = 3.0 + _LINE_IN * len(caption)
@@ -89,14 +82,9 @@ def direction_figure(
 ) -> Figure:
     """One map for each direction bin of the vector PGA, clockwise from north, on shared axes.
 
-    Parameters
-    ----------
-    counted : DirectionCells
-        Bins without a record are drawn empty.
-    reference : DataFrame or None
-        From `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
-    width_in : float
-        Four panels a row on a page's width, two on less.
+    counted: bins without a record are drawn empty.
+    reference: from `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
+    width_in: four panels a row on a page's width, two on less.
     """
     plane = counted.plane
     directions = by_compass(k * 360.0 / counted.bins for k in range(counted.bins))
@@ -164,13 +152,9 @@ def _draw_direction(
 def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Plane) -> Figure:
     """Two maps of the same jobs on shared axes, and how far the second is off the first, cell by cell.
 
-    Parameters
-    ----------
-    tables : mapping of two names to DataFrames
-        From `analysis.fragility.cells`.
-    off : DataFrame
-        The first table's cells of enough records, with `deviations`: the second's probability less the first's, over
-        the standard deviation that other records would leave.
+    tables: from `analysis.fragility.cells`.
+    off: the first table's cells of enough records, with `deviations`: the second's probability less the first's,
+    over the standard deviation that other records would leave.
     """
     width, height = FULL_WIDTH_IN, 3.0
     margins = _margins(width, height, below_in=2 * _LINE_IN)

@@ -61,12 +61,8 @@ def write_scene_page(scene: Scene, path: Path, name: str, notes: Sequence[str] =
 def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     """A scene's page.
 
-    Parameters
-    ----------
-    name : str
-        Of the rock.
-    notes : sequence of str
-        Sentences below the numbers.
+    name: of the rock.
+    notes: sentences below the numbers.
     """
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), _eye(35.0))
@@ -82,10 +78,7 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
 def replay_page(replay: Replay, title: str) -> str:
     """A page that plays a shake: rock, seismogram with a moving cursor, ground's acceleration, point of no return.
 
-    Parameters
-    ----------
-    title : str
-        The rock's name, the shaking and the outcome.
+    title: the rock's name, the shaking and the outcome.
     """
     times = shown_times(replay, _PAGE_HZ, _PAGE_POSES)
     position, turn = replay.at(times)

@@ -37,10 +37,7 @@ def draw_records(ensemble: Ensemble, path: Path) -> None:
 def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Response spectra, PGA against PGV/PGA, magnitude against distance.
 
-    Parameters
-    ----------
-    width_in : float
-        Three panels in a row on a page's width, below each other on less.
+    width_in: three panels in a row on a page's width, below each other on less.
     """
     beside = width_in >= FULL_WIDTH_IN
     names = ensemble.record_ids

@@ -25,16 +25,10 @@ def rose_figure(
 ) -> Figure:
     """Where the rock topples to, beside the least constant ground acceleration that topples it, by azimuth.
 
-    Parameters
-    ----------
-    rose : DataFrame
-        From `analysis.directions.topple_rose`.
-    quasi_static : DataFrame or None
-        azimuth_deg of the ground's acceleration, and value in m/s2.
-    sector : dict or None
-        From `analysis.directions.sector_share`; its share is stated.
-    width_in : float
-        Beside each other on a page's width, below each other on less.
+    rose: from `analysis.directions.topple_rose`.
+    quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2.
+    sector: from `analysis.directions.sector_share`; its share is stated.
+    width_in: beside each other on a page's width, below each other on less.
     """
     beside = width_in >= FULL_WIDTH_IN
     with style():

@@ -47,12 +47,8 @@ def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
 def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FULL_WIDTH_IN) -> Figure:
     """Three views, the plan of the interface, the statics by azimuth, and numbers with notes.
 
-    Parameters
-    ----------
-    notes : sequence of str
-        Sentences below the numbers.
-    width_in : float
-        Three panels a row on a page's width, one on less.
+    notes: sentences below the numbers.
+    width_in: three panels a row on a page's width, one on less.
     """
     printed = [line for sentence in [*numbers_of(scene, notes), _LEGEND] for line in _wrapped(sentence)]
     with style():

@@ -19,12 +19,8 @@ _SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
 def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_WIDTH_IN) -> Figure:
     """Lines of equal toppling probability over two measures, the band of the middle one, and the jobs.
 
-    Parameters
-    ----------
-    surface : Surface
-        Of two measures.
-    jobs : DataFrame
-        Rows of results with an answer.
+    surface: of two measures.
+    jobs: rows of results with an answer.
     """
     first, second = surface.measures
     x = np.geomspace(jobs[first].min(), jobs[first].max(), 200)

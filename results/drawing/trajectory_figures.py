@@ -23,15 +23,10 @@ def trajectory_figure(
 ) -> Figure:
     """Ground motion, tilt and displacement of the rock against time.
 
-    Parameters
-    ----------
-    table : DataFrame
-        From `results.replayed_job.trajectory_table`.
-    motion : Motion
-        As imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon after
-        a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.
-    topple_time_s : float or None
-        Time of no return, marked by a line.
+    table: from `results.replayed_job.trajectory_table`.
+    motion: as imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon
+    after a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.
+    topple_time_s: time of no return, marked by a line.
     """
     last_s = float(table["time_s"].iloc[-1])
     end_s = max(motion.duration_s, last_s)  # a rock may rock on, or fall, after the motion

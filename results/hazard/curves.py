@@ -97,10 +97,8 @@ def curve_of_rates(
 ) -> HazardCurve:
     """Curve of annual rates as a file states them: rates of 0, and infinite ones, become levels without a rate.
 
-    Raises
-    ------
-    InputError
-        If levels neither rise nor fall throughout, or rates are negative, no numbers, or rise with the level.
+    Raises InputError if levels neither rise nor fall throughout, or rates are negative, no numbers, or rise with
+    the level.
     """
     x, rate = np.asarray(levels, float), np.asarray(annual_rate, float)
     where = str(stated.get("source") or name)
@@ -161,10 +159,7 @@ def curve_of_probabilities(
 ) -> HazardCurve:
     """Curve of probabilities of exceedance over a time: -ln(1 - p) / T is the annual rate of Poisson events.
 
-    Raises
-    ------
-    InputError
-        As `curve_of_rates`; if the time is not positive, or probabilities lie outside 0 to 1.
+    Raises InputError as `curve_of_rates`; if the time is not positive, or probabilities lie outside 0 to 1.
     """
     p = np.asarray(probability, float)
     where = str(stated.get("source") or name)

@@ -148,9 +148,7 @@ def bootstrap(
     Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
     would. Each sample takes one of the branch's readings, in turn.
 
-    Returns
-    -------
-    (draws,) array
+    Returns (draws,) array.
     """
     random = np.random.default_rng(seed)
     ages = np.random.default_rng(_AGES).integers(exposure.years.shape[1], size=draws)
@@ -207,13 +205,10 @@ def rank_branches(
 
     `drawn` are survivals of each branch with everything resampled (`bootstrap_branches`), where these are known.
 
-    Returns
-    -------
-    DataFrame
-        One row a branch, in the set's order: name, model, events, effective_events (that bear the toppling rate),
-        toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages resampled),
-        rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets the rocks
-        survive), rank (1 is the branch that the rocks favour most).
+    Returns DataFrame: one row a branch, in the set's order: name, model, events, effective_events (that bear the
+    toppling rate), toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages
+    resampled), rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets
+    the rocks survive), rank (1 is the branch that the rocks favour most).
     """
     lines = []
     resampled = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
@@ -235,15 +230,9 @@ def rank_branches(
 def rank_models(ranked: pd.DataFrame) -> pd.DataFrame:
     """Rank ground-motion models: survival averaged over a model's branches, and its weight before and after.
 
-    Parameters
-    ----------
-    ranked : DataFrame
-        From `rank_branches`.
-
-    Returns
-    -------
-    DataFrame
-        Best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (over all models' mean).
+    ranked: from `rank_branches`.
+    Returns DataFrame: best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (over all
+    models' mean).
     """
     parts = ranked.assign(joint=ranked["prior_weight"] * ranked["survival"])
     table = parts.groupby("model", sort=False).agg(
@@ -259,11 +248,9 @@ def rank_models(ranked: pd.DataFrame) -> pd.DataFrame:
 def leave_one_out(rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure) -> pd.DataFrame:
     """What each rock adds: weights of the branches without it, and its survival as the others predict it.
 
-    Returns
-    -------
-    DataFrame
-        One row a rock and branch: left_out, branch, survival_of_others, posterior_weight (by the others),
-        survival_predicted (of the rock that is left out, given that the others stand: the same in all its rows).
+    Returns DataFrame: one row a rock and branch: left_out, branch, survival_of_others, posterior_weight (by the
+    others), survival_predicted (of the rock that is left out, given that the others stand: the same in all its
+    rows).
     """
     whole = np.array([survival(rocks, branch, exposure) for branch in events.branches])
     tables = []

@@ -52,10 +52,7 @@ def measures_of(fragility: Fragility) -> tuple[str, ...]:
 def topples(fragility: Fragility, motions: Motions) -> NDArray[np.float64]:
     """Toppling probability of events, given their motions.
 
-    Raises
-    ------
-    InputError
-        If the motions lack a measure of the fragility.
+    Raises InputError if the motions lack a measure of the fragility.
     """
     lacking = [name for name in measures_of(fragility) if name not in motions]
     if lacking:

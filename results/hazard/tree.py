@@ -116,10 +116,7 @@ def common_levels(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], N
 
     Curves over other levels are interpolated at all levels of all of them, within what every one of them covers.
 
-    Raises
-    ------
-    InputError
-        If the curves have fewer than two levels in common.
+    Raises InputError if the curves have fewer than two levels in common.
     """
     first = curves[0].levels
     if all(
@@ -153,10 +150,7 @@ def statistics(
 ) -> Statistics:
     """Mean and fractiles of a tree under some weights of its branches, its own if none are given.
 
-    Parameters
-    ----------
-    weights : (branches,) array or None
-    fractiles : sequence of float
+    weights: (branches,).
     """
     share = tree.weights if weights is None else np.asarray(weights, float)
     levels, rates = common_levels(tree.curves)
@@ -187,10 +181,7 @@ def weighted_fractile(
 def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64]:
     """Bayes weights of hazard branches, given the probability of the rocks' survival under each.
 
-    Raises
-    ------
-    ValueError
-        If no branch lets the rocks survive.
+    Raises ValueError if no branch lets the rocks survive.
     """
     joint = np.asarray(prior, float) * np.asarray(survivals, float)
     if not joint.sum() > 0:
@@ -211,10 +202,7 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
     One letter is one level where all paths are as long; otherwise each part between ~ is one. Levels at which all
     branches chose alike are left out.
 
-    Returns
-    -------
-    dict of lists of str by level's name
-        Such as "source 1", "ground motion 2".
+    Returns dict of lists of str by level's name: such as "source 1", "ground motion 2".
     """
     parts = [path.split("~") for path in paths]
     if not paths or len({len(split) for split in parts}) != 1 or not all(paths):

@@ -80,12 +80,8 @@ def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> st
 def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
     """Say what the answers so far tell of the target, and whether another round is worth it.
 
-    Parameters
-    ----------
-    observed : mapping
-        Answers by measure: jobs with an answer of all rounds so far.
-    precision : float
-        Half of the interval of 95 % that is asked for: relative, for a probability in its own unit.
+    observed: answers by measure: jobs with an answer of all rounds so far.
+    precision: half of the interval of 95 % that is asked for: relative, for a probability in its own unit.
     """
     any_measure = next(iter(observed))
     toppled = observed[any_measure].toppled
@@ -144,14 +140,9 @@ def _reaches(pool: Pool, curve: Curve, measure: str, target: Target) -> bool:
 def _round_size(number: int, jobs: int, needed: int) -> int:
     """Jobs of a round.
 
-    Parameters
-    ----------
-    number : int
-        Of the round, from 0.
-    jobs : int
-        Chosen so far.
-    needed : int
-        In all, as far as known.
+    number: of the round, from 0.
+    jobs: chosen so far.
+    needed: in all, as far as known.
     """
     if number == 0:
         return FIRST_ROUND
@@ -162,14 +153,9 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
 def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> Numbers:
     """Rows of the plan to shake next; fewer than asked where the pool is exhausted.
 
-    Parameters
-    ----------
-    chosen : (n,) int array
-        Rows of the rounds before, in their order.
-    seed : int
-        Of the campaign.
-    verdict : Verdict
-        Of the answers so far; one without a curve makes all levels random.
+    chosen: (n,), rows of the rounds before, in their order.
+    seed: of the campaign.
+    verdict: of the answers so far; one without a curve makes all levels random.
     """
     free = ~np.isin(pool.rows, chosen)
     visits = (~free).sum(axis=(1, 2))

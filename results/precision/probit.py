@@ -94,10 +94,7 @@ class Curve:
     def variances(self, target: Callable[[Array], float]) -> tuple[float, float]:
         """Variance of a target were jobs independent, and what pairs of jobs of one record add to it.
 
-        Parameters
-        ----------
-        target : callable
-            Of the coefficients (2,).
+        target: of the coefficients (2,).
         """
         step = _DIFFERENCE * np.sqrt(np.diag(self.independent))
         shifts = np.diag(step)
@@ -113,10 +110,7 @@ class Curve:
 def fit_curve(answers: Answers) -> Curve:
     """Fit the curve by penalised maximum likelihood; its slope is positive.
 
-    Parameters
-    ----------
-    answers : Answers
-        Two or more intensities.
+    answers: two or more intensities.
     """
     middle = float(np.average(answers.log_x, weights=answers.weight))
     spread = float(answers.log_x.std())

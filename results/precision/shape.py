@@ -42,10 +42,7 @@ class Departure:
 def p_value(curve: Curve, answers: Answers) -> float:
     """Probability, under a lognormal curve, of answers that depart from the fitted one as clearly; 1 of few records.
 
-    Parameters
-    ----------
-    curve : Curve
-        Fitted to the answers.
+    curve: fitted to the answers.
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape

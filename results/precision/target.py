@@ -109,10 +109,7 @@ def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
 def estimate(curve: Curve, target: Target, records: int) -> Estimate:
     """Target of a fitted curve with its interval over records.
 
-    Parameters
-    ----------
-    records : int
-        That the campaign has.
+    records: that the campaign has.
     """
     score = target.score(curve.coefficients)
     independent, added = curve.variances(target.score)

@@ -75,10 +75,7 @@ def positive(value: float, name: str, path: Path, line: int) -> float:
 def check_time_step(value_s: float, path: Path | str, line: int = 0) -> float:
     """Time step of a record, if it is one.
 
-    Raises
-    ------
-    InputError
-        If it is shorter or longer than that of any instrument.
+    Raises InputError if it is shorter or longer than that of any instrument.
     """
     least, most = TIME_STEPS_S
     if not least <= value_s <= most:

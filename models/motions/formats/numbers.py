@@ -34,19 +34,9 @@ def numbers_in(
 ) -> NDArray[np.float64]:
     """Numbers of a block of lines, separated by blanks or in columns of a fixed width.
 
-    Parameters
-    ----------
-    lines : list of str
-    path : Path
-    first_line : int
-        Number of the first of `lines` in the file, from 1.
-    width : int or None
-        Characters to a number; None for blanks.
-
-    Raises
-    ------
-    InputError
-        At the first line with something that is not a finite number.
+    first_line: number of the first of `lines` in the file, from 1.
+    width: characters to a number; None for blanks.
+    Raises InputError: at the first line with something that is not a finite number.
 
     Notes
     -----
@@ -79,10 +69,7 @@ def numbers_in(
 def exactly(values: NDArray[np.float64], count: int, path: Path, line: int) -> NDArray[np.float64]:
     """Values, if they are as many as the header says.
 
-    Raises
-    ------
-    InputError
-        If there are fewer (a truncated file) or more.
+    Raises InputError if there are fewer (a truncated file) or more.
     """
     if len(values) != count:
         _refuse_count(len(values), count, path, line)
@@ -112,26 +99,14 @@ def counted(
 ) -> Counted:
     """Values by the header's count, or by their rows where these are whole and the count is a little off.
 
-    Parameters
-    ----------
-    values : (n,) array
-        As :func:`numbers_in` read them from `body`.
-    count : int
-        As the header says.
-    body : sequence of str
-        Lines of the values.
-    path : Path
-    line : int
-        Line of the count.
-    width : int or None
-        Characters to a number; None for blanks.
-    channels : int
-        Side by side in a row: the header counts rows.
-
-    Raises
-    ------
-    InputError
-        If more than two rows are missing, a row in the middle is not whole, or the values jump between two rows.
+    values: (n,), as `numbers_in` read them from `body`.
+    count: as the header says.
+    body: lines of the values.
+    line: line of the count.
+    width: characters to a number; None for blanks.
+    channels: side by side in a row: the header counts rows.
+    Raises InputError if more than two rows are missing, a row in the middle is not whole, or the values jump
+    between two rows.
     """
     rows, count = count, count * channels
     surplus = len(values) - count

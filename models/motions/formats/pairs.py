@@ -17,27 +17,10 @@ def evenly(
 ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
     """Acceleration at equal steps: as it is where times are equal but for printing, else interpolated.
 
-    Parameters
-    ----------
-    pairs : (n, 2) array
-        Time in seconds, and acceleration in any unit.
-    path : Path
-    line : int
-        Line of the first pair.
-    pairs_a_line : int
-    uneven_step_s : float
-        Step to which uneven samples are interpolated.
-
-    Returns
-    -------
-    values : (m,) array
-    step_s : float
-    notes : tuple of str
-
-    Raises
-    ------
-    InputError
-        If a time does not follow the one before, or only after a gap: with its line.
+    pairs: (n, 2), time in seconds, and acceleration in any unit.
+    line: line of the first pair.
+    uneven_step_s: step to which uneven samples are interpolated.
+    Raises InputError if a time does not follow the one before, or only after a gap: with its line.
     """
     time, values = pairs.T
     if len(time) < 2:

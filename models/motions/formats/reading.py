@@ -37,16 +37,8 @@ _LARGEST_SAMPLE = 1e12
 def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     """Channels of a file.
 
-    Parameters
-    ----------
-    path : Path
-    inventory : obspy.Inventory or None
-        Responses for the formats that hold counts.
-
-    Raises
-    ------
-    InputError
-        If no reader knows the format, or the file is damaged: with file and line.
+    inventory: responses for the formats that hold counts.
+    Raises InputError if no reader knows the format, or the file is damaged: with file and line.
     """
     if not path.is_file():
         refuse("is no file", path, expected="a record", remedy="check the path")

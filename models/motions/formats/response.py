@@ -88,10 +88,8 @@ def is_station_xml(head: str) -> bool:
 def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
     """Acceleration from a trace's counts.
 
-    Raises
-    ------
-    InputError
-        If the channel's response is incomplete, contradicts itself or is in a unit outside of the closed list.
+    Raises InputError if the channel's response is incomplete, contradicts itself or is in a unit outside of the
+    closed list.
     """
     values = np.asarray(trace.data, float)
     try:
@@ -138,10 +136,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
 def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     """Channel of an inventory with a response, of a trace's codes and time.
 
-    Raises
-    ------
-    InputError
-        If there is none, with what there is instead.
+    Raises InputError if there is none, with what there is instead.
     """
     name = ".".join((stats.network, stats.station, stats.location, stats.channel))
     stations = [(n.code, s) for n in inventory for s in n if s.code == stats.station]
@@ -256,10 +251,7 @@ def _checked_sensitivity(
 ) -> tuple[float | None, tuple[str, ...]]:
     """Sensitivity, and what is to be told where the stages' gain at its frequency is another.
 
-    Raises
-    ------
-    InputError
-        If the two differ by more than SAME_GAIN, or the sensitivity is no number.
+    Raises InputError if the two differ by more than SAME_GAIN, or the sensitivity is no number.
     """
     stated = response.instrument_sensitivity
     if stated is None or stated.value is None:

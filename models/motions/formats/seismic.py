@@ -38,11 +38,7 @@ _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE 
 def read(path: Path, inventory: Any | None) -> list[Component] | None:
     """Read every trace of a file, in m/s2; None if ObsPy knows no such format.
 
-    Parameters
-    ----------
-    path : Path
-    inventory : obspy.Inventory or None
-        Responses for samples in counts.
+    inventory: responses for samples in counts.
     """
     import obspy
 
@@ -129,10 +125,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
 
     Samples that came twice are merged if they are the same; pieces that meet within half a sample are joined.
 
-    Raises
-    ------
-    InputError
-        If there is a gap, or an overlap with other samples.
+    Raises InputError if there is a gap, or an overlap with other samples.
     """
     if len(stream) == 0:
         refuse("no samples", path, expected="a record")

@@ -42,14 +42,9 @@ class Document:
     def figure(self, draw: Callable[[float], Figure], caption: str, width_in: float = FULL_WIDTH_IN) -> str:
         """A numbered figure.
 
-        Parameters
-        ----------
-        draw : callable
-            From a width in inches to the figure: asked for the page's, and for that of a narrow screen too.
-        caption : str
-            Stands alone: says what is seen without the text around it.
-        width_in : float
-            Of the figure on a page.
+        draw: from a width in inches to the figure: asked for the page's, and for that of a narrow screen too.
+        caption: stands alone: says what is seen without the text around it.
+        width_in: of the figure on a page.
         """
         wide = png_bytes(draw(width_in), self.remark)
         narrow = png_bytes(draw(HALF_WIDTH_IN), self.remark) if width_in > HALF_WIDTH_IN else None

@@ -16,11 +16,8 @@ _LISTED = 12
 def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     """Trees of the statements of one calculation, by measure and site.
 
-    Raises
-    ------
-    InputError
-        If realisations lack their weights or the weights their realisations, a curve is there twice, or fractiles or
-        contributions stand alone.
+    Raises InputError if realisations lack their weights or the weights their realisations, a curve is there twice,
+    or fractiles or contributions stand alone.
     """
     weights = [one for one in stated if isinstance(one, Realisations)]
     if len(weights) > 1:
@@ -124,10 +121,7 @@ def combined(
 ) -> list[HazardTree]:
     """One tree of several, each a branch or several, by measure and site.
 
-    Raises
-    ------
-    InputError
-        If they have no measure in common, or lie at different sites.
+    Raises InputError if they have no measure in common, or lie at different sites.
     """
     measures = [sorted({tree.measure for tree in part}) for part in parts]
     common = sorted(set.intersection(*map(set, measures)))

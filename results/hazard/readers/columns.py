@@ -42,10 +42,7 @@ def matches(lines: Sequence[str]) -> bool:
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     """Read a table with a header: a column of a measure's levels, and one of their rates or probabilities.
 
-    Raises
-    ------
-    InputError
-        If the header does not name a measure, or not what the values are.
+    Raises InputError if the header does not name a measure, or not what the values are.
     """
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not lines:

@@ -26,10 +26,7 @@ def matches(lines: Sequence[str]) -> bool:
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     """Read the first curve of a file that CyberShake computed; others are comparisons.
 
-    Raises
-    ------
-    InputError
-        If neither the file's name nor the user says what it is over.
+    Raises InputError if neither the file's name nor the user says what it is over.
     """
     named = _NAME.match(path.name)
     if named and named["period"]:

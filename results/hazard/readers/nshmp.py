@@ -43,10 +43,7 @@ def matches(lines: Sequence[str]) -> bool:
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     """Read a file of curves.
 
-    Raises
-    ------
-    InputError
-        If neither the folders nor the user say which measure it is over, and what its values are.
+    Raises InputError if neither the folders nor the user say which measure it is over, and what its values are.
     """
     (_, header), *rows = list(rows_of(path, lines))
     where = path.absolute()
@@ -141,10 +138,7 @@ def matches_json(text: str) -> bool:
 def read_json(path: Path, text: str) -> list[Statement]:
     """Read an answer of the hazard web service: totals, and contributions of source types.
 
-    Raises
-    ------
-    InputError
-        If the answer lacks a field, or states no annual frequencies.
+    Raises InputError if the answer lacks a field, or states no annual frequencies.
     """
     try:
         answers = json.loads(text)["response"]

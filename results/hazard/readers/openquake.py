@@ -57,10 +57,7 @@ _OTHERS = {
 def refuse_others(path: Path, lines: Sequence[str]) -> None:
     """Refuse by name what else the engine writes.
 
-    Raises
-    ------
-    InputError
-        If the file is one of those.
+    Raises InputError if the file is one of those.
     """
     stated, header = (
         lines[0].startswith("#"),
@@ -75,10 +72,7 @@ def refuse_others(path: Path, lines: Sequence[str]) -> None:
 def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
     """Read a file of curves or of realisations.
 
-    Raises
-    ------
-    InputError
-        If the file states no measure or time, or something else than probabilities.
+    Raises InputError if the file states no measure or time, or something else than probabilities.
     """
     stated = header_values(lines[0]) if lines[0].startswith("#") else {}
     body = 1 if lines[0].startswith("#") else 0

@@ -89,10 +89,7 @@ def number(path: Path, line: int, text: str) -> float:
 def years_of_values(path: Path, stated: float | None, hints: Hints) -> float | None:
     """Time that a file's values are probabilities over, 0 for annual rates; None where nobody says.
 
-    Raises
-    ------
-    InputError
-        If the file and the user say different times.
+    Raises InputError if the file and the user say different times.
     """
     if stated is None or hints.years is None:
         return hints.years if stated is None else stated
@@ -114,10 +111,7 @@ def wanted_rows(
 ) -> list[tuple[int, list[str]]]:
     """Rows of the site that is wanted, all where none is: of the name, or the nearest; the caller judges how near.
 
-    Raises
-    ------
-    InputError
-        If no site has the name, or rows are shorter than the header.
+    Raises InputError if no site has the name, or rows are shorter than the header.
     """
     for line, row in rows:
         if len(row) != len(header):

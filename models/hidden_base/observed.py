@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -71,6 +71,7 @@ class HiddenPart:
     observed: BaseObservation
     width_m: float  # root of the hidden area
     inner: int  # so many of the places, the first ones, lie on a square grid over the hidden area
+    inspection: Inspection  # in the scene's frame; its places lie at the base
 
     @property
     def cell_m2(self) -> float:
@@ -124,10 +125,10 @@ def hidden_part(
     chosen[::stride, ::stride] = True
     inner = grid.nodes_m[under.hidden & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
-    inspected = [interface.over(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
-    places = np.vstack([inner, rim.places_m, *inspected])
-    _check_under_the_rock(inspection, np.vstack(inspected), places[: len(inner) + len(rim.gap_m)], height_m)
-    first = np.cumsum([len(inner), len(rim.gap_m), len(inspected[0])])
+    _check_under_the_rock(inspection, interface, np.vstack([inner, rim.places_m]), height_m)
+    inspection = _below_the_rock(inspection, interface, under)
+    places = np.vstack([inner, rim.places_m, interface.over(inspection.places_m)[:, :2]])
+    first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     if inspection.touch_only:
@@ -143,7 +144,7 @@ def hidden_part(
         floor,
         np.arange(first[1], first[2]),
     )
-    return HiddenPart(under, observed, width_m, len(inner))
+    return HiddenPart(under, observed, width_m, len(inner), inspection)
 
 
 def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
@@ -232,8 +233,11 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
         )
 
 
-def _check_under_the_rock(inspection: Inspection, inspected: Array, places: Array, height_m: float) -> None:
+def _check_under_the_rock(
+    inspection: Inspection, interface: Interface, places: Array, height_m: float
+) -> None:
     """Refuse a place of an inspection that is none of the base."""
+    inspected = interface.over(inspection.places_m)[:, :2]
     if (
         len(inspected)
         and (away := cKDTree(places).query(inspected)[0]).max() > _NOT_UNDER_THE_ROCK * height_m
@@ -244,6 +248,18 @@ def _check_under_the_rock(inspection: Inspection, inspected: Array, places: Arra
             "places below the rock, where it may touch its pedestal",
             "give them in the coordinates of the clouds, in metres",
         )
+
+
+def _below_the_rock(inspection: Inspection, interface: Interface, under: Underside) -> Inspection:
+    """The same at the base: a place in front of the crevice, as one sees it from outside, is its nearest cell."""
+    cells = under.grid.nodes_m[under.hidden]
+    cells_m = interface.scene(np.pad(cells, ((0, 0), (0, 1))) + interface.rise(cells))
+
+    def moved(places_m: Array) -> Array:
+        away, nearest = cKDTree(cells).query(interface.over(places_m)[:, :2])
+        return np.where((away > under.grid.cell_m)[:, None], cells_m[nearest], places_m)
+
+    return replace(inspection, touching_m=moved(inspection.touching_m), open_m=moved(inspection.open_m))
 
 
 def _lowest_points(under: Underside, low: Array) -> Array:

@@ -108,7 +108,7 @@ def _over_surface(
         or smooth_is_likely(drawn, central_m_s2, FLAT_MARGIN if says_nothing else 0.0)
     )
     if as_closed and not says_nothing:
-        as_closed = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
+        as_closed = smooth_fits_inspection(rock, smooth, interface, drawn.part.inspection, observed.height_m)
     parts = (drawn, rock, smooth, interface, observed.height_m)
     rock, unseen, number = bases_on_surface(*parts, as_closed=as_closed)
     nominal = central_m_s2 if as_closed else None if number is None else drawn.toppling_m_s2[number]
@@ -138,7 +138,7 @@ def _over_plane(
     if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:
         agrees = None
         if not inspection.says_nothing:
-            agrees = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
+            agrees = smooth_fits_inspection(rock, smooth, interface, drawn.part.inspection, observed.height_m)
         number, at_rest = nominal_draw(drawn, unseen, rock, interface, central_m_s2, agrees, inspection.pulls)
     return dataclasses.replace(unseen, nominal=number), at_rest
 

@@ -260,6 +260,16 @@ def test_a_rock_that_touches_nowhere_else_touches_at_these_places_alone(column, 
     assert any((gap.gap_m <= 0.0).sum() > len(FEET_M) for gap in free.gaps)
 
 
+def test_a_touch_shown_in_front_of_the_crevice_is_one_at_the_edge(column, few_candidates):
+    toward = np.deg2rad([20.0, 140.0, 260.0])
+    shown = 1.15 * RADIUS_M * np.column_stack([np.cos(toward), np.sin(toward), np.zeros(3)])
+    drawn = drawn_with(column, touching_m=shown)
+    reach = np.linalg.norm(drawn.part.observed.places_m, axis=1).max()
+    assert reach < RADIUS_M + PITCH_M  # no contact in the air beside the rock
+    edge = 9.80665 * RADIUS_M / (0.5 * HEIGHT_M)
+    assert (drawn.toppling_m_s2 < 1.1 * edge).all()
+
+
 def test_touching_nowhere_else_needs_three_places_and_no_flat_base():
     around = np.full(3, -1.0), np.full(3, 1.0)
     with pytest.raises(InputError, match="2 places are said to touch"):

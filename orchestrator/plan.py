@@ -1,7 +1,7 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -16,12 +16,12 @@ from toppling.models.errors import InputError
 from toppling.models.motions.above_band import HIGHEST_CORNER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
 from toppling.orchestrator.sites import Site
+from toppling.orchestrator.stands import Settlings, settlings
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
 
@@ -37,10 +37,6 @@ _COLUMNS = pa.schema(
 
 _EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
-
-
-Settled = Mapping[tuple[str, float, float], Settling | InputError]
-"""How far a rock settles, or why it does not stand, by the scene's id and both frictions."""
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
@@ -63,6 +59,11 @@ class PlannedScene:
     def rock(self) -> str | None:
         """Name of a rock among others."""
         return None if self.site is None else self.site.rock
+
+    @cached_property
+    def settlings(self) -> Settlings:
+        """How the rock settles, looked at when it is asked for: a run that goes on does not ask."""
+        return settlings(self.campaign, Scene.load(self.campaign.scene))
 
     @property
     def scene_place(self) -> str:
@@ -87,8 +88,6 @@ class Plan:
     jobs: pa.Table
     recorded: Recorded | None = None  # what the rock is known to have stood
     left_out: tuple[tuple[str, str], ...] = ()  # rocks of an atlas that cannot be read, each with the reason
-    # How its rocks settle; empty where nobody has looked (`orchestrator.stands`).
-    settled: Settled = dataclasses.field(default_factory=dict)
 
     @property
     def scene_id(self) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.settling import Settling
-from toppling.orchestrator.plan import Plan, PlannedScene, Settled
+from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.sites import Site
 from toppling.orchestrator.task import lost_row
 from toppling.results.run_integrity import SITES_FILE
@@ -27,36 +27,48 @@ def site_in_run(scene: PlannedScene) -> Site:
 
 def rows_without_stand(plan: Plan) -> Iterator[dict[str, Any]]:
     """Rows of the jobs on rocks that do not stand."""
-    problems = {key: str(one) for key, one in plan.settled.items() if isinstance(one, InputError)}
-    names = {one.scene_id: one.rock for one in plan.scenes}
-    for row in range(len(plan)) if problems else ():
+    unstable = {one.scene_id: one for one in plan.scenes if _problems(one)}
+    for row in range(len(plan)) if unstable else ():
         spec = plan.spec(row)
-        if why := problems.get((spec.scene_id, spec.friction_static, spec.friction_kinetic)):
-            yield {**lost_row(spec, "failed", why), "rock": names[spec.scene_id], "attempt": 1}
+        scene = unstable.get(spec.scene_id)
+        if scene and isinstance(
+            why := scene.settlings[spec.friction_static, spec.friction_kinetic], InputError
+        ):
+            yield {**lost_row(spec, "failed", str(why)), "rock": scene.rock, "attempt": 1}
 
 
 def scene_entries(plan: Plan) -> dict[str, Any]:
-    """What `run.json` says of how rocks settle, and of each of many."""
+    """What `run.json` says of how rocks settle, and of each of many, of which some may not stand.
 
-    def most(scene_id: str) -> dict[str, Any] | None:
-        known = plan.settled.items()
-        found = [one for (name, *_), one in known if name == scene_id and isinstance(one, Settling)]
-        return max(found, key=lambda one: one.tilt_deg).to_json() if found else None
-
+    Raises InputError if the only rock does not stand.
+    """
     if not plan.campaign.sites:
-        return {"settling": most(plan.scene_id)}
+        (scene,) = plan.scenes
+        for problem in _problems(scene):
+            raise problem
+        return {"settling": _most(scene)}
     entries = [
-        _scene_entry(one, plan.settled) | {"jobs": jobs, "settling": most(one.scene_id)}
+        _scene_entry(one) | {"jobs": jobs, "settling": _most(one)}
         for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": entries, "left_out": left_out}
 
 
-def _scene_entry(scene: PlannedScene, settled: Settled) -> dict[str, Any]:
-    site, of_scene = scene.site, [one for (name, *_), one in settled.items() if name == scene.scene_id]
+def _problems(scene: PlannedScene) -> list[InputError]:
+    return [one for one in scene.settlings.values() if isinstance(one, InputError)]
+
+
+def _most(scene: PlannedScene) -> dict[str, Any] | None:
+    """The settling by which the rock tilts most."""
+    found = [one for one in scene.settlings.values() if isinstance(one, Settling)]
+    return max(found, key=lambda one: one.tilt_deg).to_json() if found else None
+
+
+def _scene_entry(scene: PlannedScene) -> dict[str, Any]:
+    site = scene.site
     assert site is not None
-    problems = "; ".join(str(one) for one in of_scene if isinstance(one, InputError))
+    problems = "; ".join(map(str, _problems(scene)))
     ids = {"rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id}
     location = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
     return {**ids, "ensemble": scene.ensemble_place, **location, "problem": problems or None}

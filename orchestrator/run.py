@@ -10,7 +10,6 @@ from toppling.orchestrator.context import ProgressCallback, RunProgress, Stage
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.session import Session
-from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.studies.conditioning import Weighing
 from toppling.orchestrator.studies.precision import select_jobs
 from toppling.workers.engines import ENGINES
@@ -36,9 +35,6 @@ def run(
     RunError
         If the run cannot go on; what was done stays.
     """
-    folder = folder.absolute()
-    if not folder.exists():
-        planned = with_settling(planned)
     ENGINES[planned.campaign.engine].require()
     session = Session(cluster, watch, limits, again, [Weighing(), *stages], select_jobs)
-    return session.carry_out(planned, folder)
+    return session.carry_out(planned, folder.absolute())

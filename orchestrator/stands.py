@@ -1,14 +1,16 @@
 """Whether the rocks of a campaign stand by themselves, and how far they settle: found out before any job is done."""
 
-from dataclasses import replace
+from collections.abc import Mapping
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.plan import Plan
 from toppling.workers.seating import settled
+
+Settlings = Mapping[tuple[float, float], Settling | InputError]
+"""How far a rock settles with each static and kinetic friction, or why it does not stand."""
 
 
 def check_stands(campaign: Campaign, scene: Scene) -> Settling:
@@ -19,14 +21,14 @@ def check_stands(campaign: Campaign, scene: Scene) -> Settling:
     Returns Settling: with the friction with which it tilts most.
     Raises InputError if it does not.
     """
-    found = _settlings(campaign, scene)
+    found = settlings(campaign, scene)
     for one in found.values():
         if isinstance(one, InputError):
             raise one
     return max((one for one in found.values() if isinstance(one, Settling)), key=lambda one: one.tilt_deg)
 
 
-def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Settling | InputError]:
+def settlings(campaign: Campaign, scene: Scene) -> Settlings:
     """How far the nominal rock settles with each friction of the campaign, or why it does not stand."""
     found: dict[tuple[float, float], Settling | InputError] = {}
     for static, kinetic in sorted(set(campaign.friction)):
@@ -41,17 +43,3 @@ def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Se
                 remedy=error.remedy,
             )
     return found
-
-
-def with_settling(plan: Plan) -> Plan:
-    """A plan that knows how its rocks settle; of many, those that do not stand are no reason to refuse the others.
-
-    Raises InputError if the only rock does not stand.
-    """
-    found: dict[tuple[str, float, float], Settling | InputError] = {}
-    for one in plan.scenes:
-        for friction, settles in _settlings(one.campaign, Scene.load(one.campaign.scene)).items():
-            if isinstance(settles, InputError) and one.site is None:
-                raise settles
-            found[one.scene_id, *friction] = settles
-    return replace(plan, settled=found)

@@ -22,7 +22,7 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import scene_entries
-from toppling.orchestrator.stands import check_stands, with_settling
+from toppling.orchestrator.stands import check_stands
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.reader import Run, open_run
 
@@ -68,7 +68,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     chosen = _campaign(campaign)
     planned = plan_of(chosen)
     if chosen.sites:
-        entries = scene_entries(with_settling(planned))
+        entries = scene_entries(planned)
         problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
         problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
         return Planned(chosen, planned, None, problems)

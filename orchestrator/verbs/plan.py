@@ -95,11 +95,10 @@ def _plan_atlas(
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.rocks_of_run import scene_entries
-    from toppling.orchestrator.stands import with_settling
 
     with bar("letting the rocks stand, counting jobs"):
         planned = plan_of(chosen)
-        entries = scene_entries(with_settling(planned))
+        entries = scene_entries(planned)
     with bar("timing a few jobs"):
         expected = estimate_atlas(planned) if estimated else None
     for one, scene in zip(entries["scenes"], planned.scenes, strict=True):

@@ -24,7 +24,6 @@ from toppling.orchestrator.folder import describe, prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.settling_notes import draw_settling, settling_notes
-from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import settling_figure as drawing
@@ -122,7 +121,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
 def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
     campaign = Campaign.read(campaigns / f"{name}.toml")
     planned = plan_of(campaign)
-    prepare(tmp_path / "run", with_settling(planned), {})
+    prepare(tmp_path / "run", planned, {})
     assert (f">{TOLD}</td>" in scene_section(Content(open_run(tmp_path / "run")), Document())) == said
 
 

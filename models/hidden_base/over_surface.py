@@ -41,23 +41,12 @@ def bases_on_surface(
 ) -> tuple[Rock, UnseenBase, int | None]:
     """The rock on the draw nearest to the draws' median, all draws for it, and which one that is.
 
-    Parameters
-    ----------
-    drawn : DrawnBases
-    rock : Rock
-        Closed with `base`.
-    base : Base
-    interface : Interface
-        With a surface.
-    height_m : float
-        Of the rock.
-    as_closed : bool
-        The rock stays as it was closed.
-
-    Returns
-    -------
-    Rock, UnseenBase, int or None
-        None where the rock stays as it was closed, or is at rest on none of the draws; it then does so too.
+    rock: closed with `base`.
+    interface: with a surface.
+    height_m: of the rock.
+    as_closed: the rock stays as it was closed.
+    Returns Rock, UnseenBase, int or None: None where the rock stays as it was closed, or is at rest on none of the
+    draws; it then does so too.
     """
     numbers = _base_vertices(rock, base, interface, height_m)
     places = [_moved(rock.vertices_m[numbers], drawn, gap.gap_m, interface) for gap in drawn.gaps]

@@ -32,18 +32,10 @@ def fits(pulls: Pulls, ratios: Array) -> bool:
 def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
     """Refuse a pull that no draw comes near.
 
-    Parameters
-    ----------
-    pulls : sequence of (azimuth_deg, ratio)
-    ratios : (n, pulls) array
-        What each draw bears toward the azimuths.
-    weight : (n,) array
-        Of the draws, before anything was measured.
-
-    Raises
-    ------
-    InputError
-        If a ratio lies outside of what the draws span by more than its error.
+    pulls: sequence of (azimuth_deg, ratio).
+    ratios: (n, pulls), what each draw bears toward the azimuths.
+    weight: (n,), of the draws, before anything was measured.
+    Raises InputError if a ratio lies outside of what the draws span by more than its error.
     """
     error = _ERROR_STDS * _PULL_STD_SHARE
     for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True):
@@ -61,17 +53,10 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
 def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> None:
     """Refuse pulls with which, although some draw agrees with each, the likeliest draws do not.
 
-    Parameters
-    ----------
-    pulls : sequence of (azimuth_deg, ratio)
-    ratios : (n, pulls) array
-    weight, before : (n,) arrays
-        Of the draws, with and without what was measured.
-
-    Raises
-    ------
-    InputError
-        If half of the draws' weight is on bases that contradict a pull.
+    pulls: sequence of (azimuth_deg, ratio).
+    ratios: (n, pulls).
+    weight, before: (n,), of the draws, with and without what was measured.
+    Raises InputError if half of the draws' weight is on bases that contradict a pull.
     """
     agree = (_misfits(pulls, ratios) <= _ERROR_STDS).all(axis=1)
     if weight[agree].sum() >= 0.5 * weight.sum():

@@ -29,17 +29,9 @@ SPARSE = 1.5
 def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doubt | None:
     """A doubt where no crease parts rock and pedestal along the rim, or the rim is rounded.
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    parted : bool
-        Whether the user has said where rock and pedestal meet, or which is which.
-
-    Raises
-    ------
-    InputError
-        If hardly any crease shows, or nearly all of the rim is rounded and the user has said nothing of it.
+    parted: whether the user has said where rock and pedestal meet, or which is which.
+    Raises InputError if hardly any crease shows, or nearly all of the rim is rounded and the user has said nothing
+    of it.
     """
     share = creased_share(observed, interface)
     if share is not None and share < _TOLD_SHARE:

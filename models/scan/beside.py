@@ -74,14 +74,8 @@ class Beside:
 def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
     """Patches (n,) of the pedestal above the ground's relief that the rock meets as it tilts; few are none.
 
-    Parameters
-    ----------
-    surfels : Surfels
-    rock, pedestal : (n,) bool arrays
-        Which are theirs.
-    interface : Interface
-    height_m : float
-        Of the rock.
+    rock, pedestal: (n,), which are theirs.
+    height_m: of the rock.
     """
     cell = CELL_PER_HEIGHT * height_m
     own = interface.over(surfels.points_m[rock])
@@ -144,10 +138,7 @@ def beside(
 ) -> Beside | None:
     """Mesh of what the rock can reach beside it, as far as no map of heights shows it; None if that is nothing.
 
-    Parameters
-    ----------
-    surfels, rock, pedestal, interface, height_m
-        As for :func:`in_reach`.
+    surfels, rock, pedestal, interface, height_m: as for `in_reach`.
     """
     shown = _shown(surfels, rock, pedestal, interface, height_m)
     if not shown.any():

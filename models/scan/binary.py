@@ -101,10 +101,7 @@ def _said(ask: Callable[[], tuple[str | None, reference.Reference | None]]) -> d
 def _las_system(source: Any, path: Path) -> reference.Reference | None:
     """Coordinate system by WKT or GeoTIFF's keys, whichever the header says is meant, or the other if it is alone.
 
-    Raises
-    ------
-    InputError
-        If both are there and differ in unit, or as those of :mod:`reference`.
+    Raises InputError if both are there and differ in unit, or as those of `reference`.
     """
     records = [*source.header.vlrs, *(source.evlrs or ())]
     content = {
@@ -214,10 +211,8 @@ def _pose(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] |
 def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Reference | None:
     """What a file says of its coordinates in words.
 
-    Raises
-    ------
-    InputError
-        If that is another unit than metres, which are E57's by its standard: nobody can tell which is right.
+    Raises InputError if that is another unit than metres, which are E57's by its standard: nobody can tell which is
+    right.
     """
     words = [_text(source.root, "coordinateMetadata"), *(_text(each.node, "description") for each in headers)]
     system = reference.of_words(words[0], str(path))

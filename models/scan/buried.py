@@ -25,11 +25,8 @@ is out, and nothing is left out."""
 def exposed(points_m: Array, normals: Array, meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
     """Which points of meshes could have been seen: a way leads from them to the sky, or to room before a surface.
 
-    Parameters
-    ----------
-    points_m, normals : (n, 3) arrays
-        On the meshes, z up.
-    meshes : sequence of (vertices (k, 3), triangles (m, 3))
+    points_m, normals: (n, 3), on the meshes, z up.
+    meshes: of each its vertices (k, 3) and triangles (m, 3).
     """
     everything = np.ones(len(points_m), bool)
     if any(_twisted(faces) > _MOST_TWISTED for _, faces in meshes):

@@ -42,10 +42,7 @@ _OF_A_STACK = 0.5
 def find_carried(surfels: Surfels) -> list[Candidate]:
     """What the planes of a cloud carry, the highest first; of what stands upon another, the upper one.
 
-    Parameters
-    ----------
-    surfels : Surfels
-        Of the whole cloud.
+    surfels: of the whole cloud.
     """
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     found: list[Candidate] = []
@@ -67,14 +64,9 @@ def carried_instead(
 ) -> Candidate | None:
     """What a plane carries, if that is much higher than all that stands otherwise; None if it is not.
 
-    Parameters
-    ----------
-    surfels : Surfels
-        Of the whole cloud.
-    standing : list of Candidate
-        What was found to stand there, the highest first.
-    near_m : (2,) array, optional
-        x, y of the top of what is meant: only what covers it counts.
+    surfels: of the whole cloud.
+    standing: what was found to stand there, the highest first.
+    near_m: (2,), x, y of the top of what is meant: only what covers it counts.
     """
     relief = float(np.ptp(surfels.points_m[:, 2]))
     highest = standing[0].height_m if standing else 0.0
@@ -146,16 +138,10 @@ def thing_and_rest(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which patches are surely of a thing on a plane, and which surely are not: seeds of the cut between them.
 
-    Parameters
-    ----------
-    surfels : Surfels
-    edges : (m, 2) array
-    thing : (k,) bool array
-        Patches joined above the plane.
-    peak : int
-        One of them.
-    height_m : (k,) array
-        Over the plane.
+    edges: (m, 2).
+    thing: (k,), patches joined above the plane.
+    peak: one of them.
+    height_m: (k,), over the plane.
     """
     points = surfels.points_m
     seeds = component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)

@@ -53,15 +53,9 @@ def carried_surface(
 ) -> Interface | None:
     """Interface with the surface that the patches beside a rock show; None where one plane is enough.
 
-    Parameters
-    ----------
-    surfels : Surfels
-    rock : (n,) bool array
-        Which are the rock's.
-    height_m : float
-        Of the rock.
-    given : Interface, optional
-        Plane that describes it; otherwise the one nearest to what is seen beside the rock.
+    rock: (n,), which are the rock's.
+    height_m: of the rock.
+    given: plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
     beside, away, rim = _ring(surfels, rock, height_m)
     if beside.sum() < _LEAST_PATCHES or len(rim) < _LEAST_RIM:

@@ -67,17 +67,9 @@ def similarity(model: Array, surveyed: Array, mirrored: bool = False) -> tuple[f
 def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: object = (1.0, 1.0)) -> Fit:
     """Fit control points.
 
-    Parameters
-    ----------
-    given : path or sequence of str
-        A file, or its lines.
-    metres_per_unit : (float, float)
-        Of surveyed coordinates, across and upward.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, its points lie on one line, or one of them or all do not fit.
+    given: a file, or its lines.
+    metres_per_unit: of surveyed coordinates, across and upward.
+    Raises InputError if the file cannot be read, its points lie on one line, or one of them or all do not fit.
     """
     path = str(given) if isinstance(given, str | Path) else "--gcp"
     names, rows = _rows(control_point_lines(given), path)

@@ -57,10 +57,7 @@ _IN_REACH_ABOVE = 0.3
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
     """Refuse a rock most of whose surface no station saw.
 
-    Raises
-    ------
-    InputError
-        That one side is not enough, that points are too few, or that the rock is hidden or embedded.
+    Raises InputError: that one side is not enough, that points are too few, or that the rock is hidden or embedded.
     """
     if closed.invented_share <= _MOST_INVENTED:
         return
@@ -110,21 +107,11 @@ def doubts(
 ) -> list[Doubt]:
     """What tells against a free rigid block.
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    points_m : (n, 3) array
-        Of the cloud.
-    label : (n,) int8 array
-        0 rock, 1 pedestal, 2 neither.
-    separated : bool
-        Whether the user has said which points are which.
-
-    Raises
-    ------
-    InputError
-        If the rock goes on into its pedestal along most of the rim that was seen, or is two bodies that touch.
+    points_m: (n, 3), of the cloud.
+    label: (n,), 0 rock, 1 pedestal, 2 neither.
+    separated: whether the user has said which points are which.
+    Raises InputError if the rock goes on into its pedestal along most of the rim that was seen, or is two bodies
+    that touch.
     """
     found = [
         attached(observed, interface, parted=separated or observed.hint is not None),
@@ -167,10 +154,8 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
 def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     """Refuse a rock that is a dome on the ground, unless the user has said where it meets its pedestal.
 
-    Raises
-    ------
-    InputError
-        If its sides flare down to the ground and bend inward from there on: its widest part lies below.
+    Raises InputError if its sides flare down to the ground and bend inward from there on: its widest part lies
+    below.
     """
     foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
     sunk = embedded(observed, interface)

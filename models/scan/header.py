@@ -35,20 +35,10 @@ Columns = tuple[int, int, int]
 def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bool = False) -> Columns | None:
     """Columns of x, y, z by the lines before the first point, None if these are remarks or there are none.
 
-    Parameters
-    ----------
-    lines : sequence of str
-    columns : int
-        How many numbers the first point's line has.
-    where : str
-        The file, for errors.
-    unit_given : bool
-        The user says which unit the numbers are in, so that the header may state another than metres.
-
-    Raises
-    ------
-    InputError
-        If a header does not tell which columns are x, y and z, or says that they are not in metres.
+    columns: how many numbers the first point's line has.
+    where: the file, for errors.
+    unit_given: the user says which unit the numbers are in, so that the header may state another than metres.
+    Raises InputError if a header does not tell which columns are x, y and z, or says that they are not in metres.
     """
     titles = [line for line in lines if line.strip()]
     for line in reversed(titles):

@@ -168,10 +168,7 @@ def check_near(
 ) -> None:
     """Refuse a hint on a place that the cloud (its bounds in the hint's frame) does not show.
 
-    Raises
-    ------
-    InputError
-        If an anchor lies outside the cloud.
+    Raises InputError if an anchor lies outside the cloud.
     """
     beyond = ((hint.anchors_m < low_m) | (hint.anchors_m > high_m)).any(axis=1)
     if beyond.any():

@@ -40,10 +40,7 @@ def is_mesh(path: Path) -> bool:
 def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (n, 3) in the file's own axes and unit, and triangles (m, 3).
 
-    Raises
-    ------
-    InputError
-        As of `read_triangles`.
+    Raises InputError as of `read_triangles`.
     """
     vertices, faces = read_triangles(path)
     if path.suffix.lower() in UPWARD_Y:
@@ -68,10 +65,7 @@ def check_frame(
 ) -> None:
     """Refuse a mesh that shows that it is not in metres with z up, unless the user says what it is: all at once.
 
-    Raises
-    ------
-    InputError
-        With the options to give.
+    Raises InputError with the options to give.
     """
     found = [] if placement.says_up else [_sideways(vertices, faces, path)]
     found += [] if placement.says_scale or unit_given else [_sized(vertices)]

@@ -27,10 +27,8 @@ _no_overlap = refusals(
 def check_overlap(cloud: Cloud) -> None:
     """Refuse stations that do not show the same place, or show it in other units.
 
-    Raises
-    ------
-    InputError
-        If a file's cloud shares next to nothing with the others, or fits them better in another unit of length.
+    Raises InputError if a file's cloud shares next to nothing with the others, or fits them better in another unit
+    of length.
     """
     ends = np.cumsum([points for _, points in cloud.files])
     parts = np.split(cloud.points_m, ends[:-1])

@@ -20,10 +20,7 @@ _DEGREES_PER_HEIGHT = 1e-3
 def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
     """Refuse points, in the file's unit, that are no cloud of a rock.
 
-    Raises
-    ------
-    InputError
-        If they are few, one and the same, in degrees, or stored in single precision far from zero.
+    Raises InputError if they are few, one and the same, in degrees, or stored in single precision far from zero.
     """
     if len(points) < _MINIMUM_POINTS:
         also = f", and {left_out} that are not finite" if left_out else ""
@@ -57,10 +54,7 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
 def check_returns(points: NDArray[np.float64], path: Path) -> None:
     """Refuse beams without a return that are written as points at the origin, far from where anything was seen.
 
-    Raises
-    ------
-    InputError
-        If there are such points.
+    Raises InputError if there are such points.
     """
     nothing = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
     if not nothing.any():

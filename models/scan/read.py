@@ -324,10 +324,7 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
 def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[str | None, Reference | None]:
     """Unit, or else coordinate system, that a text file or the head of a PLY states in its remarks.
 
-    Raises
-    ------
-    InputError
-        If nobody understands what they state, unless the user says the unit.
+    Raises InputError if nobody understands what they state, unless the user says the unit.
     """
     try:
         unit = unit_of_remarks(remarks, str(path))

@@ -32,10 +32,7 @@ Reference = dict[str, Any]
 def of_wkt(wkt: str, where: str) -> Reference:
     """Coordinate system by its WKT, of either version.
 
-    Raises
-    ------
-    InputError
-        If it is geographic or geocentric, has no axis of a known length, or is not understood.
+    Raises InputError if it is geographic or geocentric, has no axis of a known length, or is not understood.
     """
     from pyproj import CRS
     from pyproj.exceptions import CRSError
@@ -49,10 +46,7 @@ def of_wkt(wkt: str, where: str) -> Reference:
 def of_code(code: int, where: str) -> Reference:
     """Coordinate system by its EPSG code.
 
-    Raises
-    ------
-    InputError
-        As of `of_wkt`.
+    Raises InputError as of `of_wkt`.
     """
     from pyproj import CRS
     from pyproj.exceptions import CRSError
@@ -94,10 +88,7 @@ def of_user(text: str) -> Reference:
 def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
     """Coordinate system by GeoTIFF's keys; None if they say nothing of lengths.
 
-    Raises
-    ------
-    InputError
-        As of `of_wkt`.
+    Raises InputError as of `of_wkt`.
     """
     values = _keys(keys, doubles)
     model = values.get(_MODEL, _PROJECTED_MODEL if _PROJECTED_CODE in values else None)

@@ -69,14 +69,10 @@ def registered(cloud: Cloud) -> Registered:
 def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     """Move each station rigidly to where it fits the others best; the mean station stays where it is.
 
-    Returns
-    -------
-    Cloud
-        The same one where it has one station only or nothing is gained.
-    dict
-        Residual (robust standard deviation of the point-to-plane distances) before and after, shift and turn of
-        each station; `of_stations`: the residual of each, and the share of its points near to others' that show the
-        same place, none where nothing is near. A residual is none where no two stations show a common place.
+    Returns Cloud: the same one where it has one station only or nothing is gained.
+    Returns dict: residual (robust standard deviation of the point-to-plane distances) before and after, shift and
+    turn of each station; `of_stations`: the residual of each, and the share of its points near to others' that show
+    the same place, none where nothing is near. A residual is none where no two stations show a common place.
     """
     count = int(cloud.station.max()) + 1
     if count < 2:
@@ -112,16 +108,8 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
 def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
-    Parameters
-    ----------
-    cloud : Cloud
-    told : dict
-        What `register` says.
-
-    Raises
-    ------
-    InputError
-        If one of three stations or more pairs far less and far worse than the others.
+    told: what `register` says.
+    Raises InputError if one of three stations or more pairs far less and far worse than the others.
     """
     fits = [
         (k, each)

@@ -67,21 +67,12 @@ def segment(
 ) -> Segmentation:
     """Split a cloud into rock, pedestal and neither.
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-    origin_m : (3,) array
-        Survey coordinates of the points' origin, in which places are told to the user.
-    near_m : (2,) array, optional
-        x, y in the points' frame, near the top of the rock that is meant, where several stand.
-    hint : InterfaceHint, optional
-        The interface as the user knows it: the rock is what stands on it.
-
-    Raises
-    ------
-    InputError
-        If nothing in the cloud stands on anything, two things stand there equally, or none near where the user
-        points.
+    points_m: (n, 3).
+    origin_m: (3,), survey coordinates of the points' origin, in which places are told to the user.
+    near_m: (2,), x, y in the points' frame, near the top of the rock that is meant, where several stand.
+    hint: the interface as the user knows it: the rock is what stands on it.
+    Raises InputError if nothing in the cloud stands on anything, two things stand there equally, or none near where
+    the user points.
     """
     coarse = surfels_of(points_m)
     if hint is not None:

@@ -27,12 +27,8 @@ _OPEN_SHARE = 0.02
 def stacked(observed: ObservedRock, interface: Interface, rock_m: Array) -> Doubt | None:
     """A doubt where creases or an open joint go around a rock in one plane.
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    rock_m : (n, 3) array
-        Points of the rock at full resolution: an open joint of a few millimetres is narrower than a patch.
+    rock_m: (n, 3), points of the rock at full resolution: an open joint of a few millimetres is narrower than a
+    patch.
     """
     height = observed.height_m
     own = interface.flat(observed.surfels.points_m[observed.patches])

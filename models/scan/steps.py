@@ -58,15 +58,8 @@ def _step(values: NDArray[np.float64]) -> float:
 def step_note(step_m: float, height_m: float) -> str:
     """What steps of coordinates mean for a rock; empty where they are fine.
 
-    Parameters
-    ----------
-    step_m, height_m : float
-        Widest step of the clouds, height of the rock.
-
-    Raises
-    ------
-    InputError
-        If they are so wide that the crevice is lost.
+    step_m, height_m: widest step of the clouds, height of the rock.
+    Raises InputError if they are so wide that the crevice is lost.
     """
     if step_m > _COARSEST_PER_HEIGHT * height_m:
         raise InputError(

@@ -81,16 +81,8 @@ class Text:
 def read_text(path: Path, unit_given: bool = False) -> Text:
     """Read x, y, z of a text file: the columns that a header names, else the first three.
 
-    Parameters
-    ----------
-    path : Path
-    unit_given : bool
-        The user says which unit the numbers are in, so that a header may name another than metres.
-
-    Raises
-    ------
-    InputError
-        If it cannot be told where the numbers part, or which columns are meant.
+    unit_given: the user says which unit the numbers are in, so that a header may name another than metres.
+    Raises InputError if it cannot be told where the numbers part, or which columns are meant.
     """
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as lines:
@@ -151,10 +143,7 @@ def _loaded_again(
 ) -> NDArray[np.float64]:
     """Points of a text with numbers that Python does not know: of Fortran, and not finite ones of Windows.
 
-    Raises
-    ------
-    InputError
-        At the first line that cannot be read.
+    Raises InputError: at the first line that cannot be read.
     """
     kept = [_FORTRAN.sub(r"\1E\2", _NOT_FINITE.sub("nan", line)) for line in rows]
     try:
@@ -189,10 +178,7 @@ def encoding_of(path: Path) -> str:
 def _layout(line: str, where: str) -> Layout | None:
     """How the numbers of a line stand; None if it does not begin with three of them.
 
-    Raises
-    ------
-    InputError
-        If it holds numbers with thousands parted.
+    Raises InputError if it holds numbers with thousands parted.
     """
     text = line.strip().strip(_ENDS)
     if not text or text.startswith(("#", "//")):
@@ -239,10 +225,7 @@ def _of_commas(words: list[str]) -> bool:
 def _settled(lines: list[str], path: Path) -> Layout:
     """The layout of most of the first lines: a whole number tells nothing of the decimal sign.
 
-    Raises
-    ------
-    InputError
-        If commas part the numbers and are decimal too.
+    Raises InputError if commas part the numbers and are decimal too.
     """
     found = [layout for line in lines if (layout := _layout(line, str(path))) is not None]
     layout = next((each for each in found if each.decimal_comma), found[0])
@@ -268,10 +251,7 @@ def _ends_oddly(path: Path, encoding: str) -> bool:
 def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
     """Lines without end-of-file characters and zeros at the end.
 
-    Raises
-    ------
-    InputError
-        If they stand amidst the points.
+    Raises InputError if they stand amidst the points.
     """
     ended = 0
     for number, line in enumerate(lines, 1):

@@ -131,19 +131,11 @@ def scan_around(
 ) -> list[Station]:
     """Scan a truth from stations around it, three heights (or widths) away, some of them raised.
 
-    Parameters
-    ----------
-    truth : Truth
-    seed : int
-    stations : int
-    resolution_per_height : float
-        Spacing of the points on the rock, in rock heights.
-    noise_per_height : float
-        Standard deviation of the range, in rock heights.
-    clutter : bool
-        Whether a bush stands beside the rock.
-    misregistration_per_height : float
-        Standard deviation of each station's shift along each axis after registration, in rock heights.
+    resolution_per_height: spacing of the points on the rock, in rock heights.
+    noise_per_height: standard deviation of the range, in rock heights.
+    clutter: whether a bush stands beside the rock.
+    misregistration_per_height: standard deviation of each station's shift along each axis after registration, in
+    rock heights.
     """
     rng = np.random.default_rng(seed)
     height = truth.rock.height_m

@@ -59,20 +59,12 @@ def boulder(
 ) -> Mesh:
     """Rough rock, widest at two fifths of its height, standing on a flat base at height 0.
 
-    Parameters
-    ----------
-    height_m, width_m, base_m : float
-        Height, largest width, and width of the base.
-    seed : int
-        Of the bumps.
-    lean_m : pair of float
-        Shift of the middle against the base.
-    bumps : float
-        Amplitude of the bumps in half widths.
-    squareness : float
-        0 round, 1 nearly a block.
-    nose, nose_azimuth_deg : float
-        How far a nose sticks out of the belly, in half widths, and where.
+    height_m, width_m, base_m: height, largest width, and width of the base.
+    seed: of the bumps.
+    lean_m: shift of the middle against the base.
+    bumps: amplitude of the bumps in half widths.
+    squareness: 0 round, 1 nearly a block.
+    nose, nose_azimuth_deg: how far a nose sticks out of the belly, in half widths, and where.
     """
     rng = np.random.default_rng(seed)
     share = 0.5 * (1 - np.cos(np.linspace(0, np.pi, 61)))  # dense at base and top, where the shape turns
@@ -114,20 +106,13 @@ def ground(
 ) -> Mesh:
     """Pedestal over its interface plane: flat where the rock stands, uneven beyond, ending at a cliff.
 
-    Parameters
-    ----------
-    reach_m : float
-        Half of its extent.
-    contact_m : float
-        Radius within which it is flat.
-    seed : int
-        Of the bumps.
-    cliff_m, cliff_azimuth_deg, drop_m : float
-        Distance of the straight cliff edge from the origin, the azimuth it looks toward, and its height.
-    bumps_m : float
-        Amplitude of the bumps at the far end.
-    neck_drop_m : float
-        Depth to which the surface falls around the contact: an hour-glass' lower half.
+    reach_m: half of its extent.
+    contact_m: radius within which it is flat.
+    seed: of the bumps.
+    cliff_m, cliff_azimuth_deg, drop_m: distance of the straight cliff edge from the origin, the azimuth it looks
+    toward, and its height.
+    bumps_m: amplitude of the bumps at the far end.
+    neck_drop_m: depth to which the surface falls around the contact: an hour-glass' lower half.
     """
     rng = np.random.default_rng(seed)
     along = np.linspace(-reach_m, reach_m, cells)

@@ -8,6 +8,7 @@ import pytest
 from reference.bodies import round_cap
 from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
+from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.ground.equilibrium import farthest_load
@@ -157,6 +158,31 @@ def test_rocking_between_two_walls_of_a_groove_is_rocking_on_the_plane():
     found = peaks(2.0 * np.arctan2(quaternion[:, 1], quaternion[:, 3]))
     exact = peaks(rock_exactly(body, Ground.still(), 4.0, tilt).angle_at(np.arange(0.0, 4.0, 1e-4)))
     assert found[:3] == pytest.approx(exact[:3], rel=0.015)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "tilt_deg", "rest_deg", "slip_m"),
+    [(-30, -30, 8.0, 0.755, 0.0132), (0, -30, -8.0, 3.59, 0.0908), (0, -30, 8.0, 2.229, 0.0564)],
+    ids=["ridge", "fall, from its level side", "fall, from its steep side"],
+)
+def test_a_rock_let_go_wedges_and_slides_as_an_independent_contact_dynamics_says(
+    left, right, tilt_deg, rest_deg, slip_m
+):
+    """Moreau's steps of 1/40,000 s on point feet, with De Saxce's cones by projection."""
+    scene = block_on(left, right)
+    foot_x_m, half = math.copysign(HALF_WIDTH_M, tilt_deg), math.radians(tilt_deg) / 2.0
+    side = scene.rock.vertices_m[np.isclose(scene.rock.vertices_m[:, 0], foot_x_m)]
+    pivot = np.array([foot_x_m, 0.0, side[:, 2].min()])
+    turn = Rotation.from_quat([0.0, math.sin(half), 0.0, math.cos(half)])
+    start = {
+        "position_m": pivot + turn.apply(scene.rock.com_m - pivot),
+        "quaternion_xyzw": turn.as_quat(),
+    }
+    trajectory = shake(scene, STILL, "fast", initial=start, trajectory=True).trajectory
+    rested = Rotation.from_quat(trajectory.quaternion_xyzw[-1]).magnitude()
+    assert math.degrees(rested) == pytest.approx(rest_deg, rel=0.01)
+    moved_m = abs(trajectory.position_m[-1, 0] - scene.rock.com_m[0])
+    assert moved_m == pytest.approx(slip_m, rel=0.01)
 
 
 def peaks(angle_rad):

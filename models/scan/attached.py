@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
-from toppling.models.scan.doubt import Doubt, middle, sectors
+from toppling.models.scan.doubt import Doubt, median_by_sector, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 
@@ -94,12 +94,12 @@ def rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
     foot, side = ((up > low) & (up < high) for low, high in (_FOOT, _SIDE))
     if foot.sum() < _LEAST_PATCHES or patches_apart(observed) > SPARSE:
         return None
-    sector = sectors(over[:, :2] - middle(over[foot]))
-    seen = np.intersect1d(sector[foot], sector[side])
+    ways = over[:, :2] - middle(over[foot])
+    (below, foot_deg), (above, side_deg) = (median_by_sector(dip[part], ways[part]) for part in (foot, side))
+    seen, of_foot, of_side = np.intersect1d(below, above, return_indices=True)
     if not len(seen):
         return None
-    dips = np.array([[np.median(dip[part & (sector == k)]) for part in (foot, side)] for k in seen])
-    rounded = (dips[:, 0] > _ROUNDED_DEG) & (dips[:, 0] - dips[:, 1] > _TURN_DEG)
+    rounded = (foot_deg[of_foot] > _ROUNDED_DEG) & (foot_deg[of_foot] - side_deg[of_side] > _TURN_DEG)
     return float(rounded.mean())
 
 

@@ -17,6 +17,7 @@ from toppling.models.scan.candidates import (
     cut_between,
     neighbourhood,
 )
+from toppling.models.scan.doubt import sectors
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.surfels import Surfels
 
@@ -118,8 +119,7 @@ def _on_plane(surfels: Surfels, edges: NDArray[np.int64], plane: Interface) -> l
             continue
         away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
         beside = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
-        turn = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS) % _SECTORS
-        if len(np.unique(turn)) < _SURROUNDED * _SECTORS:
+        if len(np.unique(sectors(beside, _SECTORS))) < _SURROUNDED * _SECTORS:
             continue
         peak = int(np.argmax(np.where(thing, height, -np.inf)))
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)

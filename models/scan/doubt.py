@@ -20,10 +20,17 @@ class Doubt:
     sentence: str
 
 
-def sectors(ways: Array) -> NDArray[np.int64]:
-    """Which of the `SECTORS` each of some ways (n, 2 or 3) leads into."""
+def sectors(ways: Array, count: int = SECTORS) -> NDArray[np.int64]:
+    """Which of so many sectors each of some ways (n, 2 or 3) leads into."""
     turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
-    return np.floor(turn * SECTORS).astype(np.int64) % SECTORS
+    return np.floor(turn * count).astype(np.int64) % count
+
+
+def median_by_sector(values: Array, ways: Array) -> tuple[NDArray[np.int64], Array]:
+    """The sectors (k,) that some ways (n, 2 or 3) lead into, and the median of the values (n,) in each."""
+    sector = sectors(ways)
+    shown = np.unique(sector)
+    return shown, np.array([np.median(values[sector == k]) for k in shown])
 
 
 def widest_gap_deg(shown: NDArray[np.int64]) -> tuple[float, float]:

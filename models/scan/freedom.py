@@ -14,6 +14,7 @@ from toppling.models.scan.doubt import (
     Doubt,
     azimuth_told,
     direction_told,
+    median_by_sector,
     middle,
     sectors,
     widest_gap_deg,
@@ -129,7 +130,10 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
     A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
     """
-    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
+    return _embedded(*_side_dips_deg(observed, interface))
+
+
+def _embedded(foot: Array, waist: Array) -> Doubt | None:
     if len(foot) < 0.5 * SECTORS:
         return None
     share = float((foot > _FLARE_DEG).mean())
@@ -157,8 +161,8 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     Raises InputError if its sides flare down to the ground and bend inward from there on: its widest part lies
     below.
     """
-    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
-    sunk = embedded(observed, interface)
+    foot, waist = _side_dips_deg(observed, interface)
+    sunk = _embedded(foot, waist)
     if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > _FLARE_DEG:
         raise InputError(
             sunk.sentence,
@@ -177,7 +181,13 @@ def _domed(foot_deg: Array, waist_deg: Array) -> bool:
     return bool(foot_deg.mean() > _UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > _BENT_DEG and bulging)
 
 
-def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
+def _side_dips_deg(observed: ObservedRock, interface: Interface) -> tuple[Array, Array]:
+    """Median angles of the sides' normals above the interface plane in each direction: at the foot, at the waist."""
+    foot, waist = (_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
+    return foot, waist
+
+
+def _dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
     """Median angle of the normals above the interface plane between two shares of the height, in each direction."""
     surfels = observed.surfels
     points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
@@ -186,9 +196,8 @@ def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, hig
     if not inside.any():
         return np.zeros(0)
     flat = interface.flat(points)[inside, :2]
-    sector = sectors(flat - middle(flat))
     dip = np.rad2deg(np.arcsin(np.clip(normals[inside] @ interface.normal, -1.0, 1.0)))
-    return np.array([np.median(dip[sector == k]) for k in np.unique(sector)])
+    return median_by_sector(dip, flat - middle(flat))[1]
 
 
 def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:

@@ -21,6 +21,7 @@ from toppling.orchestrator.studies.accuracy import (
 from toppling.orchestrator.verbs.options import (
     ensemble_argument,
     folder_out,
+    option,
     processes_option,
     scene_argument,
 )
@@ -33,14 +34,12 @@ from toppling.workers.options import PRESETS
 @scene_argument
 @ensemble_argument
 @folder_out
-@click.option(
-    "--jobs", "count", type=click.IntRange(10), default=200, show_default=True, help="Number of jobs."
-)
-@click.option(
-    "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), show_default=True,
-    metavar="LOW HIGH", help="Range from which PGA is drawn, m/s2.",
+@option("--jobs", "count", type=click.IntRange(10), default=200, help="Number of jobs.")
+@option(
+    "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), metavar="LOW HIGH",
+    help="Range from which PGA is drawn, m/s2.",
 )  # fmt: skip
-@click.option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
+@option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
 @processes_option
 def accuracy(
     scene: Path,

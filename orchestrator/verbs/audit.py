@@ -7,17 +7,16 @@ from typing import Any
 
 import click
 
-from toppling.orchestrator.verbs.options import json_option, run_argument
+from toppling.orchestrator.verbs.options import json_option, option, run_argument
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 
 @click.command()
 @run_argument
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
+@option(
+    "--jobs", type=click.IntRange(min=1),
     help="Size of the sample; by default as many jobs as cost a tenth of the run.",
-)
+)  # fmt: skip
 @json_option("Print the statement as JSON.")
 @cluster_options
 def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.orchestrator.interrupt import end_of_stop
+from toppling.orchestrator.verbs.options import option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.loopback import Loopback
@@ -16,10 +17,8 @@ if TYPE_CHECKING:
 
 def browsing_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --port and --open to a command."""
-    port = click.option(
-        "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0 for any free port."
-    )
-    opens = click.option(
+    port = option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any free port.")
+    opens = option(
         "--open/--no-open", "opens", default=None, help="Open a browser. Default: if there is a screen."
     )
     return port(opens(command))

@@ -25,7 +25,7 @@ from toppling.orchestrator.studies.check_sites import (
     seismograms_of,
 )
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
-from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
+from toppling.orchestrator.verbs.options import PATH, json_option, option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
@@ -41,29 +41,20 @@ _SCENARIOS_SHOWN = 12
 @click.command()
 @scene_argument
 @click.argument("seismograms", nargs=-1, type=PATH)
-@click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
-@click.option(
-    "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'."
-)
-@click.option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
-@click.option(
-    "--range", "largest", type=click.FloatRange(1, 10), default=1.25, show_default=True,
+@option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
+@option("--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'.")
+@option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
+@option(
+    "--range", "largest", type=click.FloatRange(1, 10), default=1.25,
     help="Strength of the neighbours: from 1/RANGE to RANGE times the seismogram.",
 )  # fmt: skip
-@click.option(
-    "--neighbours",
-    type=click.IntRange(0, 100),
-    default=5,
-    show_default=True,
-    help="Neighbours on each side; 0 for none.",
-)
-@click.option("--preset", type=OneOf(list(PRESETS)), default="standard")
-@click.option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+@option("--neighbours", type=click.IntRange(0, 100), default=5, help="Neighbours on each side; 0 for none.")
+@option("--preset", type=OneOf(list(PRESETS)), default="standard")
+@option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
+@option(
+    "--out", type=click.Path(path_type=Path, file_okay=False),
     help="Of many rocks: folder for rows, matrix and figure.",
-)
+)  # fmt: skip
 @json_option()
 def check(
     scene: Path,

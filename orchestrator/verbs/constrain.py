@@ -14,82 +14,72 @@ from toppling.orchestrator.public.by_events import EventOptions
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.public.constraint_options import Dates
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
+from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, option, trusted_option
 
 
 @click.command(cls=SiteCommand)
 @click.argument("rocks", nargs=-1, required=True, type=PATH, metavar="ROCK...")
-@click.option(
-    "--hazard",
-    multiple=True,
-    metavar="PATH[=WEIGHT]",
-    help=HAZARD_HELP,
-)
-@click.option(
+@option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=HAZARD_HELP)
+@option(
     "--age", multiple=True,
     help="Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a "
     "CSV; or 20000*/1.2 (lognormal). One age for several rocks counts as an independent date of each, which rejects "
     "more than one common date would (--common-date).",
 )  # fmt: skip
-@click.option(
-    "--common-date",
-    is_flag=True,
+@option(
+    "--common-date", is_flag=True,
     help="All rocks were uncovered together: one draw of their one age for all.",
-)
-@click.option(
+)  # fmt: skip
+@option(
     "--common-error", type=click.FloatRange(0, 0.5), default=0.0,
     help="Standard deviation of a relative error that the rocks' dates share, such as 0.08 of a production rate.",
 )  # fmt: skip
-@click.option(
+@option(
     "--fragile-since", multiple=True, metavar="AGE[:FACTOR]",
     help="Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.",
 )  # fmt: skip
-@click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
+@option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
 @trusted_option
-@click.option(
+@option(
     "--stood", multiple=True, type=PATH, metavar="FILE",
     help="Recorded motion that the rock is known to have survived (one --stood per file), or an ensemble's folder; it "
     "weights the draws of the base.",
 )  # fmt: skip
-@click.option(
+@option(
     "--measure",
     help="Intensity measure (a column of the results), or pga_m_s2+pgv_m_s, both together. Default: that of the "
     "hazard, or pgv_m_s.",
-)
-@click.option(
+)  # fmt: skip
+@option(
     "--correlation", type=click.FloatRange(0, 1),
     help="Of the residuals of PGA and PGV in one earthquake, for their two curves; 0.733 if not given.",
 )  # fmt: skip
-@click.option(
-    "--event-rate",
-    type=click.FloatRange(0, min_open=True),
+@option(
+    "--event-rate", type=click.FloatRange(0, min_open=True),
     help="Annual rate of a scenario, which states none.",
-)
-@click.option(
+)  # fmt: skip
+@option(
     "--catalogue-years", type=click.FloatRange(0, min_open=True),
     help="Years that each branch's events were simulated for, where no file states them.",
 )  # fmt: skip
-@click.option(
-    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
+@option(
+    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
     help="Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.",
 )  # fmt: skip
-@click.option(
-    "--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP,
-)  # fmt: skip
-@click.option("--site-name", "site_names", multiple=True, hidden=True)
-@click.option(
-    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+@option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
+@option("--site-name", "site_names", multiple=True, hidden=True)
+@option(
+    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0,
     help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
 )  # fmt: skip
-@click.option(
+@option(
     "--values", metavar="rate|YEARS",
     help="What the hazard's values are, where its files do not say: annual rates, or probabilities over some years.",
 )  # fmt: skip
-@click.option(
-    "--out",
-    type=FOLDER,
+@option(
+    "--out", type=FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",
-)
+)  # fmt: skip
 @json_option()
 def constrain(
     rocks: tuple[Path, ...],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.verbs.options import FOLDER
+from toppling.orchestrator.verbs.options import FOLDER, option
 
 _MARK = ".demo"
 _RECORDS = 24
@@ -38,13 +38,10 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 
 
 @click.command()
-@click.option(
-    "--out", type=FOLDER, default=Path("demo"), show_default=True,
-    help="Folder; that of an earlier demo is replaced.",
-)  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")
-@click.option(
-    "--seconds", type=click.FloatRange(min=0.0), default=75.0, show_default=True,
+@option("--out", type=FOLDER, default=Path("demo"), help="Folder; that of an earlier demo is replaced.")
+@option("--workers", type=click.IntRange(min=1), default=2, help="Local workers.")
+@option(
+    "--seconds", type=click.FloatRange(min=0.0), default=75.0,
     help="Time for shaking; the campaign is as large as it allows.",
 )  # fmt: skip
 def demo(out: Path, workers: int, seconds: float) -> None:

@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
-from toppling.orchestrator.verbs.options import FOLDER, run_argument, samples_option, trusted_option
+from toppling.orchestrator.verbs.options import FOLDER, option, run_argument, samples_option, trusted_option
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     FEW_BEYOND,
@@ -31,38 +31,33 @@ _WIDTH = click.FloatRange(0, min_open=True)
 
 @click.command()
 @run_argument
-@click.option("--out", type=FOLDER, help="Folder; default RUN/fragility.")
-@click.option("--where", help="Only jobs for which this SQL condition holds.")
+@option("--out", type=FOLDER, help="Folder; default RUN/fragility.")
+@option("--where", help="Only jobs for which this SQL condition holds.")
 @trusted_option
-@click.option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@click.option("--pga-bin", type=_WIDTH, help="m/s2; default one bin per level.")
-@click.option("--pgv-bin", type=_WIDTH, default=0.25, show_default=True, help="m/s")
-@click.option("--pgv-pga-bin", type=_WIDTH, default=0.05, show_default=True, help="s")
-@click.option("--duration-bin", type=_WIDTH, default=5.0, show_default=True, help="s")
-@click.option(
+@option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
+@option("--pga-bin", type=_WIDTH, help="m/s2; default one bin per level.")
+@option("--pgv-bin", type=_WIDTH, default=0.25, help="m/s")
+@option("--pgv-pga-bin", type=_WIDTH, default=0.05, help="s")
+@option("--duration-bin", type=_WIDTH, default=5.0, help="s")
+@option(
     "--pgv-below", type=_WIDTH,
     help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {_STUDYS.format(PGV_DURATION.y)}",
 )  # fmt: skip
-@click.option(
-    "--duration-below", type=_WIDTH, help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}"
+@option(
+    "--duration-below", type=_WIDTH,
+    help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}",
 )  # fmt: skip
-@click.option(
-    "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Direction bins."
-)
-@click.option(
-    "--sector",
-    type=float,
-    nargs=2,
-    metavar="FROM TO",
+@option("--directions", type=click.IntRange(1, 72), default=8, help="Direction bins.")
+@option(
+    "--sector", type=float, nargs=2, metavar="FROM TO",
     help="Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated. Default: 35 "
     "degrees around where the least constant acceleration topples the rock to.",
-)
-@click.option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
-@click.option(
-    "--reference",
-    is_flag=True,
+)  # fmt: skip
+@option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
+@option(
+    "--reference", is_flag=True,
     help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
-)
+)  # fmt: skip
 @samples_option(SAMPLES)
 def fragility(
     run: Path,

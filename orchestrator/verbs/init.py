@@ -9,6 +9,7 @@ from toppling.models.files.folder import new_file, refuse_existing
 from toppling.orchestrator.verbs.options import (
     FILE,
     ensemble_argument,
+    option,
     preset_option,
     scene_argument,
     workers_option,
@@ -18,28 +19,13 @@ from toppling.orchestrator.verbs.options import (
 @click.command()
 @scene_argument
 @ensemble_argument
-@click.option(
-    "--out", type=FILE, default=Path("campaign.toml"), show_default=True,
-    help="File to write; must not exist.",
-)  # fmt: skip
-@click.option(
+@option("--out", type=FILE, default=Path("campaign.toml"), help="File to write; must not exist.")
+@option(
     "--friction", "frictions", type=click.FloatRange(0, 1.5, min_open=True), multiple=True,
     help="Repeatable. Default: the scene's own.",
 )  # fmt: skip
-@click.option(
-    "--levels",
-    type=click.IntRange(2),
-    default=12,
-    show_default=True,
-    help="Approximate number of PGA levels.",
-)
-@click.option(
-    "--azimuths",
-    type=click.IntRange(1, 360),
-    default=8,
-    show_default=True,
-    help="Number of evenly spaced azimuths.",
-)
+@option("--levels", type=click.IntRange(2), default=12, help="Approximate number of PGA levels.")
+@option("--azimuths", type=click.IntRange(1, 360), default=8, help="Number of evenly spaced azimuths.")
 @preset_option
 @workers_option("Local workers assumed for the time estimate.")
 def init(

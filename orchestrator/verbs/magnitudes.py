@@ -15,7 +15,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
-from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
+from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, option, trusted_option
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
@@ -44,58 +44,44 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 @click.command()
 @click.argument("rock", type=PATH, metavar="ROCK")
-@click.option(
-    "--model", "models", multiple=True, default=("bssa14",), show_default=True, metavar="NAME[=WEIGHT]",
+@option(
+    "--model", "models", multiple=True, default=("bssa14",), metavar="NAME[=WEIGHT]",
     help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
 )  # fmt: skip
-@click.option(
-    "--vs30", type=float, required=True, help="m/s; shear-wave velocity of the upper 30 m at the rock."
-)
-@click.option(
-    "--mechanism", type=click.Choice(MECHANISMS), default="SS", show_default=True,
+@option("--vs30", type=float, required=True, help="m/s; shear-wave velocity of the upper 30 m at the rock.")
+@option(
+    "--mechanism", type=click.Choice(MECHANISMS), default="SS",
     help="Strike slip, normal, reverse, or unknown (bssa14, cy14).",
 )  # fmt: skip
-@click.option(
-    "--dip", type=click.FloatRange(10, 90), default=90.0, show_default=True, help="Degrees, of the fault."
-)
-@click.option(
-    "--depth-top", type=click.FloatRange(0, 30), default=0.0, show_default=True, help="km, of its upper edge."
-)
-@click.option(
-    "--measure",
-    type=click.Choice(list(MEASURES)),
-    default="pgv_m_s",
-    show_default=True,
-    help="Of the fragility.",
-)
-@click.option(
-    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
+@option("--dip", type=click.FloatRange(10, 90), default=90.0, help="Degrees, of the fault.")
+@option("--depth-top", type=click.FloatRange(0, 30), default=0.0, help="km, of its upper edge.")
+@option("--measure", type=click.Choice(list(MEASURES)), default="pgv_m_s", help="Of the fragility.")
+@option(
+    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
     help="Probability of toppling from which on an earthquake is excluded.",
 )  # fmt: skip
-@click.option(
-    "--events", type=click.IntRange(1), multiple=True, default=(1,), show_default=True,
+@option(
+    "--events", type=click.IntRange(1), multiple=True, default=(1,),
     help="How often the earthquake has happened while the rock stood; repeatable.",
 )  # fmt: skip
-@click.option(
+@option(
     "--recurrence", type=click.FloatRange(0, min_open=True), multiple=True,
     help="Years; mean recurrence of the earthquake (Poisson), with --age; repeatable.",
 )  # fmt: skip
-@click.option(
-    "--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'."
-)
-@click.option("--faults", type=FILE, help="Fault traces (GeoJSON), with --site.")
-@click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
-@click.option(
+@option("--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'.")
+@option("--faults", type=FILE, help="Fault traces (GeoJSON), with --site.")
+@option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
+@option(
     "--deaggregation", type=FILE,
     help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",
 )  # fmt: skip
-@click.option(
-    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+@option(
+    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0,
     help="Ratio of the peak of the horizontal vector to the models' component (RotD50).",
 )  # fmt: skip
-@click.option("--where", help="Only jobs of the run for which this SQL condition holds.")
+@option("--where", help="Only jobs of the run for which this SQL condition holds.")
 @trusted_option
-@click.option("--out", type=FOLDER, help="Folder for statement, tables, figures.")
+@option("--out", type=FOLDER, help="Folder for statement, tables, figures.")
 @json_option()
 def magnitudes(
     rock: Path,

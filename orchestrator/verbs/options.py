@@ -36,42 +36,38 @@ AZIMUTH = Azimuth()
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
+
+def option(*names: str, **given: Any) -> _Decorator:
+    """Option of a verb, whose help shows its default."""
+    return click.option(*names, **{"show_default": True, **given})
+
+
 run_argument = click.argument("run", type=PATH)
 scene_argument = click.argument("scene", type=PATH)
 ensemble_argument = click.argument("ensemble", type=PATH)
 
-folder_out = click.option("--out", required=True, type=FOLDER, help="Folder to write to.")
-ensemble_out = click.option("--out", required=True, type=FOLDER, help="Folder of the ensemble.")
-replace_option = click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
-trusted_option = click.option("--trusted", is_flag=True, help="Let --where read your files.")
-corner_option = click.option(
+folder_out = option("--out", required=True, type=FOLDER, help="Folder to write to.")
+ensemble_out = option("--out", required=True, type=FOLDER, help="Folder of the ensemble.")
+replace_option = option("--replace", is_flag=True, help="Replace an existing ensemble.")
+trusted_option = option("--trusted", is_flag=True, help="Let --where read your files.")
+corner_option = option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
 )
-processes_option = click.option(
-    "--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes."
-)
-preset_option = click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
-engine_option = click.option(
-    "--engine", type=OneOf(list(ENGINES)), default=DEFAULT, show_default=True, help="Physics engine."
-)
+processes_option = option("--workers", type=click.IntRange(1), default=2, help="Processes.")
+preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard")
+engine_option = option("--engine", type=OneOf(list(ENGINES)), default=DEFAULT, help="Physics engine.")
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:
     """Option `--json`; its help says what is printed."""
-    return click.option("--json", "as_json", is_flag=True, help=text)
+    return option("--json", "as_json", is_flag=True, help=text)
 
 
 def workers_option(text: str = "Local workers.") -> _Decorator:
     """Option `--workers`; its help says what they are for."""
-    return click.option("--workers", type=click.IntRange(min=1), help=f"{text} Default: one per core.")
+    return option("--workers", type=click.IntRange(min=1), help=f"{text} Default: one per core.")
 
 
 def samples_option(default: int) -> _Decorator:
     """Option `--samples`; its default lies in a room that not every verb needs."""
-    return click.option(
-        "--samples",
-        type=click.IntRange(1),
-        default=default,
-        show_default=True,
-        help="Bootstrap samples of records.",
-    )
+    return option("--samples", type=click.IntRange(1), default=default, help="Bootstrap samples of records.")

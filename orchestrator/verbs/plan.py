@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.models.files.folder import new_file
-from toppling.orchestrator.verbs.options import FILE, json_option, workers_option
+from toppling.orchestrator.verbs.options import FILE, json_option, option, workers_option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.campaign import Campaign
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("campaign", type=FILE)
-@click.option("--out", "table", type=FILE, help="Write the job table (Parquet).")
+@option("--out", "table", type=FILE, help="Write the job table (Parquet).")
 @workers_option("Local workers assumed for the time estimate.")
-@click.option("--no-estimate", is_flag=True, help="Do not estimate the time.")
+@option("--no-estimate", is_flag=True, help="Do not estimate the time.")
 @json_option("Print the counts as JSON.")
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.

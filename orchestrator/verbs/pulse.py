@@ -11,7 +11,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, preset_option, scene_argument
+from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, option, preset_option, scene_argument
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.analysis.friction import friction_words
 
@@ -21,30 +21,18 @@ _SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 @click.command()
 @scene_argument
 @folder_out
-@click.option(
-    "--shape", type=OneOf(list(_SHAPES)), default="sawtooth", show_default=True,
+@option(
+    "--shape", type=OneOf(list(_SHAPES)), default="sawtooth",
     help="Sawtooth of velocity; sine, cosine or Ricker wavelet of acceleration.",
 )  # fmt: skip
-@click.option(
-    "--pgv",
-    "pgv_m_s",
-    type=click.FloatRange(0, 100, min_open=True),
-    default=5.0,
-    show_default=True,
-    help="m/s",
-)
-@click.option(
-    "--period", "period_s", type=click.FloatRange(0.02, 100), default=3.5, show_default=True, help="s"
-)
-@click.option(
-    "--azimuth",
-    type=AZIMUTH,
-    default=0.0,
-    show_default=True,
+@option("--pgv", "pgv_m_s", type=click.FloatRange(0, 100, min_open=True), default=5.0, help="m/s")
+@option("--period", "period_s", type=click.FloatRange(0.02, 100), default=3.5, help="s")
+@option(
+    "--azimuth", type=AZIMUTH, default=0.0,
     help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east, "
     "or a bearing such as N40E.",
-)
-@click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
+)  # fmt: skip
+@option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @preset_option
 def pulse(
     scene: Path,

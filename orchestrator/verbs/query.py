@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from toppling.models.files.csv_text import plain_frame
 from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reading import query as answer_of
-from toppling.orchestrator.verbs.options import FILE
+from toppling.orchestrator.verbs.options import FILE, option
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 
@@ -24,14 +24,12 @@ _SHOWN_ROWS = 60
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
-@click.option("--csv", "form", flag_value="csv", help="Print CSV.")
-@click.option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
-@click.option("--parquet", type=FILE, help="Write a Parquet file.")
-@click.option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
-@click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
-@click.option(
-    "--spread", is_flag=True, help="State how much of the spread comes from base, friction and records."
-)
+@option("--csv", "form", flag_value="csv", help="Print CSV.")
+@option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
+@option("--parquet", type=FILE, help="Write a Parquet file.")
+@option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
+@option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
+@option("--spread", is_flag=True, help="State how much of the spread comes from base, friction and records.")
 def query(
     runs: tuple[str, ...],
     form: str | None,

@@ -9,6 +9,7 @@ from toppling.orchestrator.verbs.options import (
     AZIMUTH,
     ensemble_argument,
     folder_out,
+    option,
     preset_option,
     processes_option,
     scene_argument,
@@ -27,33 +28,26 @@ _ABOVE_0 = click.FloatRange(0, min_open=True)
 @scene_argument
 @ensemble_argument
 @folder_out
-@click.option(
+@option(
     "--records",
     help="Ids of the waveforms, separated by commas. Default: ten spread over PGV/PGA, or all if fewer.",
-)
-@click.option(
-    "--azimuth",
-    type=AZIMUTH,
+)  # fmt: skip
+@option(
+    "--azimuth", type=AZIMUTH,
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
-)
-@click.option("--start", type=_ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
-@click.option("--step", type=_ABOVE_0, default=0.245, show_default=True, help="Step between levels, m/s2.")
-@click.option(
-    "--end", type=_ABOVE_0, default=20.0, show_default=True, help="PGA at which a waveform is given up, m/s2."
-)
-@click.option(
-    "--peak-displacement", type=_ABOVE_0, default=0.3, show_default=True,
+)  # fmt: skip
+@option("--start", type=_ABOVE_0, default=0.981, help="First PGA, m/s2.")
+@option("--step", type=_ABOVE_0, default=0.245, help="Step between levels, m/s2.")
+@option("--end", type=_ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
+@option(
+    "--peak-displacement", type=_ABOVE_0, default=0.3,
     help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
 )  # fmt: skip
-@click.option(
-    "--friction", type=click.FloatRange(0), default=2.0, show_default=True, help="Static and kinetic."
-)
-@click.option("--restitution", type=click.FloatRange(0, 1), default=0.0, show_default=True)
+@option("--friction", type=click.FloatRange(0), default=2.0, help="Static and kinetic.")
+@option("--restitution", type=click.FloatRange(0, 1), default=0.0)
 @preset_option
-@click.option(
-    "--three-components", is_flag=True, help="Shake with all components, not only the stronger one."
-)
+@option("--three-components", is_flag=True, help="Shake with all components, not only the stronger one.")
 @processes_option
 def ramp(
     scene: Path,

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -17,11 +16,9 @@ from toppling.orchestrator.verbs.options import (
     corner_option,
     ensemble_out,
     json_option,
+    option,
     replace_option,
 )
-
-if TYPE_CHECKING:
-    pass
 from toppling.orchestrator.verbs.records_select import refuse_existing_ensemble, select
 from toppling.orchestrator.verbs.records_shown import import_json, show_catalog, show_notes, show_refusals
 
@@ -41,23 +38,21 @@ records.add_command(select)
 @records.command("import")
 @click.argument("paths", nargs=-1, required=True, type=PATH, metavar="FILES-OR-FOLDERS...")
 @ensemble_out
-@click.option(
-    "--metadata",
-    type=EXISTING_FILE,
+@option(
+    "--metadata", type=EXISTING_FILE,
     help="CSV table, one row per record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
     " processing (corrected or uncorrected) if the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
     " counts of unknown unit.",
-)
-@click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
-@click.option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
-@click.option(
-    "--process/--no-process",
-    default=None,
+)  # fmt: skip
+@option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
+@option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
+@option(
+    "--process/--no-process", default=None,
     help="Process every record or none. The default is to process records that their agency has not corrected and,"
     " if that is not stated, those whose displacement drifts.",
-)
+)  # fmt: skip
 @corner_option
-@click.option(
+@option(
     "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
     help="Resample every record to this step with an anti-alias filter.",
 )  # fmt: skip
@@ -115,25 +110,18 @@ def import_(
 
 
 @records.command()
-@click.option(
-    "--service",
-    default="EARTHSCOPE",
-    show_default=True,
-    help="FDSN service: its name in ObsPy, or an address.",
-)
-@click.option("--event-service", help="Service that has the event, if another one (such as USGS).")
-@click.option(
+@option("--service", default="EARTHSCOPE", help="FDSN service: its name in ObsPy, or an address.")
+@option("--event-service", help="Service that has the event, if another one (such as USGS).")
+@option(
     "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
 )
-@click.option(
-    "--radius",
-    "radius_km",
-    type=click.FloatRange(min=0, min_open=True),
+@option(
+    "--radius", "radius_km", type=click.FloatRange(min=0, min_open=True),
     help="All stations within this distance of the epicentre, km.",
-)
-@click.option("--stations", help="NET.STA, separated by commas, instead of a radius.")
-@click.option("--start", help="Start of the window (UTC) if no event is given.")
-@click.option("--end", help="End of the window (UTC) if no event is given.")
+)  # fmt: skip
+@option("--stations", help="NET.STA, separated by commas, instead of a radius.")
+@option("--start", help="Start of the window (UTC) if no event is given.")
+@option("--end", help="End of the window (UTC) if no event is given.")
 @ensemble_out
 @corner_option
 @replace_option
@@ -211,11 +199,7 @@ def _refuse_unclear_request(
 
 @records.command()
 @click.argument("ensemble", type=EXISTING_FOLDER)
-@click.option(
-    "--figure",
-    type=FILE,
-    help="Draw spectra and scatter plots into this file.",
-)
+@option("--figure", type=FILE, help="Draw spectra and scatter plots into this file.")
 @json_option("Print the catalogue as JSON lines.")
 def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     """Show an ensemble as a table, and draw it.
@@ -241,15 +225,12 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
 @records.command()
 @ensemble_out
-@click.option("--count", type=click.IntRange(min=1), default=140, show_default=True)
-@click.option("--seed", type=int, default=1, show_default=True)
-@click.option(
-    "--pulse-share",
-    type=click.FloatRange(0, 1),
-    default=0.15,
-    show_default=True,
+@option("--count", type=click.IntRange(min=1), default=140)
+@option("--seed", type=int, default=1)
+@option(
+    "--pulse-share", type=click.FloatRange(0, 1), default=0.15,
     help="Share of records with near-fault pulses.",
-)
+)  # fmt: skip
 @replace_option
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
     """Make an ensemble of synthetic records.

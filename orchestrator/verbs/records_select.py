@@ -7,12 +7,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import (
-    EXISTING_FILE,
-    EXISTING_FOLDER,
-    FOLDER,
-    replace_option,
-)
+from toppling.orchestrator.verbs.options import EXISTING_FILE, EXISTING_FOLDER, FOLDER, option, replace_option
 
 if TYPE_CHECKING:
     from toppling.models.motions.deaggregation import Deaggregation
@@ -24,52 +19,36 @@ _MOST_EMPTY = 6
 
 @click.command()
 @click.argument("ensemble", type=EXISTING_FOLDER)
-@click.option(
-    "--out",
-    required=True,
-    type=FOLDER,
-    help="Folder of the new ensemble.",
-)
-@click.option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
-@click.option(
-    "--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km."
-)
-@click.option("--event", help="Part of the name of the event.")
-@click.option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
-@click.option(
-    "--per-event",
-    type=click.IntRange(min=0),
-    default=0,
+@option("--out", required=True, type=FOLDER, help="Folder of the new ensemble.")
+@option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
+@option("--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km.")
+@option("--event", help="Part of the name of the event.")
+@option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
+@option(
+    "--per-event", type=click.IntRange(min=0), default=0,
     help="Largest number of records per event; the nearest are kept.",
-)
-@click.option(
-    "--quality",
-    multiple=True,
-    type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
+)  # fmt: skip
+@option(
+    "--quality", multiple=True, type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected",
+    "made"]),
     help="Only records of this quality; repeatable.",
-)
-@click.option(
-    "--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2."
-)
-@click.option("--pgv-pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s.")
-@click.option(
-    "--count",
-    type=click.IntRange(min=0),
-    default=0,
+)  # fmt: skip
+@option("--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2.")
+@option("--pgv-pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s.")
+@option(
+    "--count", type=click.IntRange(min=0), default=0,
     help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
-)
-@click.option(
-    "--deaggregation",
-    type=EXISTING_FILE,
+)  # fmt: skip
+@option(
+    "--deaggregation", type=EXISTING_FILE,
     help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
     " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
-)
-@click.option("--imt", help="Measure of OpenQuake's deaggregation, such as PGV, where it has several.")
-@click.option(
-    "--poe",
-    type=float,
+)  # fmt: skip
+@option("--imt", help="Measure of OpenQuake's deaggregation, such as PGV, where it has several.")
+@option(
+    "--poe", type=float,
     help="Its probability, where it has several; default the least, of the strongest motion.",
-)
+)  # fmt: skip
 @replace_option
 def select(
     ensemble: Path,

@@ -16,7 +16,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
-from toppling.orchestrator.verbs.options import FOLDER, run_argument
+from toppling.orchestrator.verbs.options import FOLDER, option, run_argument
 from toppling.results.analysis.friction import friction_words
 from toppling.results.drawing.replay_page import write_replay
 from toppling.results.reader import Run, open_run
@@ -36,7 +36,7 @@ _SAME = 1e-9
 @click.command()
 @run_argument
 @click.argument("job")
-@click.option("--out", type=FOLDER, help="Default: RUN/replay/JOB.")
+@option("--out", type=FOLDER, help="Default: RUN/replay/JOB.")
 def replay(run: Path, job: str, out: Path | None) -> None:
     """Repeat one JOB of RUN and show how the rock moves.
 

@@ -7,32 +7,24 @@ import click
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reading import report as write_report
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
-from toppling.orchestrator.verbs.options import FILE, run_argument, samples_option
+from toppling.orchestrator.verbs.options import FILE, option, run_argument, samples_option
 from toppling.results.analysis.resampling import SAMPLES
 
 
 @click.command(cls=SiteCommand)
 @run_argument
-@click.option("--out", type=FILE, help="Default: RUN/report.html.")
-@click.option(
-    "--pdf",
-    is_flag=True,
+@option("--out", type=FILE, help="Default: RUN/report.html.")
+@option(
+    "--pdf", is_flag=True,
     help="Also print the page to PDF, beside it (with WeasyPrint, Chromium, Chrome or Edge).",
-)
-@click.option(
+)  # fmt: skip
+@option(
     "--age",
     help="Years the rock has stood, as for 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.",
-)
-@click.option(
-    "--hazard",
-    multiple=True,
-    metavar="PATH[=WEIGHT]",
-    help=f"{HAZARD_HELP} Needs --age.",
-)
-@click.option(
-    "--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP,
 )  # fmt: skip
-@click.option("--site-name", hidden=True)
+@option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=f"{HAZARD_HELP} Needs --age.")
+@option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
+@option("--site-name", hidden=True)
 @samples_option(SAMPLES)
 def report(
     run: Path,

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
-from toppling.orchestrator.verbs.options import FOLDER, json_option
+from toppling.orchestrator.verbs.options import FOLDER, json_option, option
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -55,28 +55,28 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 
 @click.command()
 @click.argument("campaign", type=FILE)
-@click.option("--out", "folder", type=FOLDER, help="Folder of the run.")
+@option("--out", "folder", type=FOLDER, help="Folder of the run.")
 @cluster_options
-@click.option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
-@click.option(
-    "--job-limit", type=click.FloatRange(1), default=Limits.job_s, show_default=True,
+@option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
+@option(
+    "--job-limit", type=click.FloatRange(1), default=Limits.job_s,
     help="Wall time in seconds after which a job counts as hung.",
 )  # fmt: skip
-@click.option(
-    "--tries", type=click.IntRange(min=1), default=Limits.tries, show_default=True,
+@option(
+    "--tries", type=click.IntRange(min=1), default=Limits.tries,
     help="Number of worker deaths after which a job is given up; raise it if workers are often preempted.",
 )  # fmt: skip
-@click.option(
+@option(
     "--again", callback=_statuses, metavar="STATUS,...",
     help=f"Also repeat jobs that ended without an answer, by status: {', '.join(_AGAIN)}.",
 )  # fmt: skip
-@click.option(
+@option(
     "--precision", callback=_precision, metavar="SHARE",
     help="End as soon as the shaking at which half topple is known to within SHARE (95 %), such as 5%; with the "
     "campaign's target, if it has one.",
 )  # fmt: skip
-@click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
-@click.option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
+@option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
+@option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
 @json_option("Print the summary as JSON.")
 def run(
     campaign: Path,
@@ -205,10 +205,10 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
 def _command(context: click.Context) -> str:
     """The command that resumes this run, without the options of this call alone."""
     words = ["toppling", "run", str(context.params["campaign"])]
-    for option in context.command.params:
-        given = context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
-        if given and isinstance(option, click.Option) and option.name not in OF_ONE_CALL:
-            words += _as_given(option, context.params[str(option.name)])
+    for one in context.command.params:
+        given = context.get_parameter_source(str(one.name)) is ParameterSource.COMMANDLINE
+        if given and isinstance(one, click.Option) and one.name not in OF_ONE_CALL:
+            words += _as_given(one, context.params[str(one.name)])
     return shlex.join(words)
 
 

@@ -13,7 +13,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
 from toppling.orchestrator.verbs.browsing import browsing_options, served
-from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option
+from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option, option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
@@ -72,130 +72,88 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 
 @click.command()
 @click.argument("files", nargs=-1, type=PATH)
-@click.option("--out", type=PATH, help="Folder of the scene; must not exist.")
-@click.option(
-    "--units",
-    type=click.Choice(list(METRES)),
+@option("--out", type=PATH, help="Folder of the scene; must not exist.")
+@option(
+    "--units", type=click.Choice(list(METRES)),
     help="Unit of the coordinates; it wins over what the files say. Metres where neither says anything.",
-)
-@click.option(
-    "--up",
-    metavar="AXIS",
+)  # fmt: skip
+@option(
+    "--up", metavar="AXIS",
     help="What points upward in the files: x, y, z, -x, -y, -z or three numbers X,Y,Z. z unless given; in glTF y.",
-)
-@click.option(
-    "--length",
-    type=(str, str, float),
-    callback=_apart,
-    metavar="P Q METRES",
+)  # fmt: skip
+@option(
+    "--length", type=(str, str, float), callback=_apart, metavar="P Q METRES",
     help="A measured length for a model without scale: two of its places, X,Y,Z each, and the metres between them.",
-)
-@click.option(
-    "--gcp",
-    type=_FILE_OR_LINES,
-    metavar="FILE",
+)  # fmt: skip
+@option(
+    "--gcp", type=_FILE_OR_LINES, metavar="FILE",
     help="CSV of three or more ground control points: x,y,z in the model, then x,y,z as surveyed. They say scale, "
     "attitude and place.",
-)
-@click.option(
-    "--crs",
-    metavar="EPSG:CODE",
+)  # fmt: skip
+@option(
+    "--crs", metavar="EPSG:CODE",
     help="Coordinate system of the survey, where the files state none; it wins over what they state.",
-)
-@click.option(
-    "--rock",
-    metavar="FILE|CLASS",
+)  # fmt: skip
+@option(
+    "--rock", metavar="FILE|CLASS",
     help="The rock, where it was separated before: one of the files, a LAS class, or FIELD=VALUE of a PLY's scalar. "
     "All else is the pedestal, unless --pedestal names that.",
-)
-@click.option("--pedestal", metavar="FILE|CLASS", help="The pedestal, in the same ways.")
-@click.option(
-    "--near",
-    type=float,
-    nargs=2,
-    metavar="X Y",
+)  # fmt: skip
+@option("--pedestal", metavar="FILE|CLASS", help="The pedestal, in the same ways.")
+@option(
+    "--near", type=float, nargs=2, metavar="X Y",
     help="Survey coordinates near the top of your rock, where several rocks stand.",
-)
-@click.option(
-    "--plane",
-    type=(float, float, float, float, AZIMUTH),
-    metavar="X Y Z SLOPE AZIMUTH",
+)  # fmt: skip
+@option(
+    "--plane", type=(float, float, float, float, AZIMUTH), metavar="X Y Z SLOPE AZIMUTH",
     help="The measured interface: one of its points, its slope and the azimuth of its dip, degrees from east to north "
     "or a bearing such as N40E.",
-)
-@click.option(
-    "--point",
-    multiple=True,
-    callback=_place,
-    metavar="X,Y,Z",
+)  # fmt: skip
+@option(
+    "--point", multiple=True, callback=_place, metavar="X,Y,Z",
     help="A place where rock and pedestal meet, in survey coordinates; give three or more.",
-)
-@click.option(
-    "--outline",
-    type=_FILE_OR_LINES,
-    callback=_outlined,
-    metavar="FILE",
+)  # fmt: skip
+@option(
+    "--outline", type=_FILE_OR_LINES, callback=_outlined, metavar="FILE",
     help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
-)
-@click.option(
-    "--contact",
-    type=PATH,
-    metavar="FILE",
+)  # fmt: skip
+@option(
+    "--contact", type=PATH, metavar="FILE",
     help="CSV of places at the base: x,y,z,touch where rock and pedestal touch, x,y,z,daylight where light passes.",
-)
-@click.option("--touch", multiple=True, callback=_place, metavar="X,Y,Z", help="A place that touches.")
-@click.option(
-    "--daylight", multiple=True, callback=_place, metavar="X,Y,Z", help="A place where light passes."
-)
-@click.option(
-    "--pull",
-    type=(AZIMUTH, float),
-    multiple=True,
-    metavar="AZIMUTH RATIO",
+)  # fmt: skip
+@option("--touch", multiple=True, callback=_place, metavar="X,Y,Z", help="A place that touches.")
+@option("--daylight", multiple=True, callback=_place, metavar="X,Y,Z", help="A place where light passes.")
+@option(
+    "--pull", type=(AZIMUTH, float), multiple=True, metavar="AZIMUTH RATIO",
     help="A pull or tilt test: the azimuth of the pull, 0 to 360 degrees counter-clockwise from east or a bearing such "
     "as N40E, and the largest force that the rock bore, over its weight.",
-)
-@click.option(
-    "--touch-only",
-    is_flag=True,
+)  # fmt: skip
+@option(
+    "--touch-only", is_flag=True,
     help="Rock and pedestal touch at the places that are given and nowhere else.",
-)
-@click.option(
-    "--base",
-    type=click.Choice(KINDS),
+)  # fmt: skip
+@option(
+    "--base", type=click.Choice(KINDS),
     help="Kind of the base: flat (dressed or split), rough, or rounded toward its outline. Weighed by what was seen "
     "unless given.",
-)
-@click.option(
-    "--hints",
-    type=PATH,
-    metavar="FILE",
-    is_eager=True,
-    expose_value=False,
-    callback=_hinted,
+)  # fmt: skip
+@option(
+    "--hints", type=PATH, metavar="FILE", is_eager=True, expose_value=False, callback=_hinted,
     help="hints.toml of an earlier scan; options given beside it win.",
-)
-@click.option(
-    "--again",
-    type=PATH,
-    metavar="SCENE",
+)  # fmt: skip
+@option(
+    "--again", type=PATH, metavar="SCENE",
     help="Draw the base of a scanned scene again, with other hints on it (--contact to --base), in seconds.",
-)
-@click.option(
-    "--pick",
-    "picks",
-    is_flag=True,
+)  # fmt: skip
+@option(
+    "--pick", "picks", is_flag=True,
     help="Give hints by clicks on the cloud: opens a page that shows what comes of them and saves the scene.",
-)
+)  # fmt: skip
 @browsing_options
-@click.option(
-    "--bootstrap",
-    type=click.IntRange(min=0),
-    default=REALISATIONS,
-    show_default=True,
-    callback=_enough,
+@option(
+    "--bootstrap", type=click.IntRange(min=0), default=REALISATIONS, callback=_enough,
     help=f"Half samples for the uncertainty, at least {_LEAST_REALISATIONS}; 0 for none.",
-)
+)  # fmt: skip
 @json_option("Print the content of scene.json.")
 def scan(
     files: tuple[Path, ...],

@@ -6,7 +6,7 @@ import click
 
 from toppling.models.scene import Scene
 from toppling.orchestrator.spelling import Verbs
-from toppling.orchestrator.verbs.options import PATH
+from toppling.orchestrator.verbs.options import PATH, option
 
 _SHOW_PARTS = 10
 """Parts of work of 'scene show', about a second each."""
@@ -24,7 +24,7 @@ def scene() -> None:
 
 @scene.command()
 @click.argument("folder", type=PATH)
-@click.option("--out", type=PATH, help="Folder to write to. Default: the scene's folder.")
+@option("--out", type=PATH, help="Folder to write to. Default: the scene's folder.")
 def show(folder: Path, out: Path | None) -> None:
     """Write scene.png, a picture, and scene.html, an interactive page.
 

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, engine_option, json_option, preset_option
+from toppling.orchestrator.verbs.options import (
+    FILE,
+    FOLDER,
+    PATH,
+    engine_option,
+    json_option,
+    option,
+    preset_option,
+)
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -27,29 +35,22 @@ _ECHO_CLIFFS = "echo-cliffs"
 
 @click.command()
 @click.argument("out", type=FOLDER)
-@click.option(
-    "--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock."
-)
-@click.option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
-@click.option(
-    "--rock",
-    type=OneOf([_ECHO_CLIFFS]),
+@option("--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock.")
+@option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
+@option(
+    "--rock", type=OneOf([_ECHO_CLIFFS]),
     help="The study's own rock, as far as it is printed, instead of scans.",
+)  # fmt: skip
+@option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
+@option("--metadata", type=FILE, help="Metadata table of the record files.")
+@option("--count", type=click.IntRange(5), default=140, help="Synthetic records.")
+@option(
+    "--pga-step", type=click.FloatRange(0.5, 9), default=1.0, help="Step of the levels from 1 to 19 m/s2."
 )
-@click.option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
-@click.option("--metadata", type=FILE, help="Metadata table of the record files.")
-@click.option("--count", type=click.IntRange(5), default=140, show_default=True, help="Synthetic records.")
-@click.option(
-    "--pga-step",
-    type=click.FloatRange(0.5, 9),
-    default=1.0,
-    show_default=True,
-    help="Step of the levels from 1 to 19 m/s2.",
-)
-@click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
+@option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8")
 @preset_option
 @engine_option
-@click.option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
+@option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
 @json_option("Print findings and counts as JSON.")
 @cluster_options
 def study(

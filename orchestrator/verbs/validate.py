@@ -37,6 +37,7 @@ from toppling.orchestrator.verbs.options import (
     FOLDER,
     engine_option,
     json_option,
+    option,
     workers_option,
 )
 from toppling.results.analysis.prediction_scores import (
@@ -58,35 +59,23 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 
 @click.command()
 @click.argument("folder", type=EXISTING_FOLDER)
-@click.option(
+@option(
     "--mesh", required=True, type=FILE,
     help="Closed mesh of the specimen, metres, z up, x along the table; a bare name is also looked up in FOLDER.",
 )  # fmt: skip
-@click.option(
+@option(
     "--outcome", required=True, metavar="COLUMN", help="Column of outcomes, 0 or 1, such as sp1_overturned."
 )
-@click.option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
-@click.option("--out", type=FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
-@click.option(
-    "--draws",
-    type=click.IntRange(4),
-    default=288,
-    show_default=True,
-    help="Largest number of realisations per test.",
-)
-@click.option(
-    "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03, show_default=True,
+@option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
+@option("--out", type=FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
+@option("--draws", type=click.IntRange(4), default=288, help="Largest number of realisations per test.")
+@option(
+    "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03,
     help="Standard error of a test's share below which no draws are added.",
 )  # fmt: skip
 @engine_option
-@click.option(
-    "--preset",
-    type=click.Choice(list(PRESETS)),
-    default="draft",
-    show_default=True,
-    help="Numerical settings.",
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Random seed of the bases.")
+@option("--preset", type=click.Choice(list(PRESETS)), default="draft", help="Numerical settings.")
+@option("--seed", type=int, default=0, help="Random seed of the bases.")
 @workers_option()
 @json_option()
 def validate(

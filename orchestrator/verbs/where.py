@@ -11,7 +11,7 @@ import click
 
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import FILE
+from toppling.orchestrator.verbs.options import FILE, option
 
 
 class Span(int):
@@ -43,28 +43,23 @@ class SpanType(click.ParamType):
 
 
 _OPTIONS = (
-    click.option(
+    option(
         "--workers",
         type=SpanType(),
         help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
     ),
-    click.option(
-        "--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."
-    ),
-    click.option("--scheduler-file", type=FILE, help="File written by 'dask scheduler --scheduler-file'."),
-    click.option(
-        "--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."
-    ),
-    click.option(
+    option("--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."),
+    option("--scheduler-file", type=FILE, help="File written by 'dask scheduler --scheduler-file'."),
+    option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
+    option(
         "--queue-jobs",
         type=SpanType(),
         default="1",
-        show_default=True,
         help="Batch jobs to submit; LOW..HIGH too.",
     ),
-    click.option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM)."),
-    click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM)."),
-    click.option("--tls-key", type=FILE, help="Key of this client (PEM)."),
+    option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM)."),
+    option("--tls-cert", type=FILE, help="Certificate of this client (PEM)."),
+    option("--tls-key", type=FILE, help="Key of this client (PEM)."),
 )
 
 

@@ -94,8 +94,12 @@ class Seat:
             yield pose, acceleration
             if not np.isfinite(acceleration):
                 return
-            beyond = acceleration * (1 + _PAST_THE_EDGE) + _PAST_THE_EDGE * gravity_m_s2
-            rest = self._fallen(pose, ring, gravity + beyond * push)
+            past = _PAST_THE_EDGE * (acceleration + gravity_m_s2)
+            while _holds(
+                ring, pose.com, gravity + (acceleration + past) * push
+            ):  # an edge nearly along the push
+                past *= 2.0
+            rest = self._fallen(pose, ring, gravity + (acceleration + past) * push)
 
     def fallen(self, gravity: Array) -> _Pose | None:
         """The pose in which gravity alone leaves the rock; None if it topples."""

@@ -33,6 +33,8 @@ from toppling.models.rock import Rock
 SCHEMA_VERSION = 1
 _DECIMALS = 7
 """Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""
+_LEAST_DOWN = -0.2
+"""Faces whose unit normal points less far down come to lie on the pedestal only where the rock has toppled."""
 
 
 _no_draws = refusals(
@@ -191,31 +193,36 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
     Returns
     -------
     (m, 3) array
-        Those that touch, and the corners of the hull that miss most, taken until none misses more.
+        The outermost, and farthest below the hull of those, until none lies farther than the tolerance below it.
     """
-    feet = np.asarray(feet_m, float)
-    points = np.vstack([feet, high_m, com_m])
+    feet, fixed = np.asarray(feet_m, float), np.vstack([high_m, com_m])
     try:
-        hull = ConvexHull(points)
+        corners = ConvexHull(np.vstack([feet, fixed])).vertices
     except QhullError:
         return feet
-    corners = hull.vertices[hull.vertices < len(feet)]
-    down = np.vstack([hull.equations[:, :3], [[0.0, 0.0, -1.0]]])
-    down = down[down[:, 2] < -0.2]
-    reach = down @ points[hull.vertices].T
-    whole = reach.max(axis=1)
-    touching = np.flatnonzero(feet[:, 2] <= feet[:, 2].min() + 0.1**_DECIMALS)
-    kept = set(touching[np.isin(touching, corners)].tolist())
-    fixed = points[hull.vertices[hull.vertices >= len(feet)]]
-    missing = whole - (down @ np.vstack([fixed, feet[sorted(kept)]]).T).max(axis=1)
-    while missing.max() > tolerance_m:
-        direction = int(missing.argmax())
-        foot = int(hull.vertices[reach[direction].argmax()])
-        if foot in kept or foot >= len(feet):
-            break
-        kept.add(foot)
-        missing = np.minimum(missing, whole - down @ feet[foot])
-    return feet[sorted(kept)]
+    feet = feet[np.sort(corners[corners < len(feet)])]
+    touching = feet[:, 2] <= feet[:, 2].min() + 0.1**_DECIMALS
+    kept = _outline(feet, touching) | _outline(feet, np.ones(len(feet), bool))
+    while True:
+        facets = ConvexHull(np.vstack([feet[kept], fixed])).equations
+        down = facets[facets[:, 2] < _LEAST_DOWN]
+        below = feet @ down[:, :3].T + down[:, 3]
+        worst = np.zeros(len(feet), bool)
+        worst[below.argmax(axis=0)[below.max(axis=0) > tolerance_m]] = True
+        if not (worst & ~kept).any():
+            return feet[kept]
+        kept |= worst
+
+
+def _outline(feet: Array, of: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which feet (n,) are corners of the outline of some of them, seen from below; all of those on one line."""
+    numbers = np.flatnonzero(of)
+    corners = np.zeros(len(feet), bool)
+    try:
+        corners[numbers[ConvexHull(feet[numbers, :2]).vertices]] = True
+    except (QhullError, ValueError):  # Qhull raises ValueError of fewer than three
+        corners[numbers] = True
+    return corners
 
 
 def _numbers(vertices: Any, draws: tuple[BaseDraw, ...]) -> NDArray[np.int64] | None:

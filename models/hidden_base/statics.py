@@ -25,8 +25,9 @@ from toppling.models.scan.interface import Interface
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""
 BAND_PER_HEIGHT = 0.06
-FEET_PER_HEIGHT, _COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
-"""Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""
+FEET_PER_HEIGHT, _HIGHER_FEET_PER_HEIGHT = 1e-4, 3e-4
+"""Feet are left out while the hull of the others stays within this share of the height: below the band, above it. With
+ten times as many a rounded base is a polygon, on which a slender rock topples up to a fifth too late."""
 _ABOVE_THE_RIM_PER_HEIGHT = 0.002
 """The rock's side starts so far above its rim."""
 _HIGH_FEET_PER_HEIGHT = 0.3
@@ -51,16 +52,14 @@ class DrawStatics:
         com = interface.flat(rock.com_m[None])[0]
         high = high[high[:, 2] < _HIGH_FEET_PER_HEIGHT * height_m]
         above = np.array([[*com[:2], 2.0 * com[2]]])
-        few = least_feet(high, above, com, 2.0 * _COARSE_FEET_PER_HEIGHT * height_m)
+        few = least_feet(high, above, com, _HIGHER_FEET_PER_HEIGHT * height_m)
         return cls(rock, interface, part, side, few, height_m)
 
     def path_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> tuple[Array, Array]:
         """Quasi-static accelerations (n,) at lift-off and at toppling on one draw; over a surface both at toppling."""
         low = low_feet(self.part, gap, self.side, self.height_m)
         com = self.interface.flat(com_m[None])[0]
-        feet = np.vstack([
-            least_feet(low, self.high, com, _COARSE_FEET_PER_HEIGHT * self.height_m), self.high
-        ])  # fmt: skip
+        feet = np.vstack([least_feet(low, self.high, com, FEET_PER_HEIGHT * self.height_m), self.high])
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:

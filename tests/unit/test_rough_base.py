@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import ConvexHull
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import seal
 from toppling.models.files.scene_document import BASES as FILE
 from toppling.models.frames import rotation_between
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
 from toppling.models.hidden_base.rough_base import Standing, with_rough_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
@@ -148,3 +149,32 @@ def test_a_leaning_block_is_let_down_onto_the_face_below_its_centre_of_mass():
     np.testing.assert_allclose(turn @ leaning, np.eye(3), atol=1e-6)
     assert rested.com_m[2] == pytest.approx(0.9, abs=1e-6)
     assert rested.vertices_m[:, 2].min() == pytest.approx(0.4, abs=1e-9)
+
+
+@pytest.mark.parametrize("tolerance_m", [1e-2, 1e-3, 1e-4])
+def test_feet_that_are_left_out_lie_within_the_tolerance_of_the_hull_of_those_that_stay(tolerance_m):
+    place = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 2))
+    cap = np.column_stack([place, 1.0 - np.sqrt(1.0 - (place**2).sum(axis=1))])
+    com = np.array([0.0, 0.0, 1.0])
+    kept = least_feet(cap, np.zeros((0, 3)), com, tolerance_m)
+    assert len(kept) < len(least_feet(cap, np.zeros((0, 3)), com, 0.0))
+    facets = ConvexHull(np.vstack([kept, com])).equations
+    below = facets[facets[:, 2] < -0.2]
+    assert (cap @ below[:, :3].T + below[:, 3]).max() < 1.0001 * tolerance_m
+
+
+def test_a_round_base_topples_no_later_for_the_feet_that_are_left_out():
+    """A polygon of few feet holds longer than the round base that it stands for."""
+    turn, ring = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False), np.linspace(0.0, 0.5, 26)[1:]
+    place = (ring[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)).reshape(-1, 2)
+    cap = np.vstack([np.zeros((1, 3)), np.column_stack([place, 0.15 * (place**2).sum(axis=1)])])
+    scene = Scene.from_mesh(trimesh.creation.box((1.0, 1.0, 3.0)), 0.7)
+    whole, few = (
+        replace(scene, rock=replace(scene.rock, feet_m=feet + scene.pedestal.point_m))
+        for feet in (cap, least_feet(cap, np.zeros((0, 3)), np.array([0.0, 0.0, 1.5]), 3e-4))
+    )
+    right, found = (
+        quasi_static_toppling_m_s2(each.rock, each.pedestal, 9.81, np.arange(0.0, 360.0, 40.0))
+        for each in (whole, few)
+    )
+    np.testing.assert_allclose(np.array(found)[:, 1], np.array(right)[:, 1], rtol=0.04)

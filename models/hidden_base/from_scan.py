@@ -150,7 +150,7 @@ def draw_bases(
     """
     inspection = inspection or Inspection()
     low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-    under = Underside.of(low, lit, observed.height_m, observed.hint, interface.lattice_m)
+    under = Underside.of(low, lit, observed.height_m, observed.hint, interface)
     part = hidden_part(under, low, lit, observed.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
     statics = DrawStatics.of(closed, interface, part, observed.height_m)

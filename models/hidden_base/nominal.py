@@ -10,6 +10,7 @@ from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.pulls import Pulls, fits
+from toppling.models.hidden_base.statics import carried
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -47,6 +48,7 @@ def nominal_draw(
     topples within their interval; if there is none, the nearest one.
     """
     plane = Pedestal(interface.point_m, interface.normal)
+    rock = carried(rock, interface)
 
     def at_rest(standing: Rock) -> bool:
         return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, _FRICTION, np.zeros(3))[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 
+import contourpy
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -127,13 +128,18 @@ def hidden_part(
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
     _check_under_the_rock(inspection, interface, np.vstack([inner, rim.places_m]), height_m)
     inspection = _below_the_rock(inspection, interface, under)
-    places = np.vstack([inner, rim.places_m, interface.over(inspection.places_m)[:, :2]])
+    inspected, at_edge = (
+        interface.over(inspection.places_m)[:, :2],
+        _along_edge(under, interface, stride * cell),
+    )
+    places = np.vstack([inner, rim.places_m, inspected, *at_edge])
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     if inspection.touch_only:
-        floor[: first[1]] = np.maximum(floor[: first[1]], _CLOSED_PER_HEIGHT * height_m)
-    floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
+        floor = np.maximum(floor, _CLOSED_PER_HEIGHT * height_m)
+    floor[first[1] : first[2]] = 0.0
+    floor[first[2] : first[2] + len(inspection.open_m)] = LEAST_GAP_PER_HEIGHT * height_m
     observed = BaseObservation(
         places,
         np.arange(first[0], first[1]),
@@ -145,6 +151,17 @@ def hidden_part(
         np.arange(first[1], first[2]),
     )
     return HiddenPart(under, observed, width_m, len(inner), inspection)
+
+
+def _along_edge(under: Underside, interface: Interface, step_m: float) -> list[Array]:
+    """Places (k, 2) along the pedestal's edge below the hidden base: there the rock tips over it."""
+    if interface.edge is None:
+        return []
+    nodes, reach = under.grid.nodes_m, ndimage.binary_dilation(under.hidden, iterations=2)
+    outside = np.where(reach, interface.edge.outside_m(nodes), np.nan)
+    lines = contourpy.contour_generator(nodes[:, 0, 0], nodes[0, :, 1], outside.T).lines(0.0)
+    every = max(1, round(0.5 * step_m / under.grid.cell_m))
+    return [line[::every] for line in map(np.asarray, lines) if len(line) > 1]
 
 
 def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:

@@ -12,12 +12,14 @@ from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
+    OTHER_ERRORS_SHARE,
     ContradictionError,
     DrawnBases,
     draw_bases,
     unseen_base,
 )
 from toppling.models.hidden_base.gap import encloses
+from toppling.models.hidden_base.hooked import hooked_m_s2
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.nominal import (
     FLAT_MARGIN,
@@ -72,13 +74,14 @@ def base_unseen(
         base on which the rock stands as it was scanned.
     """
     low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
+    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, interface=interface)
     least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
     report |= intervals(drawn, interface)
+    report["toppling"] = _or_hooked(report["toppling"], hooked_m_s2(closed.rock, interface, AZIMUTHS_DEG))
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
     parts = (drawn, observed, interface, closed.rock, smooth, central, inspection)
@@ -87,6 +90,14 @@ def base_unseen(
         return rock, unseen, report | nominal
     unseen, at_rest = _over_plane(*parts)
     return closed.rock, unseen, report | {"nominal_draw": unseen.nominal, "nominal_at_rest": at_rest}
+
+
+def _or_hooked(rows: list[dict[str, float]], hooked_m_s2: Array) -> list[dict[str, float]]:
+    """Intervals that reach to what a rock bears that hooks the cliff which a part of it hangs over."""
+    most = hooked_m_s2 * (1.0 + 1.645 * OTHER_ERRORS_SHARE)
+    return [
+        {**row, "high_m_s2": max(row["high_m_s2"], float(high))} for row, high in zip(rows, most, strict=True)
+    ]
 
 
 def _over_surface(
@@ -166,7 +177,7 @@ def check_inspection(observed: ObservedRock, interface: Interface, inspection: I
     if len(inspection.places_m):
         check_on_interface(inspection, interface, observed.height_m)
         low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-        under = Underside.of(low, lit, observed.height_m, observed.hint, interface.lattice_m)
+        under = Underside.of(low, lit, observed.height_m, observed.hint, interface)
         hidden_part(under, low, lit, observed.height_m, inspection, interface)
 
 

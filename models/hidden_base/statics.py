@@ -21,6 +21,7 @@ from toppling.models.hidden_base.underside import Base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""
@@ -93,10 +94,28 @@ def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Ar
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:
     """The rock's vertices (n, 3) that can touch: u, v and the height over the interface."""
-    if interface.is_plane:
+    if interface.edge is not None:
+        over = interface.over(rock.vertices_m)
+        over = over[interface.edge.carries(over)]
+    elif interface.is_plane:
         return interface.flat(rock.hull_vertices_m)
-    over = interface.over(rock.vertices_m)
+    else:
+        over = interface.over(rock.vertices_m)
     return over[ConvexHull(over).vertices]
+
+
+def carried(rock: Rock, interface: Interface) -> Rock:
+    """The rock with contact candidates where the pedestal is: what hangs beyond an edge of it touches nothing."""
+    if interface.edge is None or rock.feet_m is not None:
+        return rock
+    return dataclasses.replace(rock, feet_m=interface.scene(_hull_over(rock, interface)))
+
+
+def on_plane(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
+    """Quasi-static toppling accelerations (n,) of a rock on the interface plane, m/s2."""
+    plane = Pedestal(interface.point_m, interface.normal)
+    found = quasi_static_toppling_m_s2(carried(rock, interface), plane, STANDARD_GRAVITY_M_S2, azimuths_deg)
+    return np.array(found)[:, 1]
 
 
 def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:

@@ -1,6 +1,6 @@
 """The rock's underside: seen at the rim, hidden within, touching only where the pedestal is hidden too."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,8 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
+from toppling.models.scan.edge import Edge
+from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
@@ -41,6 +43,8 @@ _SIDE_PER_HEIGHT = 0.006
 """A side seen down to this height, with no pedestal seen behind it, stands on the pedestal."""
 LEAST_GAP_PER_HEIGHT = 0.003
 """Gap left where the pedestal was seen below the rock: a ray went through, from a rim that is higher."""
+_STRAYS = 0.02
+"""Share of the lowest places of what hangs that may be strays."""
 _WIDEST_SPACING_CELLS = 4.0
 """Points farther apart than this are strays: no ray went through between them."""
 
@@ -52,6 +56,8 @@ class Base:
     grid: Grid
     height_m: NDArray[np.float64]  # (shape): height over the plane, 0 where the rock rests on it
     hidden: NDArray[np.bool_]  # (shape): where the underside was not seen
+    below_m: NDArray[np.float64] | None = None  # of what hangs beyond the pedestal's edge, from below
+    unseen_below: NDArray[np.bool_] | None = None  # what is unseen of that
 
 
 def near_the_interface(
@@ -97,9 +103,11 @@ class Underside:
         lit: NDArray[np.float64],
         height_m: float,
         hint: InterfaceHint | None = None,
-        lattice_m: float = 0.0,
+        interface: Interface | None = None,
     ) -> "Underside":
-        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of a lattice if any.
+        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of its lattice if any.
+
+        What hangs beyond its edge is no underside.
 
         Raises
         ------
@@ -109,12 +117,16 @@ class Underside:
         check_seen(len(low), "rock", given=hint is not None)
         cell = height_m / CELLS_PER_HEIGHT
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
-        if lattice_m:
+        if interface is not None and (lattice_m := interface.lattice_m):
             first, last = np.floor(first / lattice_m) * lattice_m, np.ceil(last / lattice_m) * lattice_m
         grid = Grid.over(first, last, cell)
         seen_height, seen = _lowest(grid, low)
         hidden = _within_rim(seen)
-        outline = hint.inside(grid.nodes_m) if hint is not None and hint.encloses else None
+        seat = np.ones(grid.shape, bool)
+        if interface is not None and interface.edge is not None:
+            seat = interface.edge.outside_m(grid.nodes_m) < 0.0
+            seen, hidden = seen & seat, _largest(hidden & seat)
+        outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
         # Points at the border may be the pedestal beside the rock.
@@ -139,7 +151,7 @@ def hidden_base(
     core: float,
     hint: InterfaceHint | None = None,
     rng: np.random.Generator | None = None,
-    lattice_m: float = 0.0,
+    interface: Interface | None = None,
 ) -> Base:
     """Close the underside: a sheet hung into its seen rim, resting where the pedestal was not seen.
 
@@ -158,15 +170,15 @@ def hidden_base(
         If it is a contact outline, the rock rests inside it and nowhere else.
     rng : numpy.random.Generator, optional
         Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
-    lattice_m : float, optional
-        Of the surface below, on whose nodes cells lie.
+    interface : Interface, optional
+        On the nodes of whose surface cells lie, and at whose edge the base ends.
 
     Raises
     ------
     InputError
         If next to nothing of the rock shows near the interface.
     """
-    under = Underside.of(low, lit, height_m, hint, lattice_m)
+    under = Underside.of(low, lit, height_m, hint, interface)
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
     rests = _deepest(depth, hidden, core)
     if outline is not None:
@@ -180,7 +192,31 @@ def hidden_base(
     if rng is not None and outline is None:
         rim = under.seen_m[under.carries & (under.into_seen <= 8.0)]
         sheet = np.where(hidden, np.maximum(sheet + _unseen_relief(grid, rim, height_m, rng), 0.0), sheet)
-    return under.closed_by(sheet, height_m)
+    base = under.closed_by(sheet, height_m)
+    if interface is None or interface.edge is None:
+        return base
+    return _with_hanging(base, sheet, low, interface.edge, height_m)
+
+
+def _with_hanging(
+    base: Base, sheet_m: NDArray[np.float64], low: NDArray[np.float64], edge: Edge, height_m: float
+) -> Base:
+    """A base that goes on to the edge, beyond which a part of the rock hangs, closed no lower than was seen."""
+    height, seen = _lowest(base.grid, low)
+    beyond = edge.outside_m(base.grid.nodes_m) > 0.0
+    unseen, seen = _within_rim(seen) & beyond, seen & beyond
+    carries = _lowest_of_rim(height, seen, height_m)
+    below, side = (
+        smooth_sheet(base.grid, np.where(known, height, 0.0), np.where(known, 3.0, 0.0), tension=_TENSION)
+        for known in (carries, seen)
+    )
+    away = 0.002 * height_m * np.maximum(ndimage.distance_transform_edt(~unseen) - 1.0, 0.0)
+    lowest = float(np.quantile(height[carries], _STRAYS)) if carries.any() else 0.0
+    below = np.maximum(np.where(unseen, below, side - away), lowest)  # a plate bends below its rim
+    to_edge = np.where(sheet_m < _RESTING_PER_HEIGHT * height_m, 0.0, sheet_m)
+    return replace(
+        base, height_m=np.where(unseen, to_edge, base.height_m), below_m=below, unseen_below=unseen
+    )
 
 
 def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:

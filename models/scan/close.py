@@ -8,7 +8,9 @@ vertices lie on the interface plane.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
+import contourpy
 import manifold3d
 import numpy as np
 import open3d as o3d
@@ -20,6 +22,7 @@ from toppling.models.hidden_base.underside import Base
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.edge import Edge
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
@@ -55,16 +58,25 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
         If the seen surface does not close to one body that reaches the interface.
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
-    above = (interface.over(surfels.points_m[rock])[:, 2] > 0.0) & _together(flat, 3.0 * surfels.voxel_m)
+    above = interface.over(surfels.points_m[rock])[:, 2] > 0.0
+    if interface.edge is not None:
+        above |= interface.edge.outside_m(flat) > 0.0
+    above &= _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     within = base.grid.nodes_m[base.hidden]
     sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m]) + interface.rise(within)
+    if base.below_m is not None and base.unseen_below is not None:
+        hangs = np.dstack([base.grid.nodes_m, base.below_m - surfels.voxel_m])[base.unseen_below]
+        sunk = np.vstack([sunk, hangs])
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     if interface.sheet is None:
-        parts = (body ^ _above(base, flat, height)).simplify(_BASE_SHARE_OF_HEIGHT * height).decompose()
+        room = _above(base, flat, height)
+        if interface.edge is not None:
+            room += _beyond(base, interface.edge, flat, height)
+        parts = (body ^ room).simplify(_BASE_SHARE_OF_HEIGHT * height).decompose()
     else:  # the base keeps the lattice's nodes: draws move them
         parts = (body ^ _above_surface(base, flat, height, interface.sheet)).decompose()
     if not parts:
@@ -135,6 +147,29 @@ def _above_surface(
     )
     across, along = np.meshgrid(u, v, indexing="ij")
     return _body_over(across, along, np.pad(floor, 2, constant_values=low), high)
+
+
+def _beyond(base: Base, edge: Edge, flat: NDArray[np.float64], height_m: float) -> manifold3d.Manifold:
+    """Everything beyond the pedestal's edge and above what hangs there, as a body."""
+    assert base.below_m is not None
+    nodes, reach, low = base.grid.nodes_m, 2.0 * height_m, float(flat[:, 2].min()) - height_m
+    u, v = (
+        np.concatenate([[each[0] - reach], each, [each[-1] + reach]])
+        for each in (nodes[:, 0, 0], nodes[0, :, 1])
+    )
+    across, along = np.meshgrid(u, v, indexing="ij")
+    above = _body_over(across, along, np.pad(base.below_m, 1, constant_values=low), reach)
+    outside = edge.outside_m(np.stack([across, along], axis=-1))
+    filled = contourpy.contour_generator(u, v, outside.T, fill_type="OuterOffset").filled(
+        edge.clear_m, np.inf
+    )
+    rings = [
+        np.asarray(part)[first : last - 1]
+        for part, ends in zip(filled[0], filled[1], strict=True)
+        for first, last in pairwise(np.asarray(ends).tolist())
+    ]
+    section = manifold3d.CrossSection(rings, manifold3d.FillRule.EvenOdd)
+    return above ^ section.extrude(reach - low).translate([0.0, 0.0, low])
 
 
 def _body_over(

@@ -111,8 +111,11 @@ def judge_crevice(
     *,
     refit: bool = True,
     relabel: bool = True,
+    sure: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.int8], Interface]:
     """Judge the labels near the interface anew, and fit the interface anew to what they show, unless they are given.
+
+    What is called rock stays rock where that is `sure` (n,).
 
     Raises
     ------
@@ -127,7 +130,10 @@ def judge_crevice(
     near, near_label = points_m[around], label[around]
     for _ in range(2):
         if relabel:
-            near_label = _relabelled(near, near_label, interface, height_m, given=not refit)
+            judged = _relabelled(near, near_label, interface, height_m, given=not refit)
+            if sure is not None:
+                judged[sure[around] & (near_label == ROCK)] = ROCK
+            near_label = judged
         if refit and interface.sheet is None:
             interface = refitted(near, near_label, interface, height_m)
     label = label.copy()

@@ -11,11 +11,13 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.hidden_base.statics import carried
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 from toppling.models.scan.beside import Beside, few_triangles, is_ground
 from toppling.models.scan.crevice import grid_laplacian, grid_triangles
+from toppling.models.scan.edge import up_to_edge
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import lattice
 from toppling.models.scan.surfels import Surfels
@@ -25,6 +27,8 @@ _REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
 has left its support by half its height is falling, whatever it meets."""
 _CELLS_PER_HEIGHT = 60
+_NEAR_EDGE_NODES = 4
+"""So many nodes around the rock's outline the pedestal ends at the edge from which a part of the rock hangs."""
 _LEVEL_PER_HEIGHT = 0.003
 """What is no farther from the interface is level, where the ground is met as a surface."""
 
@@ -82,7 +86,12 @@ def pedestal_ground(
     flat = interface.over(surfels.points_m[pedestal])
     top = is_ground(flat, surfels.normals[pedestal], interface, height)
     top[top] = _among_its_like(flat[top], cell)
+    if interface.edge is not None:
+        top &= interface.edge.outside_m(flat) < 0.0
+        flat_rock = np.maximum(flat_rock, [-np.inf, -np.inf, 0.0])  # what hangs keeps no ground down
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
+    if interface.edge is not None:
+        standing &= interface.edge.outside_m(nodes) < 0.0
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
@@ -91,6 +100,12 @@ def pedestal_ground(
     if interface.sheet is not None:
         surface = surface + interface.sheet.at(nodes)
     vertices, faces = _triangles(nodes, surface, ~lost)
+    if interface.edge is not None:
+        near = ndimage.binary_dilation(_inside(nodes, _hull(flat_rock[:, :2])), iterations=_NEAR_EDGE_NODES)
+        outside = np.where(near, interface.edge.outside_m(nodes), np.where(lost, 0.5, -0.5) * cell)
+        vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])
+        vertices, faces = up_to_edge(vertices, grid_triangles(lost.shape), outside.ravel())
+        lost = outside > 0.0
     edges = _edges(nodes, surface, lost)
     return Ground(
         Pedestal(interface.point_m, interface.normal, interface.scene(vertices), faces),
@@ -102,11 +117,15 @@ def pedestal_ground(
 def _outline_m(rock: Rock, interface: Interface, height_m: float) -> NDArray[np.float64]:
     """Convex outline (k, 3) of where the rock rests, counter-clockwise."""
     if interface.sheet is None:
-        return support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
+        return support_polygon_m(carried(rock, interface), Pedestal(interface.point_m, interface.normal))
     resting = interface.over(rock.vertices_m)[:, 2] < CONTACT_SHARE_OF_HEIGHT * height_m
     places = interface.flat(rock.vertices_m[resting])[:, :2]
-    corners = places[ConvexHull(places).vertices]
+    corners = _hull(places)
     return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
+
+
+def _hull(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    return places[ConvexHull(places).vertices]
 
 
 def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -> dict[str, Any]:

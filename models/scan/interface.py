@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, shifted_and_turned
+from toppling.models.scan.edge import Edge
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 
@@ -34,6 +35,7 @@ class Interface:
     axes: Array  # (3, 3): columns u, v in the plane and the normal: right-handed
     roughness_m: float  # root mean square distance of the crevice's pedestal side from the plane
     sheet: Sheet | None = None  # the pedestal's surface below the rock, where one plane does not describe it
+    edge: Edge | None = None  # where the pedestal ends below the rock, a part of which hangs beside it
 
     def flat(self, points_m: Array) -> Array:
         """Coordinates (n, 3) u, v along the plane and height h over it."""
@@ -68,6 +70,11 @@ class Interface:
             )
         normal = np.column_stack([-slope, np.ones(len(slope))])
         return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether it is nothing but a plane without an end."""
+        return self.sheet is None and self.edge is None
 
     @property
     def is_plane(self) -> bool:

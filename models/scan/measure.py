@@ -10,9 +10,8 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.hidden_base.statics import on_surface
+from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
-from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock, close_rock
 from toppling.models.scan.crevice import refitted
@@ -21,7 +20,7 @@ from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
-from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, quasi_static_toppling_m_s2
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT
 
 _AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 _SECTORS = 36
@@ -70,7 +69,7 @@ def close_standing(observed: ObservedRock, interface: Interface) -> tuple[Closed
     low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
     cores = CORES_OF_HOLES if observed.hint is None or not observed.hint.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
+        base = hidden_base(low, lit, observed.height_m, core, observed.hint, interface=interface)
         closed = close_rock(observed.surfels, observed.patches, base, interface)
         if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
             break  # no feet hold a rock whose centre of mass hangs beside all of its base
@@ -79,7 +78,10 @@ def close_standing(observed: ObservedRock, interface: Interface) -> tuple[Closed
 
 def outside_support_m(rock: Rock, interface: Interface, share: float = _SUPPORT_PER_HEIGHT) -> float:
     """How far the vertical through the centre of mass passes outside all that is within a share of the height."""
-    low = interface.over(rock.vertices_m)[:, 2] < share * rock.height_m
+    over = interface.over(rock.vertices_m)
+    low = over[:, 2] < share * rock.height_m
+    if interface.edge is not None:
+        low &= interface.edge.carries(over)
     if low.sum() < 3:
         return np.inf
     places = interface.flat(rock.vertices_m)[low, :2]
@@ -101,8 +103,7 @@ def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]
     """Quasi-static toppling accelerations (n,) on the interface plane, or the surface carried below the rock, m/s2."""
     if not interface.is_plane:
         return on_surface(rock, interface, azimuths_deg)
-    plane = Pedestal(interface.point_m, interface.normal)
-    return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
+    return on_plane(rock, interface, azimuths_deg)
 
 
 def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[dict[str, float]]:
@@ -215,8 +216,8 @@ def uncertainty(
     -------
     dict
         Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
-        than three realisations close, and none of an interface that is given or
-        carries a surface: its error nobody drew.
+        than three realisations close, and none of an interface that is given, ends below
+        the rock or carries a surface: its error nobody drew.
     """
     if not realisations:
         return {}
@@ -241,11 +242,11 @@ def _half_closings(
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            kept_plane = observed.hint is not None or interface.sheet is not None
+            kept_plane = observed.hint is not None or not interface.is_bare
             plane = interface if kept_plane else _half_fitted(beside, interface, rng)
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
             low, lit = plane.over(_half(observed.low_m, rng)), plane.over(_half(observed.lit_m, rng))
-            base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane.lattice_m)
+            base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane)
             kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
             closed.append((close_rock(observed.surfels, kept, base, plane).rock, plane))
         except InputError:

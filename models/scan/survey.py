@@ -26,8 +26,16 @@ from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.doubt import Doubt
-from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts, embedded
+from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
+from toppling.models.scan.hanging import (
+    beside_hanging,
+    check_above,
+    hanging,
+    hanging_doubt,
+    seat_of,
+    strays_at_edge,
+)
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.measure import (
@@ -54,10 +62,6 @@ _BESIDE_PER_HEIGHT = 0.1
 """Points so far above or below the interface tell about it and the base."""
 _BESIDE_POINTS = 1_000_000
 """More of rock or pedestal tell no more: they lie closer than the cells in which the base is made."""
-_HANGING_PER_HEIGHT = 0.03
-_HANGING_SHARE = 0.002
-"""More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
-rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +146,9 @@ def work_out(
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     kept = kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface)
-    stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
+    stands = None
+    if interface.edge is None:
+        stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
     ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
     report = {
         **_surface_report(closed, interface, hint, ground),
@@ -191,7 +197,8 @@ def _checked_doubts(
     check_can_stand(closed.rock, interface)
     rim = unseen_rim(observed, interface, closed.rock.com_m)
     found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
-    return found if rim is None else [rim, *found]
+    told = [hanging_doubt(observed, interface), rim]
+    return [*(each for each in told if each is not None), *found]
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:
@@ -267,13 +274,25 @@ def _classified(
     if hint is None or not hint.encloses:
         given = None if hint is None else interface
         interface = carried_surface(parts.surfels, rock, height, given) or interface
+    fitted = hint is None and interface.sheet is None
+    seat = seat_of(parts.surfels, rock, height, interface) if fitted else interface
+    hangs = hanging(parts.surfels, rock, height, seat)
+    interface = interface if hangs is None else seat
     label, interface = judge_crevice(
-        cloud.points_m, parts.label, interface, height, refit=hint is None, relabel=cloud.label is None
+        cloud.points_m,
+        parts.label,
+        interface,
+        height,
+        refit=hint is None,
+        relabel=cloud.label is None,
+        sure=None if hangs is None else beside_hanging(cloud.points_m, parts.surfels, hangs, height),
     )
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
     pedestal = surfel_label == PEDESTAL
-    if interface.sheet is None and stands_beside(surfels, rock, pedestal, interface, height):
+    if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
+        interface = hangs.interface
+    if interface.is_bare and stands_beside(surfels, rock, pedestal, interface, height):
         interface = level_surface(surfels, rock, height, interface)
     top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
@@ -293,6 +312,8 @@ def _beside(
     else:
         over = interface.over(points_m)[:, 2]
     rock = np.flatnonzero((label == ROCK) & (over < _BESIDE_PER_HEIGHT * height_m))
+    if interface.edge is not None:
+        rock = rock[~strays_at_edge(interface.over(points_m[rock]), interface.edge, height_m)]
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))
     standing, below = points_m[_at_most(rock)], points_m[level]
     if len(standing):
@@ -305,32 +326,6 @@ def _beside(
 def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
     """Every k-th row, so that no more than `_BESIDE_POINTS` are left."""
     return rows[:: -(-len(rows) // _BESIDE_POINTS) or 1]
-
-
-def check_above(observed: ObservedRock, interface: Interface) -> None:
-    """Refuse a rock that hangs below its interface: closed at the plane, it would get a foot there that it has not.
-
-    Raises
-    ------
-    InputError
-        If more than strays of it were seen below the plane.
-    """
-    over = interface.over(observed.surfels.points_m[observed.patches])[:, 2]
-    below = over < -_HANGING_PER_HEIGHT * observed.height_m
-    if below.mean() <= _HANGING_SHARE:
-        return
-    # A tenth of them may be strays.
-    deepest = -float(np.quantile(over[below], 0.1))
-    sunk = embedded(observed, interface)
-    raise InputError(
-        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m"
-        + (f"; {sunk.sentence}" if sunk else ""),
-        where="interface",
-        expected="a rock that lies above the plane on which it meets its pedestal",
-        remedy="rocks that reach below their base, as with a lip over a cliff, are not supported, nor one that is "
-        "sunk in the ground, which holds it; if what hangs there is pedestal, crop the cloud, or say where rock and "
-        "pedestal meet by --plane, --point or --outline",
-    )
 
 
 def check_can_stand(rock: Rock, interface: Interface) -> None:

@@ -21,6 +21,7 @@ from toppling.models.hidden_base.underside import near_the_interface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.edge import Edge
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
@@ -113,6 +114,7 @@ class WorkedOut:
             "height_m": observed.height_m,
             "roughness_m": self.interface.roughness_m,
             "sheet": None if self.interface.sheet is None else self.interface.sheet.to_json(),
+            "edge_blur_m": None if self.interface.edge is None else self.interface.edge.blur_m,
             "shares": [self.closed.seen_share, self.closed.closed_share, self.closed.invented_share],
             "core": self.core,
             "hint": None if hint is None else [hint.kind, hint.encloses],
@@ -134,6 +136,7 @@ class WorkedOut:
             "surfels": np.column_stack([surfels.points_m, surfels.normals, surfels.roughness]),
             "patches": observed.patches,
             "plane": np.vstack([self.interface.point_m, self.interface.normal, self.interface.axes]),
+            "edge": np.zeros((0, 4)) if self.interface.edge is None else self.interface.edge.lines,
             "anchors": np.zeros((0, 3)) if hint is None else hint.anchors_m,
             "rock_vertices": rock.vertices_m,
             "rock_faces": rock.faces,
@@ -180,7 +183,8 @@ class WorkedOut:
     def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":
         plane, surfels, bounds = arrays["plane"], arrays["surfels"], arrays["bounds"]
         sheet = None if told["sheet"] is None else Sheet.of(told["sheet"])
-        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet)
+        edge = Edge(arrays["edge"], told["edge_blur_m"]) if told.get("edge_blur_m") else None
+        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet, edge)
         hint = None
         if told["hint"] is not None:
             kind, encloses = told["hint"]

@@ -93,7 +93,7 @@ def leaning(_):
 
 
 def lip(_):
-    """A boulder beside a cliff whose side hangs 0.3 m below its base, over the edge."""
+    """A boulder whose side hangs 0.3 m below its base, over the edge of a cliff whose face nobody saw."""
     body = virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48)
     side, faces = virtual_shapes.lathe(
         np.full((30, 4), 0.35), np.linspace(-0.3, 0.9, 30), np.zeros((30, 2)), 4
@@ -108,7 +108,8 @@ def lip(_):
         (np.array(rock.vert_properties), np.array(rock.tri_verts, np.int64)), cliff, 0.0, 0.0
     )
     seen = virtual.scan_around(truth, SEED, stations=4, resolution_per_height=0.02, clutter=False)
-    return [np.concatenate([station.points_m for station in seen])]
+    points, label = (np.concatenate([getattr(each, name) for each in seen]) for name in ("points_m", "label"))
+    return [points[(label == 0) | (points[:, 2] > -0.05)]]
 
 
 def apart(stump):

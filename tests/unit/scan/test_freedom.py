@@ -19,6 +19,7 @@ from toppling.models.scan.freedom import (
     embedded,
     unseen_range,
 )
+from toppling.models.scan.hanging import check_above
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.joints import weakest_joint
@@ -26,7 +27,7 @@ from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
-from toppling.models.scan.survey import check_above, survey, work_out
+from toppling.models.scan.survey import survey, work_out
 from toppling.models.scene import Scene
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "scans" / "real"

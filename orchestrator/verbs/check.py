@@ -7,9 +7,6 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from toppling.models.motions.ensemble import CATALOG
 from toppling.orchestrator.progress import bar
@@ -26,7 +23,7 @@ from toppling.orchestrator.studies.check_sites import (
 )
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
 from toppling.orchestrator.verbs.options import PATH, json_option, option, scene_argument
-from toppling.orchestrator.verbs.records_shown import show_notes
+from toppling.orchestrator.verbs.records_shown import show_notes, show_table
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
@@ -153,13 +150,11 @@ def _check_table(table: Path, friction: float | None, given: list[Seismogram], *
 
 def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
     shown = matrix.iloc[:, :_SCENARIOS_SHOWN]
-    table = Table(box=box.SIMPLE)
-    for index, head in enumerate(("rock", *map(str, shown.columns))):
-        table.add_column(head, justify="right" if index else "left", max_width=28, no_wrap=True)
-    for rock, shares in shown.iterrows():
-        table.add_row(str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in shares))
-    console = Console()
-    Console(width=None if console.is_terminal else 150).print(table)
+    words = [
+        (str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in shares))
+        for rock, shares in shown.iterrows()
+    ]
+    show_table(("rock", *map(str, shown.columns)), words, (0,))
     if (left := matrix.shape[1] - _SCENARIOS_SHOWN) > 0:
         click.echo(f"({left} more scenarios: --out and --json give all)")
     toppled = int(rows["outcome"].isin(TOPPLED_OUTCOMES).sum())
@@ -178,27 +173,18 @@ def _show_reading(remarks: Sequence[str], notes: list[tuple[str, str]]) -> None:
 
 
 def _show(verdicts: Sequence[Verdict], largest: float) -> None:
-    table = Table(box=box.SIMPLE)
     heads = ("seismogram", "event", "station", "PGA m/s²", "PGV m/s", "as it is", "tilt °", "toppled near it",
              "least factor")  # fmt: skip
-    for index, head in enumerate(heads):
-        table.add_column(
-            head, justify="left" if index in (0, 1, 2, 5) else "right", max_width=28, no_wrap=True
-        )
-    for verdict in verdicts:
-        table.add_row(
-            verdict.record_id + ("" if verdict.north_known else " (north?)"),
-            verdict.event,
-            verdict.station,
-            f"{verdict.pga_m_s2:.2f}",
-            f"{verdict.pgv_m_s:.3f}",
-            verdict.outcome,
-            f"{verdict.max_tilt_deg:.2f}",
+    words = [
+        (
+            verdict.record_id + ("" if verdict.north_known else " (north?)"), verdict.event, verdict.station,
+            f"{verdict.pga_m_s2:.2f}", f"{verdict.pgv_m_s:.3f}", verdict.outcome, f"{verdict.max_tilt_deg:.2f}",
             "-" if verdict.probability is None else f"{verdict.toppled} of {verdict.shaken}",
             "-" if verdict.least_factor is None else f"{verdict.least_factor:.3g}",
         )
-    console = Console()
-    Console(width=None if console.is_terminal else 150).print(table)
+        for verdict in verdicts
+    ]  # fmt: skip
+    show_table(heads, words, (0, 1, 2, 5))
     click.echo(
         f"toppled near it: with the seismogram scaled by {1 / largest:.3g} to {largest:.3g} in equal ratios;\n"
         "least factor: the smallest of these that toppled the rock"

@@ -1,11 +1,14 @@
 """What `toppling records` prints: catalogues, notes, and what was left out."""
 
 import json
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.importing import Import, Refusal
 
@@ -30,44 +33,45 @@ def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
     click.echo(json.dumps(document))
 
 
-def show_catalog(rows: list[dict]) -> None:
-    """Print an ensemble's records as a table."""
+def show_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int], title: str | None = None
+) -> None:
+    """Print rows of words below their heads, some columns aligned to the left."""
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE, title=f"{len(rows)} records", title_justify="left")
-    heads = (
-        "record",
-        "event",
-        "station",
-        "M",
-        "R km",
-        "PGA m/s²",
-        "toward °",
-        "PGV m/s",
-        "PGV/PGA s",
-        "D s",
-        "2nd dir.",
-    )
+    table = Table(box=box.SIMPLE, title=title, title_justify="left")
     for index, head in enumerate(heads):
-        table.add_column(head, justify="left" if index < 3 else "right", max_width=28, no_wrap=True)
+        table.add_column(head, justify="left" if index in left else "right", max_width=28, no_wrap=True)
     for row in rows:
-        table.add_row(
-            row["record_id"],
-            row["event"],
-            row["station"],
+        table.add_row(*row)
+    _print(table, 150)
+
+
+def _print(table: "Table", width: int) -> None:
+    """As wide as the terminal, or so many letters where it goes elsewhere."""
+    from rich.console import Console
+
+    console = Console()
+    Console(width=None if console.is_terminal else width).print(table)
+
+
+def show_catalog(rows: list[dict]) -> None:
+    """Print an ensemble's records as a table."""
+    heads = ("record", "event", "station", "M", "R km", "PGA m/s²", "toward °", "PGV m/s", "PGV/PGA s", "D s",
+             "2nd dir.")  # fmt: skip
+    words = [
+        (
+            row["record_id"], row["event"], row["station"],
             "?" if row["magnitude"] is None else f"{row['magnitude']:.1f}",
             "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
-            f"{row['pga_m_s2']:.2f}",
-            f"{row['pga_azimuth_deg']:.0f}" if row["north_known"] else "?",
-            f"{row['pgv_m_s']:.3f}",
-            f"{row['pgv_pga_s']:.3f}",
-            f"{row['duration_energy_s']:.1f}",
+            f"{row['pga_m_s2']:.2f}", f"{row['pga_azimuth_deg']:.0f}" if row["north_known"] else "?",
+            f"{row['pgv_m_s']:.3f}", f"{row['pgv_pga_s']:.3f}", f"{row['duration_energy_s']:.1f}",
             f"{row['directionality']:.2f}",
         )
-    console = Console()
-    Console(width=None if console.is_terminal else 150).print(table)
+        for row in rows
+    ]  # fmt: skip
+    show_table(heads, words, range(3), f"{len(rows)} records")
     undirected = sum(row["directionality"] > 0.9 for row in rows)
     click.echo(
         "toward: azimuth of the vector PGA, counter-clockwise from east;\n"
@@ -90,7 +94,6 @@ def show_refusals(refusals: "list[Refusal]") -> None:
     if not refusals:
         return
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
     by_reason: dict[tuple[str, str], list[Refusal]] = {}
@@ -105,5 +108,4 @@ def show_refusals(refusals: "list[Refusal]") -> None:
             for r in group
         ]
         table.add_row("\n".join(subjects), f"{what}\n-> {remedy}")
-    console = Console()
-    Console(width=None if console.is_terminal else 200).print(table)
+    _print(table, 200)

@@ -34,7 +34,7 @@ def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
         ("Hazard", _hazard(constraint, statement, document)),
         ("Branches", branches_table(statement, document)),
         ("Logic tree", _levels(statement, document)),
-        ("Rates rejected", _rejected(constraint, document)),
+        ("Rates rejected", rejected_part(constraint, document)),
         ("Rocks", _rocks(statement, document)),
         ("In words", "".join(map(paragraph, all_words(statement).splitlines()))),
         ("Method", _METHOD if constraint.update else ""),
@@ -140,7 +140,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
         for row in rows
     ])  # fmt: skip
     left = len(statement["branches"]) - len(heaviest)
-    more = f" {left} branches with less weight are in branches.csv." if left else ""
+    more = f" {left} branches with less weight: in branches.csv of 'toppling constrain'." if left else ""
     return document.table(
         table,
         "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
@@ -170,7 +170,8 @@ def _levels(statement: dict[str, Any], document: Document) -> str:
     )
 
 
-def _rejected(constraint: Constraint, document: Document) -> str:
+def rejected_part(constraint: Constraint, document: Document) -> str:
+    """The figure of the rates that the rocks reject; empty without ages."""
     if constraint.bound is None:
         return ""
     branches = constraint.update.tree.branches if constraint.update else ()

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.results.analysis import fits, lognormal, ranking, regression, resampling
-from toppling.results.analysis.constraint import bound_table, branch_table, single_event
+from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.style import printed_unit
@@ -159,38 +160,25 @@ class Content:
         )
 
     @cached_property
-    def single_event(self) -> dict | None:
-        """What the standing rock says about a single event."""
-        return None if self.standing is None else single_event([self.standing], CONFIDENCE)
+    def constraint(self) -> Constraint | None:
+        """What the standing rock says, with its age and under the hazard where these are known."""
+        if self.standing is None:
+            return None
+        update = Update([self.standing], self.tree, CONFIDENCE) if self.tree else None
+        return Constraint([self.standing], CONFIDENCE, update, dated=self.years is not None)
+
+    @cached_property
+    def statement(self) -> dict[str, Any] | None:
+        """The same as a statement."""
+        return self.constraint and self.constraint.summary()
 
     @property
     def extrapolated(self) -> str:
         """A remark if the statement about a single event is an extrapolation; empty otherwise."""
-        event = self.single_event
-        if event is None or self.standing is None or self.standing.curve.basis is None:
+        if self.statement is None or self.standing is None or self.standing.curve.basis is None:
             return ""
         strongest = self.standing.curve.basis.strongest_shaken
-        if event["unexceeded"] <= strongest:
+        if self.statement["unexceeded"] <= strongest:
             return ""
-        return (
-            f"an extrapolation beyond the strongest shaking, {strongest:.2g} {printed_unit(event['measure'])}"
-        )
-
-    @cached_property
-    def bound(self) -> pd.DataFrame | None:
-        """Rates of exceedance that the standing rock rejects, where its age is known."""
-        return (
-            None if self.standing is None or self.years is None else bound_table([self.standing], CONFIDENCE)
-        )
-
-    @cached_property
-    def update(self) -> Update | None:
-        """What the standing rock does to the hazard."""
-        if self.standing is None or self.tree is None:
-            return None
-        return Update([self.standing], self.tree, CONFIDENCE)
-
-    @cached_property
-    def verdicts(self) -> pd.DataFrame | None:
-        """Survival and verdict of each hazard branch."""
-        return None if self.update is None else branch_table(self.update)
+        unit = printed_unit(self.statement["measure"])
+        return f"an extrapolation beyond the strongest shaking, {strongest:.2g} {unit}"

@@ -85,7 +85,7 @@ def _how_likely(content: Content) -> str:
 
 def what_standing_says(content: Content) -> str:
     """What the standing rock rejects."""
-    event = content.single_event
+    event = content.statement
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."
     measure = event["measure"]
@@ -94,12 +94,12 @@ def what_standing_says(content: Content) -> str:
         f"{event['unexceeded']:.2g} {printed_unit(measure)} since it acquired its present shape "
         f"({100 * CONFIDENCE:g} % confidence{'; ' if content.extrapolated else ''}{content.extrapolated})"
     )
-    if content.verdicts is None or content.standing is None:
+    if "branches" not in event or content.standing is None:
         return said + "."
-    rejected = content.verdicts.loc[content.verdicts["rejected"], "name"].tolist()
+    rejected = [branch["name"] for branch in event["branches"] if branch["rejected"]]
     named = f" ({', '.join(rejected)})" if rejected else ""
     return (
-        f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(content.verdicts)} "
+        f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(event['branches'])} "
         f"hazard curves{named}."
     )
 
@@ -131,7 +131,7 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
         observed = observed_shares(contact.known, curve.measure)
         draw_curve(axes, curve, resampled, observed)
         axes.plot([curve.median, curve.median, axes.get_xlim()[0]], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
-        event = content.single_event
+        event = content.statement
         if event is not None and event["measure"] == curve.measure:
             limit, end = event["unexceeded"], axes.get_xlim()[1]
             end = max(end, 1.3 * limit)

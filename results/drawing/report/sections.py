@@ -24,13 +24,13 @@ from toppling.results.analysis.fragility import (
 )
 from toppling.results.analysis.friction import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
-from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
 from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
 from toppling.results.drawing.report.accuracy import accuracy_section
+from toppling.results.drawing.report.constraint_page import branches_table, rejected_part
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
 from toppling.results.drawing.report.methods import methods_section
@@ -41,10 +41,6 @@ from toppling.results.weights import records_weight, sentences
 
 _MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
-
-
-_MOST_BRANCHES = 15
-"""Largest number of hazard curves in a table; those with the most weight are shown."""
 
 
 @dataclass(frozen=True)
@@ -262,61 +258,24 @@ def verdict(ranking: pd.DataFrame) -> str:
 
 def constraint_section(content: Content, document: Document) -> str:
     """What the standing rock says about a single event, rates, and hazard curves."""
-    event = content.single_event
-    if event is None or content.standing is None:
+    constraint, said = content.constraint, content.statement
+    if constraint is None or said is None:
         return paragraph("Without a fragility curve the standing rock gives no constraint.")
-    measure = event["measure"]
-    unit, ends = printed_unit(measure), (event["unexceeded_low"], event["unexceeded_high"])
+    unit, ends = printed_unit(said["measure"]), (said["unexceeded_low"], said["unexceeded_high"])
     interval = (
         "" if None in ends else f" ({ends[0]:.3g} to {ends[1]:.3g} with other records like these, 95 %)"
     )
-    parts = [
-        paragraph(
-            f"At {100 * CONFIDENCE:g} % confidence no single event since the rock acquired its present shape has "
-            f"exceeded a {short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
-            f"{', ' if content.extrapolated else ''}{content.extrapolated}."
-        )
-    ]
-    if content.bound is None:
-        parts.append(
-            "<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of exceedance, "
-            "and tests hazard curves (<code>--hazard FILE</code>).</p>"
-        )
-        return "".join(parts)
-    rocks, bound, verdicts = [content.standing], content.bound, content.verdicts
-    caption = (
-        f"Annual rates of exceedance of {short_name(measure)} that the rock, {ages_words(rocks)}, rejects at "
-        f"{100 * CONFIDENCE:g} % whatever the rest of a hazard curve (grey), and the given curves. A curve outside the "
-        "grey can also be rejected, by all its rates together."
+    event = paragraph(
+        f"At {100 * CONFIDENCE:g} % confidence no single event since the rock acquired its present shape has "
+        f"exceeded a {short_name(said['measure'])} of {said['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
+        f"{', ' if content.extrapolated else ''}{content.extrapolated}."
     )
-    draw = partial(
-        constraint_figure, bound, content.tree.branches if content.tree else (), CONFIDENCE, verdicts, rocks
-    )
-    parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
-    if verdicts is not None:
-        left = len(verdicts) - _MOST_BRANCHES
-        verdicts = verdicts.sort_values("posterior_weight", ascending=False).head(_MOST_BRANCHES)
-        shown = pd.DataFrame({
-            "hazard curve": verdicts["name"],
-            "survival": [_digits(value, 3) for value in verdicts["survival"]],
-            "from (95 %)": [_digits(value, 3) for value in verdicts["survival_low"]],
-            "to": [_digits(value, 3) for value in verdicts["survival_high"]],
-            "verdict": ["rejected" if no else "not rejected" for no in verdicts["rejected"]],
-            "prior weight": [_digits(value, 2) for value in verdicts["prior_weight"]],
-            "posterior weight": [_digits(value, 2) for value in verdicts["posterior_weight"]],
-        })  # fmt: skip
-        parts.append(
-            document.table(
-                shown,
-                "Probability that the rock survives under each hazard curve, and the resulting weights."
-                + (
-                    f" {left} curves with less weight are left out: toppling constrain lists them."
-                    if left > 0
-                    else ""
-                ),
-            )
+    if not constraint.dated:
+        return (
+            f"{event}<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of "
+            "exceedance, and tests hazard curves (<code>--hazard FILE</code>).</p>"
         )
-    return "".join(parts)
+    return event + rejected_part(constraint, document) + branches_table(said, document)
 
 
 def _failures_section(content: Content, document: Document) -> str:

@@ -194,7 +194,7 @@ def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolati
     write_part(tmp_path, jobs)
     content = Content(open_run(tmp_path), 5)
     strongest = max(job["pgv_m_s"] for job in jobs)
-    assert (content.single_event["unexceeded"] > strongest) == is_extrapolated
+    assert (content.statement["unexceeded"] > strongest) == is_extrapolated
     words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
     assert (words in what_standing_says(content)) == is_extrapolated
     assert (words in constraint_section(content, Document())) == is_extrapolated
@@ -210,7 +210,7 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     told = fits_section(content, document)
     assert "Too few topplings: 9 of 24 jobs" in told
     assert (document.figures, document.tables) == (0, 0)
-    assert content.single_event is None
+    assert content.statement is None
 
 
 @pytest.mark.slow

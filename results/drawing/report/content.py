@@ -170,7 +170,7 @@ class Content:
     @cached_property
     def statement(self) -> dict[str, Any] | None:
         """The same as a statement."""
-        return self.constraint and self.constraint.summary()
+        return None if self.constraint is None else self.constraint.summary()
 
     @property
     def extrapolated(self) -> str:

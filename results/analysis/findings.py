@@ -10,7 +10,13 @@ from scipy.stats import binomtest, spearmanr
 
 from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
 from toppling.results.analysis.fragility import PLANES, effective_records, wilson
-from toppling.results.analysis.friction import compare_cells, compare_jobs, friction_words, frictions
+from toppling.results.analysis.friction import (
+    compare_cells,
+    compare_jobs,
+    friction_words,
+    frictions,
+    paired_jobs,
+)
 
 _LOW_PGA_M_S2, _LOW_PGV_M_S, _LOW_PROBABILITY = 3.0, 0.75, 0.2
 
@@ -179,15 +185,20 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
     name, paper = "lower friction gives more toppling", "most cells lie above the diagonal"
     if len(frictions(rows)) < 2:
         return Finding(name, paper, "one friction only", None)
-    table = compare_jobs(rows, frictions(rows)[-1])
+    highest = frictions(rows)[-1]
     parts = [
         f"{counts.only_this} topple only at {friction_words(counts.friction_static, counts.friction_kinetic)}, "
         f"{counts.only_reference} only at the highest, of {counts.pairs} pairs"
-        for counts in table.itertuples()
+        for counts in compare_jobs(rows, highest).itertuples()
     ]
-    more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
+    # Levels of one record topple together: records are the sample.
+    pairs = paired_jobs(rows, highest)
+    net = pairs["toppled"].astype(int) - pairs["toppled_reference"]
+    by_record = net.groupby(pairs["record_id"]).sum()
+    more, fewer = int((by_record > 0).sum()), int((by_record < 0).sum())
     unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= _UNSURE
-    return Finding(name, paper, "; ".join(parts), None if unsure else more > fewer)
+    votes = f"lower friction gives more in {more} records, less in {fewer}"
+    return Finding(name, paper, "; ".join([*parts, votes]), None if unsure else more > fewer)
 
 
 def _within_the_band(rows: pd.DataFrame) -> Finding:

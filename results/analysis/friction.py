@@ -72,14 +72,8 @@ def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
     Returns DataFrame: one row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither,
     only_this, only_reference.
     """
-    answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
-    base = _under(answered, reference)[[*_JOB, "toppled"]]
     lines = []
-    for friction in frictions(answered):
-        if friction == reference:
-            continue
-        jobs = _under(answered, friction)[[*_JOB, "toppled"]]
-        pairs = jobs.merge(base, on=_JOB, suffixes=("", "_reference"), validate="one_to_one")
+    for friction, pairs in paired_jobs(frame, reference).groupby(FRICTION):
         this, that = pairs["toppled"], pairs["toppled_reference"]
         lines.append({
             **_named(friction, reference), "pairs": len(pairs),
@@ -87,6 +81,14 @@ def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
             "only_this": int((this & ~that).sum()), "only_reference": int((~this & that).sum()),
         })  # fmt: skip
     return pd.DataFrame(lines)
+
+
+def paired_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
+    """Jobs that were answered under a reference friction too: `toppled`, and then `toppled_reference`."""
+    answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
+    is_reference = (answered[FRICTION].to_numpy() == reference).all(axis=1)
+    base = answered.loc[is_reference, [*_JOB, "toppled"]]
+    return answered[~is_reference].merge(base, on=_JOB, suffixes=("", "_reference"), validate="many_to_one")
 
 
 def _under(frame: pd.DataFrame, friction: Friction) -> pd.DataFrame:

@@ -46,6 +46,15 @@ def test_lower_friction_is_told_by_pairs(main):
     assert found(main, both)["lower friction gives more toppling"].agrees is False
 
 
+def test_many_levels_of_a_few_records_tell_nothing_of_friction(main):
+    lower = pd.DataFrame(rows(records=40, azimuths=(0.0, 90.0), friction=0.6)).astype({"toppled": "boolean"})
+    few = lower["record_id"].isin(lower["record_id"].unique()[:4])
+    both = pd.concat([main, lower.assign(toppled=lower["toppled"] | few)], ignore_index=True)
+    finding = found(main, both)["lower friction gives more toppling"]
+    assert finding.agrees is None
+    assert "more in 4 records, less in 0" in finding.found
+
+
 def test_reference_lines_in_some_directions_only_are_not_in_every_one(main):
     lines = pd.DataFrame({"azimuth_deg": [0.0, 45.0]})
     assert found(main, lines=lines)["two-contact reference lines in figure 6"].agrees is False

@@ -17,7 +17,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan
-from toppling.orchestrator.pool import pool_of
+from toppling.orchestrator.pool import assets, pool_of
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.stands import check_stands
 from toppling.workers.job import Assets, JobSpec, run_job
@@ -115,7 +115,7 @@ def estimate(
     cost_s: list[float] = []
     timed_rows: list[int] = []
     try:
-        with pool_of(1, _load, scene, ensemble) as pool:
+        with pool_of(1, Assets(scene, ensemble)) as pool:
             # The first one also pays for what is computed once in a process, and is timed again.
             pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
             end = time.monotonic() + _TIMED_S
@@ -150,15 +150,8 @@ def estimate_atlas(planned: Plan) -> TimeEstimate | None:
     return TimeEstimate(job_s * len(planned), sum(estimated.timed for estimated, _ in found))
 
 
-_ASSETS: list[Assets] = []
-
-
-def _load(scene: Scene, ensemble: Ensemble) -> None:
-    _ASSETS[:] = [Assets(scene, ensemble)]
-
-
 def _timed_s(spec: JobSpec) -> float:
     began = time.perf_counter()
     with contextlib.suppress(Exception):  # a job that fails is a row of the run, and costs what it costs
-        run_job(spec, _ASSETS[0])
+        run_job(spec, *assets())
     return time.perf_counter() - began

@@ -16,7 +16,7 @@ from toppling.orchestrator.context import ProgressCallback, RunError, RunProgres
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
 from toppling.orchestrator.folder import note, prepare, remarks, session
-from toppling.orchestrator.job_selection import AllJobs, Choose, JobSelection
+from toppling.orchestrator.job_selection import AllJobs, Choose, JobSelection, Rows
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
@@ -148,9 +148,17 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] 
     folder, ids, progress, redo = work.folder, work.planned.ids, work.progress, work.redo
     sent: set[int] = set()
     in_vain = 0
-    pending = selection.pending(finished_ids(folder, ids, redo))
-    if not len(pending) and merge:  # a stage before has done them all
-        pending = selection.pending(merge())
+
+    def left() -> tuple[set[str], Rows]:
+        """The jobs that are finished, and those that are not; of the merged parts where all seem to be."""
+        finished = finished_ids(folder, ids, redo)
+        pending = selection.pending(finished)
+        if not len(pending) and merge:
+            finished = merge()
+            pending = selection.pending(finished)
+        return finished, pending
+
+    _, pending = left()  # a stage before may have done them all
     while len(pending):
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)
@@ -161,10 +169,6 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] 
         sent |= set(pending.tolist())
         progress.total, progress.what = selection.total(), selection.what
         Execution(work, pending)()
-        finished = finished_ids(folder, ids, redo)
-        pending = selection.pending(finished)
-        if not len(pending) and merge:
-            finished = merge()
-            pending = selection.pending(finished)
+        finished, pending = left()
         progress.again = len(redo.keys() - finished)
     progress.total = selection.total()

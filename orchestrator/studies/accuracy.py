@@ -22,11 +22,12 @@ import pyarrow as pa
 from scipy.stats import binomtest
 
 from toppling.models.errors import InputError
+from toppling.models.files.folder import new_file
 from toppling.models.files.tables import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
-from toppling.orchestrator.pool import pool_of
+from toppling.orchestrator.pool import assets, pool_of
 from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.regression import fit
 from toppling.workers.engines import DEFAULT, ENGINES
@@ -144,24 +145,18 @@ def answers(
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
         advance()
-    with pool_of(processes, _load, stands, ensemble) as pool:
+    with pool_of(processes, stands, ensemble) as pool:
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             advance()
             if path and (len(known) % _KEPT_AT_ONCE == 0 or job == missing[-1]):
-                _write(path, _frame(known.values()))
+                with new_file(path) as hidden:
+                    write_table(pa.Table.from_pandas(_frame(known.values())), hidden)
     return _frame(known[job] for job in jobs)
 
 
 def _frame(rows: Iterable[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows).astype({"toppled": "boolean"})
-
-
-def _write(path: Path, frame: pd.DataFrame) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    write_table(pa.Table.from_pandas(frame), part)
-    part.rename(path)
 
 
 def _read(path: Path) -> list[dict[Any, Any]]:
@@ -251,15 +246,8 @@ def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
     return math.sqrt(groups - 1) * float(np.std(shifts))
 
 
-_ASSETS: list[tuple[Scene, Ensemble]] = []
-
-
-def _load(scene: Scene, ensemble: Ensemble) -> None:
-    _ASSETS[:] = [(scene, ensemble)]
-
-
 def _shake(job: Job, setting: Setting) -> Row:
-    scene, ensemble = _ASSETS[0]
+    scene, ensemble = assets()
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     toward = setting.disturbed_toward_deg
     start = None if toward is None else disturbed_start(scene, toward, setting.disturbed_share)

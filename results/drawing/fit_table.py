@@ -6,7 +6,7 @@ import pandas as pd
 
 from toppling.models.motions.measures import COMPARED
 from toppling.results.analysis.resampling import LEAST_RECORDS
-from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.drawing.style import digits, printed_unit, short_name
 
 FAR_SHAKEN = 10.0
 """Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
@@ -26,7 +26,7 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     far = medians.gt([FAR_SHAKEN * value for value in strongest], axis=0)
     table = pd.DataFrame({
         "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
-        "strongest shaken": [_three_digits(value) for value in strongest],
+        "strongest shaken": [digits(value) for value in strongest],
     })  # fmt: skip
     for name in ("median", "beta"):
         ends = [name, f"{name}_low", f"{name}_high"]
@@ -46,7 +46,7 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
 
 def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
     """A number with its interval, in words if it is far beyond what was shaken."""
-    ends = [FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
+    ends = [FAR_WORDS if far else digits(one) for one, far in zip(numbers, beyond, strict=True)]
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 
@@ -79,7 +79,3 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     kept = [name for name in table if name not in ("samples", "without fit")]
     said = [table[kept].to_string(index=False), few_records(known["record_id"].nunique())]
     return "\n".join(filter(None, said))
-
-
-def _three_digits(value: float) -> str:
-    return "" if value != value else f"{value:.3g}"

@@ -146,6 +146,11 @@ def measure_label(measure: str) -> str:
     return f"{short_name(measure)} ({printed_unit(measure)})"
 
 
+def digits(value: float | None) -> str:
+    """A number with three digits; nothing where there is none."""
+    return "" if value is None or value != value else f"{value:.3g}"
+
+
 def plain_log(axis: XAxis | YAxis) -> None:
     """Label a logarithmic axis at 1, 2 and 5 of each decade, without powers of ten."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -12,7 +12,7 @@ from toppling.results.drawing.constraint_figures import ages_words, constraint_f
 from toppling.results.drawing.constraint_words import all_words, answer, rate_words
 from toppling.results.drawing.hazard_figures import hazard_figure
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
-from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name
+from toppling.results.drawing.style import HALF_WIDTH_IN, digits, printed_unit, short_name
 
 _MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
@@ -210,8 +210,3 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
             f"within a rock and {digits(site['beta_between'])} between rocks (random_rock.json)."
         )
     return text
-
-
-def digits(value: float | None) -> str:
-    """A number with three digits; nothing where there is none."""
-    return "" if value is None else f"{value:.3g}"

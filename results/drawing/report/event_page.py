@@ -12,11 +12,10 @@ from toppling.results.drawing.report.constraint_page import (
     branches_table,
     changes_part,
     choices_part,
-    digits,
     first_lines,
 )
 from toppling.results.drawing.report.document import Document, page, paragraph
-from toppling.results.drawing.style import short_name
+from toppling.results.drawing.style import digits, short_name
 
 _METHOD = (
     "<p>An event of annual rate r topples at least one of the rocks with P = 1 &minus; &prod;(1 &minus; F<sub>i</sub>)"

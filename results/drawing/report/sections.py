@@ -36,7 +36,13 @@ from toppling.results.drawing.report.document import Document, heading, pair, pa
 from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.scene_figures import scene_picture
-from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
+from toppling.results.drawing.style import (
+    HALF_WIDTH_IN,
+    digits,
+    printed_unit,
+    short_name,
+    with_superscripts,
+)
 from toppling.results.weights import records_weight, sentences
 
 _MOST_RECORDS = 150
@@ -132,7 +138,7 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
     }  # fmt: skip
     shown = catalogue[[name for name in names if name in catalogue]].rename(columns=names)
     numbers = shown.select_dtypes("number").columns
-    return shown.assign(**{name: [_three_digits(value) for value in shown[name]] for name in numbers})
+    return shown.assign(**{name: [digits(value) for value in shown[name]] for name in numbers})
 
 
 def _maps_section(content: Content, document: Document) -> str:
@@ -338,10 +344,6 @@ SECTIONS = (
 
 def _unit(unit: str) -> str:
     return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
-
-
-def _three_digits(value: float) -> str:
-    return "" if value != value else f"{value:.3g}"
 
 
 def _digits(value: float, digits: int) -> str:

@@ -37,11 +37,11 @@ COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/
 """Whose code is compiled: what changes in them makes all of it anew."""
 
 
-PLANE, SURFACE = "plane", "surface"
-"""Kinds of ground."""
+PLANE, SURFACE, ROLLING = "plane", "surface", "rolling"
+"""What a rock is shaken on: a plane, a surface, a plane on which it rolls on a rounded base."""
 
-COMPLETE = {PLANE: "complete", SURFACE: "complete-surface"}
-"""Files that stand in a folder of compiled code when all that a shake on such ground needs is there."""
+COMPLETE = {PLANE: "complete", SURFACE: "complete-surface", ROLLING: "complete-rolling"}
+"""Files that stand in a folder of compiled code when all that such a shake needs is there."""
 
 
 def _hash() -> str:

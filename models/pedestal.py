@@ -1,11 +1,18 @@
 """The pedestal: the surface that the rock stands on and can reach while its fate is open."""
 
+from __future__ import annotations
+
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.frames import slope_of_normal
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_normal, slope_of_normal
+
+_FLAT_SHARE = 1e-9
+"""Of its size: a surface that is so near a plane is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +31,14 @@ class Pedestal:
         return self.vertices_m is None
 
     @property
+    def is_flat(self) -> bool:
+        """Whether it lies in the interface plane."""
+        if self.vertices_m is None:
+            return True
+        off_m = np.abs((self.vertices_m - self.point_m) @ self.normal)
+        return bool(off_m.max() <= _FLAT_SHARE * np.ptp(self.vertices_m, axis=0).max())
+
+    @property
     def slope_deg(self) -> float:
         """Slope of the interface plane."""
         return slope_of_normal(self.normal)[0]
@@ -32,3 +47,28 @@ class Pedestal:
     def downhill_azimuth_deg(self) -> float:
         """Azimuth toward which the interface plane falls."""
         return slope_of_normal(self.normal)[1]
+
+    @classmethod
+    def sloping(cls, slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
+        """An endless plane through the origin that falls toward an azimuth.
+
+        Raises
+        ------
+        InputError
+            If the slope is none, or the azimuth is no number.
+        """
+        if not 0.0 <= slope_deg < 90.0:
+            raise InputError(
+                f"slope_deg is {slope_deg}",
+                where="Scene.from_mesh",
+                expected="0 to below 90 degrees",
+                remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
+            )
+        if not math.isfinite(downhill_azimuth_deg):
+            raise InputError(
+                f"slope_azimuth_deg is {downhill_azimuth_deg}",
+                where="Scene.from_mesh",
+                expected="degrees counter-clockwise from x (east)",
+                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
+            )
+        return cls(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
-from toppling.models.errors import InputError, check_positive, refusals
+from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import local, new_folder
 from toppling.models.files.mesh_files import MeshLike, read_triangles, triangles_of, write_ply
 from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
-from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, rotation_between
 from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
-from toppling.models.round_base import RoundedBase, refined, rounded_base_of
+from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
+from toppling.models.rounded.statics import RollingBody
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 
@@ -105,7 +105,9 @@ class Scene:
             half_width=half_width, half_depth=half_depth, half_height=half_height,
         )  # fmt: skip
         rock = box(half_width, half_depth, half_height).moved(np.eye(3), (0.0, 0.0, half_height))
-        return cls(rock, _plane(0.0, 0.0), ContactProperties.of(friction, restitution), _gravity(gravity))
+        return cls(
+            rock, Pedestal.sloping(0.0, 0.0), ContactProperties.of(friction, restitution), _gravity(gravity)
+        )
 
     @classmethod
     def from_mesh(
@@ -138,7 +140,7 @@ class Scene:
             The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
             the plumb line to where it touches.
         refine : bool
-            Whether a rounded base is refined over the smooth surface that its triangles stand for.
+            Whether the triangles of a rounded base are refined. On a plane it touches with the smooth surface anyway.
 
         Raises
         ------
@@ -146,7 +148,7 @@ class Scene:
             If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, the plane
             is none, or the rock does not stand at the surface.
         """
-        plane = _plane(slope_deg, slope_azimuth_deg)
+        plane = Pedestal.sloping(slope_deg, slope_azimuth_deg)
         vertices, faces, where = triangles_of(mesh, "rock mesh")
         rock = Rock.from_triangles(vertices, faces, where=where)
         check_size(rock.height_m, where)
@@ -184,8 +186,17 @@ class Scene:
 
     @cached_property
     def rounded_base(self) -> RoundedBase | None:
-        """By how much a finer mesh of a rounded base topples sooner; None where none is, or it was drawn."""
-        return rounded_base_of(self.rock) if self.unseen is None and self.rock.feet_m is None else None
+        """What it touches with where its base is rounded and was not drawn; else None."""
+        drawn = self.unseen is not None or self.rock.feet_m is not None
+        return None if drawn else rounded_base_of(self.rock, rolls=self.pedestal.is_flat)
+
+    @property
+    def rolling_body(self) -> RollingBody | None:
+        """The rock as it rolls on the smooth surface of a rounded base; None where it does not."""
+        base = self.rounded_base
+        if base is None or not base.rolls:
+            return None
+        return RollingBody(base.patches, self.rock.com_m, self.pedestal.normal, self.gravity_m_s2)
 
     @cached_property
     def ground(self) -> "GroundKind":
@@ -209,13 +220,17 @@ class Scene:
     def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
 
-        On one plane without slip (:mod:`toppling.models.statics`); on a surface the largest with an equilibrium of
+        On one plane without slip (:mod:`toppling.models.statics`, of a rounded base
+        :mod:`toppling.models.rounded.statics`); on a surface the largest with an equilibrium of
         friction cones, in the pose in which the rock rests or one that it tips into without gathering speed.
 
         Returns
         -------
         list of (azimuth_deg, acceleration_m_s2)
         """
+        if (rolling := self.rolling_body) is not None:
+            azimuths = np.array([float(each) for each in azimuths_deg])
+            return list(zip(azimuths.tolist(), rolling.toppling_m_s2(azimuths).tolist(), strict=True))
         if self.ground.is_plane:
             return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
         return self.grounded.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg])
@@ -370,24 +385,6 @@ def _on_surface(
     return surface_below(
         rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, contact.friction_static, where
     )
-
-
-def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
-    if not 0.0 <= slope_deg < 90.0:
-        raise InputError(
-            f"slope_deg is {slope_deg}",
-            where="Scene.from_mesh",
-            expected="0 to below 90 degrees",
-            remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
-        )
-    if not math.isfinite(downhill_azimuth_deg):
-        raise InputError(
-            f"slope_azimuth_deg is {downhill_azimuth_deg}",
-            where="Scene.from_mesh",
-            expected="degrees counter-clockwise from x (east)",
-            remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
-        )
-    return Pedestal(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))
 
 
 def _gravity(gravity: float) -> float:

@@ -78,7 +78,9 @@ class Settled:
         sentences = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
         sentences += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
         rounded = self.scanned.rounded_base
-        sentences += [rounded.sentence] if rounded is not None and rounded.is_coarse else []
+        sentences += (
+            [rounded.sentence] if rounded is not None and (rounded.rolls or rounded.is_coarse) else []
+        )
         sentences += [self.settling.sentence] if self.settling.sentence else []
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             sentences[-1:] = [f"{sentences[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]

@@ -62,6 +62,12 @@ class Problem:
         return start_of(self.contact, self.start)
 
     @property
+    def rolls(self) -> bool:
+        """Whether the rock rolls on a rounded base: nothing brakes it, and it swings on after the motion."""
+        base = self.scene.rounded_base
+        return base is not None and base.rolls
+
+    @property
     def rest_speed_m_s(self) -> float:
         """A rock whose points are slower rests."""
         return self.options.rest_speed * self.speed_m_s

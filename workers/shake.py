@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import trimesh
 
-from toppling.models.compiled import SURFACE
+from toppling.models.compiled import ROLLING, SURFACE
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -17,6 +18,7 @@ from toppling.models.shapes import box
 from toppling.workers.compiled import ensure_compiled
 from toppling.workers.contact.rest import Rest
 from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
+from toppling.workers.ground.rolling import rolled_back
 from toppling.workers.ground.shaking import shake_on_ground
 from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions
@@ -74,9 +76,7 @@ def shake(
         inside the ground or in no finite state.
     """
     _check_kinds(scene, motion)
-    compile_once()
-    if not scene.ground.is_plane:
-        _compile_surfaces()
+    _compile_for(scene)
     began = time.perf_counter()
     pool = pool or ENGINES[DEFAULT].process_pool()
     options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
@@ -124,15 +124,36 @@ def compile_once() -> None:
     ensure_compiled(_small_shake)
 
 
+def _compile_for(scene: Scene) -> None:
+    """Compile what shakes of a scene need."""
+    compile_once()
+    if not scene.ground.is_plane:
+        _compile_surfaces()
+    elif scene.rolling_body is not None:
+        _compile_rolling()
+
+
 def compile_everything() -> None:
     """Compile what shakes on planes and on other surfaces need: for an image that ships compiled code."""
     compile_once()
     _compile_surfaces()
+    _compile_rolling()
 
 
 def _compile_surfaces() -> None:
     """As :func:`compile_once`, for shakes on surfaces."""
     ensure_compiled(lambda: _small_shake(_block_in_groove()), SURFACE)
+
+
+def _compile_rolling() -> None:
+    """As :func:`compile_once`, for shakes of rocks with rounded bases."""
+    ensure_compiled(lambda: _small_shake(_egg()), ROLLING)
+
+
+def _egg() -> Scene:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.3)
+    lower = np.where(ball.vertices[:, 2:] > 0.0, 1.0, 0.6)
+    return Scene.from_mesh((np.hstack([ball.vertices[:, :2], lower * ball.vertices[:, 2:]]), ball.faces))
 
 
 def _block_in_groove() -> Scene:
@@ -189,13 +210,18 @@ class Shaking:
     def result(self, ended_by: str, seen: Observation, *, trajectory: bool) -> ShakeResult:
         """Tell what happened."""
         history, skipped_s = self.integrator.history, self._rest.skipped_s
+        time_s, pose = history.time_and_pose()
+        if ended_by == "rest_certain" and self.problem.rolls and not history.rests:
+            rest = rolled_back(self.problem.contact.start_pose, pose[-1])
+            time_s, pose = np.append(time_s, time_s[-1]), np.vstack([pose, rest])
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(self.problem.motion.duration_s - seen.time_s, 0.0) if certain else 0.0
         return result_of(
             ended_by,
             seen,
             self.problem,
-            *history.time_and_pose(),
+            time_s,
+            pose,
             trajectory=trajectory,
             penetration_m=history.penetration_m(),
             steps=history.steps,

@@ -48,14 +48,14 @@ def slid_off(seen: Observation, problem: Problem) -> bool:  # noqa: ARG001  (a r
 def too_little_energy(seen: Observation, problem: Problem) -> bool:
     """After the motion: the rock rocks with less energy than overturns it, and does not slide.
 
-    It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway.
+    It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway, or rolls back.
     """
     options = problem.options.termination
     if not (problem.shortcuts and seen.time_s > problem.motion.duration_s):
         return False
     if not _has_little_energy(seen, problem, options.certain_share):
         return False
-    return seen.tilt_deg <= options.moved_deg or is_displaced(seen, problem)
+    return problem.rolls or seen.tilt_deg <= options.moved_deg or is_displaced(seen, problem)
 
 
 def cannot_overturn(seen: Observation, problem: Problem) -> bool:
@@ -74,12 +74,13 @@ def time_is_up(seen: Observation, problem: Problem) -> bool:
 
 
 def calms_down(seen: Observation, problem: Problem) -> bool:
-    """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway."""
+    """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway, or rolls back."""
     options = problem.options.termination
     if not (problem.shortcuts and problem.weak_from_s < seen.time_s <= problem.motion.duration_s):
         return False
     near = seen.tilt_deg < options.weak_tilt_deg and abs(seen.yaw_deg) < options.weak_yaw_deg
-    return near and is_displaced(seen, problem) and _has_little_energy(seen, problem, options.calm_share)
+    told = problem.rolls or (near and is_displaced(seen, problem))
+    return told and _has_little_energy(seen, problem, options.calm_share)
 
 
 Rules = tuple[tuple[str, Rule], ...]

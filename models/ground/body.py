@@ -17,6 +17,7 @@ from toppling.models.ground.creeping import largest_held_m_s2, settle
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
 from toppling.models.ground.pairs import Pairs, no_pairs
+from toppling.models.ground.rolling import NO_ROLLING
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
@@ -102,7 +103,7 @@ class GroundedBody:
     def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
+            self.rock, self.ground, NO_ROLLING, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
             np.zeros(6, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
             self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
             work_room(),

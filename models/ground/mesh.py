@@ -70,6 +70,17 @@ class ContactMesh(NamedTuple):
     near_edges: Indices
 
 
+_NONE = np.zeros((0, 3), np.int64)
+
+NO_MESH = ContactMesh(
+    np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(),
+    _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(), np.zeros((0, 2, 3)),
+    np.zeros(3), 1.0, np.ones(3, np.int64), np.zeros(2, np.int64), _NONE[:, 0].copy(), np.zeros(2, np.int64),
+    _NONE[:, 0].copy(),
+)  # fmt: skip
+"""That of a body which touches with no mesh."""
+
+
 def contact_mesh(
     vertices_m: Array, faces: NDArray[np.int64], low_m: Array, high_m: Array, reach_m: float
 ) -> ContactMesh:

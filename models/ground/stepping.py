@@ -21,6 +21,7 @@ from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import REACH, Pairs, moved_m, refresh
 from toppling.models.ground.rigid import invert, move, spin, square
+from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 from toppling.models.ground.vectors import copy, cross, rotation_of
 
 _MOST_IMPACTS = 20
@@ -73,6 +74,7 @@ class Grounded(NamedTuple):
 
     rock: ContactMesh  # body axes
     ground: ContactMesh
+    rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     pairs: Pairs
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
@@ -144,8 +146,7 @@ def advance(
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
     fastest = max(_fastest_m_s(sim, velocity), _fastest_m_s(sim, free))
     margin = _MARGIN_SHARE * sim.size_m + step_s * fastest
-    _look(sim, middle, margin)
-    count = contacts_in(sim.rock, sim.ground, sim.pairs, middle, margin, LEANING, sim.trial)
+    count = _contacts(sim, middle, margin)
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
     sim.counts[4] += solve_cones(_touching(sim, count, free))
@@ -232,8 +233,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
     margin = 20.0 * _TOUCHING_SHARE * sim.size_m
-    _look(sim, pose, margin)
-    count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
+    count = _contacts(sim, pose, margin)
     for i in range(count):
         closing = -_rate(sim.trial[i], velocity)
         sim.trial[i].floor_m_s = sim.restitution * closing if closing > sim.resolved_m_s else 0.0
@@ -291,6 +291,15 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
                     inverse[k, 0] * arm[0] + inverse[k, 1] * arm[1] + inverse[k, 2] * arm[2]
                 )
     move(pose, shift, 1.0)
+
+
+@inner
+def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
+    """Find the contacts with gaps up to a margin in a pose; how many."""
+    if len(sim.rolling.corners) > 0:
+        return rolling_contacts(sim.rolling, pose, margin, sim.pairs.turn, sim.trial)
+    _look(sim, pose, margin)
+    return contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
 
 
 @inner

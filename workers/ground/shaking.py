@@ -13,6 +13,7 @@ from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.equilibrium import are_held, held, wrenches
 from toppling.models.ground.excitation import excitation
 from toppling.models.ground.pairs import no_pairs
+from toppling.models.ground.rolling import NO_ROLLING
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
@@ -63,6 +64,7 @@ class GroundShaking:
         self.sim = Grounded(
             rock=body.rock,
             ground=body.ground,
+            rolling=NO_ROLLING,
             pairs=no_pairs(PAIRS),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),

@@ -44,7 +44,8 @@ from toppling.workers.engines.bullet.solved_steps import (
     solved_step,
 )
 from toppling.workers.engines.bullet.world import WORLD
-from toppling.workers.engines.protocol import GroundSteps, StepCheckError
+from toppling.workers.engines.protocol import GroundSteps, Integrator, StepCheckError
+from toppling.workers.ground.rolling import RollingIntegrator
 from toppling.workers.ground.stepping import take_steps
 from toppling.workers.history import ROOM, StateHistory, rest_until
 from toppling.workers.observation import Watch, calls_for_look
@@ -332,8 +333,13 @@ class BulletIntegrator:
         self._worlds.records[points] = world[0]
 
 
-def integrator(problem: Problem, pool: EnginePool | None = None) -> BulletIntegrator:
-    """The integrator of one shake, in worlds of a pool; those of the process unless given."""
+def integrator(problem: Problem, pool: EnginePool | None = None) -> Integrator:
+    """The integrator of one shake, in worlds of a pool; those of the process unless given.
+
+    On a rounded base the steps are the program's own: Bullet's points do not move over a rock that rolls.
+    """
+    if problem.rolls:
+        return RollingIntegrator(problem)
     return BulletIntegrator(problem, pool or process_pool())
 
 

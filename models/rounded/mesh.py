@@ -1,10 +1,8 @@
-"""Rounded bases: a mesh refined over the smooth surface that its triangles stand for.
+"""Meshes of rounded bases: the smooth surface that their triangles stand for.
 
-A base that rolls topples where its curvature decides, and the facets of a coarse mesh topple later. Each edge between
-two faces of a smooth part is cut at the middle of the cubic curve through its ends with their normals (Vlachos,
-Peters, Boyd and Mitchell 2001: curved PN triangles), whose normals are weighted as Max (1999) does, exact on spheres.
-Creases stay creases; one that is a smooth curve is cut on the curve through four of its corners (Dyn, Levin and
-Gregory 1987). Parts that are flat stay flat.
+Each edge between two faces of a smooth part has a middle on the circle that its ends' normals give, which are weighted
+as Max (1999) does: both are exact on spheres. Creases stay creases; one that is a smooth curve has its middles on the
+curve through four of its corners (Dyn, Levin and Gregory 1987). Parts that are flat stay flat.
 """
 
 from __future__ import annotations
@@ -14,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.models.compiled import Array, Flags, Indices
-from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.joined import joined_parts
-from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.support import TOPPLED_TILT_DEG
 
 _CREASE_DEG = 30.0
 """Two faces that meet at a larger angle form an edge, and two parts of an edge a corner."""
@@ -32,87 +28,15 @@ _FLAT_AREAS = 5.0
 _FEWEST_PATCHES = 12
 """Fewer that go over into each other are a body's own faces, such as chamfers, not a curved surface."""
 
-_BELOW_DEG = 60.0
-"""Faces whose outward normal is so near to downward can touch before a rock topples."""
+FALLEN_DEG = 75.0
+"""Faces whose outward normal is so near to downward can touch before a rock has fallen."""
 
-_CHANGE_SHARE = 0.02
-"""By which one refinement may change the least toppling acceleration of any azimuth."""
-
-_MOST_FACES = 20_000
-"""Finer ones cost minutes of preparing contacts; what one more halving changes is stated."""
-
-_CHECKED_FACES = 60_000
-"""Of a mesh that would be finer when halved the change is not looked for."""
-
-_AZIMUTHS_DEG = (0.0, 72.0, 144.0, 216.0, 288.0)
-
-
-@dataclass(frozen=True)
-class RoundedBase:
-    """What the mesh of a rounded base is worth."""
-
-    # Largest share by which halving its edges changes a least toppling acceleration, over azimuths.
-    change: float
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether that is more than answers may be off by."""
-        return self.change > _CHANGE_SHARE
-
-    @property
-    def sentence(self) -> str:
-        """For pages and plans."""
-        return (
-            "its base is rounded, and its triangles are coarse: with edges half as long it topples at an acceleration "
-            f"{self.change:.0%} lower, and about twice that with a smooth base. "
-            "Scene.from_mesh(mesh, refine=True) refines it"
-        )
-
-
-def rounded_base_of(rock: Rock) -> RoundedBase | None:
-    """What one halving of the edges of a rounded base changes; None if nothing of it is rounded."""
-    mesh = _Mesh.of(rock)
-    if not mesh.rounded.any() or mesh.faces_when_halved > _CHECKED_FACES:
-        return None
-    return RoundedBase(_change(_thresholds(rock), _thresholds(_rock_of(mesh.halved()))))
-
-
-def refined(rock: Rock) -> Rock:
-    """A rock whose rounded base is fine enough for its least toppling acceleration.
-
-    Its edges are halved until one halving more changes that by less than 2 %, or makes more than 20,000 faces.
-    """
-    mesh = _Mesh.of(rock)
-    if not mesh.rounded.any():
-        return rock
-    now = _thresholds(rock)
-    while mesh.faces_when_halved <= _CHECKED_FACES:
-        mesh = mesh.halved()
-        finer = _rock_of(mesh)
-        then = _thresholds(finer)
-        if _change(now, then) < _CHANGE_SHARE or len(mesh.faces) > _MOST_FACES:
-            break
-        rock, now = finer, then
-    return rock
-
-
-def _rock_of(mesh: _Mesh) -> Rock:
-    return Rock.from_triangles(mesh.vertices_m, mesh.faces, where="the refined rock")
-
-
-def _change(now_m_s2: Array, then_m_s2: Array) -> float:
-    known = np.isfinite(now_m_s2) & np.isfinite(then_m_s2) & (then_m_s2 > 0.0)
-    return float((np.abs(now_m_s2 - then_m_s2)[known] / now_m_s2[known]).max(initial=0.0))
-
-
-def _thresholds(rock: Rock) -> Array:
-    """Least toppling accelerations on a level plane."""
-    level = Pedestal(np.array([0.0, 0.0, rock.vertices_m[:, 2].min()]), np.array([0.0, 0.0, 1.0]))
-    return np.array(quasi_static_toppling_m_s2(rock, level, STANDARD_GRAVITY_M_S2, _AZIMUTHS_DEG))[:, 1]
+_CONCAVE_SHARE = 0.05
+"""Of all angles between faces of a part: where more are concave it is rough, not rounded."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Mesh:
+class SmoothMesh:
     """A closed mesh whose faces are known as flat, and as parts of a rounded base."""
 
     vertices_m: Array
@@ -121,14 +45,15 @@ class _Mesh:
     rounded: Flags
 
     @classmethod
-    def of(cls, rock: Rock) -> _Mesh:
+    def of(cls, rock: Rock) -> SmoothMesh:
+        """That of a rock in the pose in which it stands."""
         faces = rock.faces
         none = np.zeros(len(faces), bool)
         mesh = cls(rock.vertices_m, faces, none, none)
         normals, areas = mesh.normals
         _, sides = mesh.edges
         angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
-        patch = joined_parts(sides[angle < _COPLANAR_DEG], len(faces))
+        patch = _flat_parts(sides[angle < _COPLANAR_DEG], normals)
         size, area = np.bincount(patch), np.bincount(patch, areas)
         smooth = (angle >= _COPLANAR_DEG) & (angle < _CREASE_DEG)
         one, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
@@ -138,14 +63,29 @@ class _Mesh:
         joined = sides[(angle < _CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
         part = joined_parts(patch[joined], len(size))
         flat |= np.bincount(part)[part] < _FEWEST_PATCHES
-        low = normals[:, 2] < -np.cos(np.radians(_BELOW_DEG))
+        low = normals[:, 2] < -np.cos(np.radians(FALLEN_DEG))
         low &= rock.vertices_m[faces].mean(axis=1)[:, 2] < rock.com_m[2]
-        return cls(rock.vertices_m, faces, flat[patch], low & ~flat[patch])
+        rounded = low & ~flat[patch]
+        return cls(
+            rock.vertices_m,
+            faces,
+            flat[patch],
+            rounded & mesh._convex_below(rounded, sides[angle < _CREASE_DEG]),
+        )
 
-    @property
-    def faces_when_halved(self) -> int:
-        """How many faces, about."""
-        return int(len(self.faces) + 3 * self.rounded.sum())
+    def _convex_below(self, rounded: Flags, sides: Indices) -> Flags:
+        """Which faces lie in a rounded part that is convex and reaches below; sides (e, 2) join smoothly."""
+        sides = sides[rounded[sides].all(axis=1)]
+        part = joined_parts(sides, len(self.faces))
+        middle = self.vertices_m[self.faces].mean(axis=1)
+        normals, _ = self.normals
+        above = (normals[sides[:, 0]] * (middle[sides[:, 1]] - middle[sides[:, 0]])).sum(axis=1) > 0.0
+        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        turns = np.bincount(part[sides[:, 0]], angle, part.max() + 1)
+        back = np.bincount(part[sides[:, 0]], angle * above, part.max() + 1)
+        below = np.bincount(part, normals[:, 2] < -np.cos(np.radians(TOPPLED_TILT_DEG))) > 0
+        whole = np.bincount(part) >= _FEWEST_PATCHES
+        return (whole & below & (back <= _CONCAVE_SHARE * turns))[part]
 
     @property
     def normals(self) -> tuple[Array, Array]:
@@ -162,30 +102,49 @@ class _Mesh:
         order = np.lexsort((half[:, 1], half[:, 0]))
         return half[order[::2]], (order // 3).reshape(-1, 2)
 
-    def halved(self) -> _Mesh:
-        """The mesh with the edges of its rounded faces cut in two."""
+    @property
+    def largest_turn_deg(self) -> float:
+        """Largest angle between two faces of a rounded part that go over into each other."""
+        normals, _ = self.normals
+        _, sides = self.edges
+        sides = sides[self.rounded[sides].all(axis=1)]
+        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        return float(angle[angle < _CREASE_DEG].max(initial=0.0))
+
+    def middles(self) -> tuple[Array, Flags, Flags]:
+        """Middles (e, 3) of all edges on the surface, which of them are cut by halving, and which are creases."""
         ends, sides = self.edges
         normals, _ = self.normals
         angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
-        cut = self.rounded[sides[:, 0]] | self.rounded[sides[:, 1]]
+        cut: Flags = self.rounded[sides[:, 0]] | self.rounded[sides[:, 1]]
         crease = angle >= _CREASE_DEG
         middle = 0.5 * self.vertices_m[ends].sum(axis=1)
         smooth: Flags = cut & ~crease & ~self.flat[sides].any(axis=1)
         middle[smooth] += self._bulge_m(ends[smooth], sides[smooth], ends[~crease], sides[~crease])
         middle[cut & crease] = self._on_curve(ends[crease])[cut[crease]]
-        number = np.full(len(ends), -1)
-        number[cut] = len(self.vertices_m) + np.arange(cut.sum())
-        order = np.lexsort((ends[:, 1], ends[:, 0]))
+        return middle, cut, crease
+
+    @property
+    def edge_of(self) -> Indices:
+        """Number (m, 3) of each face's edges, from its corner k to the next."""
+        ends, _ = self.edges
         half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        name, whole = (
-            ends[:, 0] * len(self.vertices_m) + ends[:, 1],
-            half[:, 0] * len(self.vertices_m) + half[:, 1],
-        )
-        middles = number[order][np.searchsorted(name[order], whole)].reshape(-1, 3)
-        faces, parents = _split(self.faces, middles)
-        return _Mesh(
-            np.vstack([self.vertices_m, middle[cut]]), faces, self.flat[parents], self.rounded[parents]
-        )
+        name, whole = (pair[:, 0] * len(self.vertices_m) + pair[:, 1] for pair in (ends, half))
+        return np.searchsorted(name, whole).reshape(-1, 3)
+
+    @property
+    def faces_when_halved(self) -> int:
+        """How many faces, about."""
+        return int(len(self.faces) + 3 * self.rounded.sum())
+
+    def halved(self) -> SmoothMesh:
+        """The mesh with the edges of its rounded faces cut in two."""
+        middle, cut, _ = self.middles()
+        number = np.full(len(middle), -1)
+        number[cut] = len(self.vertices_m) + np.arange(cut.sum())
+        faces, parents = _split(self.faces, number[self.edge_of])
+        vertices = np.vstack([self.vertices_m, middle[cut]])
+        return SmoothMesh(vertices, faces, self.flat[parents], self.rounded[parents])
 
     def _bulge_m(self, ends: Indices, sides: Indices, smooth_ends: Indices, smooth_sides: Indices) -> Array:
         """From the middles of smooth edges to those of their curves (k, 3)."""
@@ -206,16 +165,16 @@ class _Mesh:
         parts *= np.where(self.flat, 1e6, 1.0)[:, None, None]
         np.add.at(weighted, fan, parts.reshape(-1, 3))
         weighted /= np.maximum(np.linalg.norm(weighted, axis=1), 1e-300)[:, None]
-        a, b = self.vertices_m[ends[:, 0]], self.vertices_m[ends[:, 1]]
-        at_a, at_b = (weighted[fan[corner(sides[:, 0], ends[:, k])]] for k in (0, 1))
-        # At a rim the surface is known on one side only, so that there the other end alone tells.
         rim = np.zeros(fan.max() + 1, bool)
-        known = np.bincount(pairs.ravel(), minlength=len(fan))
-        rim[fan[known < 2]] = True
-        rim_a, rim_b = (rim[fan[corner(sides[:, 0], ends[:, k])]] for k in (0, 1))
-        share_a = 0.125 * (1.0 + (rim_b & ~rim_a) - (rim_a & ~rim_b))
-        rise_a, rise_b = ((b - a) * at_a).sum(axis=1), ((a - b) * at_b).sum(axis=1)
-        return -(share_a * rise_a)[:, None] * at_a - ((0.25 - share_a) * rise_b)[:, None] * at_b
+        rim[fan[np.bincount(pairs.ravel(), minlength=len(fan)) < 2]] = True
+        at_a, at_b = (fan[corner(sides[:, 0], ends[:, k])] for k in (0, 1))
+        way = self.vertices_m[ends[:, 1]] - self.vertices_m[ends[:, 0]]
+        along = way / np.linalg.norm(way, axis=1)[:, None]
+        # At a rim the surface is known on one side only, so that there the other end alone tells.
+        one, other = weighted[at_a], weighted[at_b]
+        normal_a = np.where((rim[at_a] & ~rim[at_b])[:, None], _mirrored(other, along), one)
+        normal_b = np.where((rim[at_b] & ~rim[at_a])[:, None], _mirrored(one, along), other)
+        return _arc_m(way, normal_a, normal_b)
 
     def _on_curve(self, ends: Indices) -> Array:
         """Middles (k, 3) of creases: on a curve where both go on smoothly, else of the straight edge."""
@@ -232,6 +191,35 @@ class _Mesh:
         goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < _CREASE_DEG
         straight = 0.5 * (p[a] + p[b])
         return np.where(goes_on[:, None], 1.125 * straight - 0.0625 * (p[before] + p[after]), straight)
+
+
+def _flat_parts(joined: Indices, normals: Array) -> Indices:
+    """Number (m,) of the flat part of each face, of pairs (k, 2) that lie in one plane.
+
+    Narrow faces of a curved surface do so one by one, without being flat together: each of them is a part.
+    """
+    part = joined_parts(joined, len(normals))
+    mean = np.zeros((part.max() + 1, 3))
+    np.add.at(mean, part, normals)
+    curved = np.bincount(part, _angle_deg(mean[part], normals) > _COPLANAR_DEG)[part] > 0
+    return np.unique(np.where(curved, part.max() + 1 + np.arange(len(part)), part), return_inverse=True)[1]
+
+
+def _mirrored(vectors: Array, along: Array) -> Array:
+    """Vectors (n, 3) with their parts along unit vectors (n, 3) turned round."""
+    return vectors - 2.0 * (vectors * along).sum(axis=1)[:, None] * along
+
+
+def _arc_m(way: Array, normal_a: Array, normal_b: Array) -> Array:
+    """From the middles of chords (n, 3) to those of the circles that have some normals (n, 3) at their ends."""
+    length = np.linalg.norm(way, axis=1)
+    along = way / length[:, None]
+    fall, rise = -(along * normal_a).sum(axis=1), (along * normal_b).sum(axis=1)
+    turn = 0.5 * (np.arcsin(fall.clip(-1.0, 1.0)) + np.arcsin(rise.clip(-1.0, 1.0)))
+    outward = normal_a + normal_b
+    outward -= (outward * along).sum(axis=1)[:, None] * along
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
+    return (0.5 * length * np.tan(0.5 * turn))[:, None] * outward
 
 
 def _angle_deg(one: Array, other: Array) -> Array:

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.events import (
@@ -25,9 +24,10 @@ from toppling.results.hazard.events import (
     standing_shares,
     survival,
 )
+from toppling.results.hazard.scaling import largest_factor
 from toppling.results.hazard.surfaces import measures_of, stouter
 from toppling.results.hazard.survival import greatest_rate
-from toppling.results.hazard.tree import FRACTILES, Statistics, weighted_fractile
+from toppling.results.hazard.tree import Statistics, drawn_weights, statistics_of
 from toppling.results.hazard.update import (
     DRAWN_LEVELS,
     MEAN,
@@ -35,10 +35,8 @@ from toppling.results.hazard.update import (
     change_at,
     decided_by,
     level_interval,
+    rates_table,
 )
-
-_FACTORS = (1e-3, 1e3)
-"""Factors of the motions within which the largest is sought."""
 
 _FACTOR_DRAWS = 60
 _LEVELS = 40
@@ -56,12 +54,7 @@ def scale_factor(
         scaled = [replace(rock, fragility=stouter(rock.fragility, math.exp(-logarithm))) for rock in rocks]
         return survival(scaled, branch, exposure) - (1.0 - confidence)
 
-    low, high = map(math.log, _FACTORS)
-    if above(high) > 0:
-        return math.inf
-    if above(low) < 0:
-        return 0.0
-    return math.exp(brentq(above, low, high, xtol=1e-4))
+    return largest_factor(above, precision=1e-4)
 
 
 def scale_factor_interval(
@@ -229,7 +222,7 @@ class EventUpdate:
                     counted,
                     counted
                     and tuple(
-                        None if weights is None else statistics(*counted, weights)
+                        None if weights is None else statistics_of(*counted, weights)
                         for weights in (self.events.prior, self.posterior)
                     ),
                 )
@@ -247,23 +240,14 @@ class EventUpdate:
         found = self.hazard(measure, site)
         if found is None:
             return pd.DataFrame()
-        table = pd.DataFrame({"level": found[0].levels})
-        for name, curves in zip(("prior", "posterior"), found, strict=True):
-            table[f"rate_{name}_mean"] = math.nan if curves is None else curves.mean
-            for q in FRACTILES:
-                table[f"rate_{name}_p{round(100 * q):02d}"] = (
-                    math.nan if curves is None else curves.fractiles[q]
-                )
-        return table
+        return rates_table(found[0].levels, dict(zip(("prior", "posterior"), found, strict=True)))
 
     def changes(self, measure: str, site: int = 0) -> pd.DataFrame:
         """Motions exceeded at some annual rates before and after, as `update.changes_table` states them of curves."""
         counted, found = self._hazards[measure, site]
         if found is None:
             return pd.DataFrame()
-        joint = self.events.prior * self.drawn
-        total = joint.sum(axis=1, keepdims=True)
-        means = (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0] @ counted[1]
+        means = drawn_weights(self.events.prior, self.drawn) @ counted[1]
         return pd.DataFrame([
             change_at(rate, *found)
             | dict(zip(DRAWN_LEVELS, level_interval(counted[0], means, rate, _ends), strict=True))
@@ -289,14 +273,6 @@ def _ends(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([
         np.quantile(values, 0.025, method="lower"), np.quantile(values, 0.975, method="higher"),
     ])  # fmt: skip
-
-
-def statistics(
-    levels: NDArray[np.float64], rates: NDArray[np.float64], weights: NDArray[np.float64]
-) -> Statistics:
-    """Mean and fractiles of the rates of branches (branches, levels) by their weights."""
-    fractiles = {q: weighted_fractile(rates, weights, q) for q in FRACTILES}
-    return Statistics(levels, weights @ rates, fractiles)
 
 
 def _exceeded(

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import new_file
 from toppling.results.hazard.curves import probability_of
-from toppling.results.hazard.event_update import EventUpdate, statistics
+from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.measures import UNSCALED, imt_of
 from toppling.results.hazard.surfaces import measures_of
-from toppling.results.hazard.tree import FRACTILES, common_levels
+from toppling.results.hazard.tree import FRACTILES, common_levels, statistics_of
 from toppling.results.hazard.update import Update
 
 _YEARS_OF_RATES = 50.0
@@ -90,7 +90,7 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
     curves = []
     for measure in measures_of(update.rocks[0].fragility):
         levels, rates = update.counted(measure, list(places))
-        after = [statistics(levels, of_site, update.posterior) for of_site in rates.swapaxes(0, 1)]
+        after = [statistics_of(levels, of_site, update.posterior) for of_site in rates.swapaxes(0, 1)]
         kinds = _kinds(numbers, rates, np.array([one.mean for one in after]), {
             q: np.array([one.fractiles[q] for one in after]) for q in FRACTILES
         })  # fmt: skip

@@ -6,7 +6,7 @@ that the hazard is compatible as it is.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,17 @@ def motion_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float)
         exponent = sum(years * toppling_rate(standing, stronger) for standing, years in spans)
         return float(np.exp(-np.asarray(exponent)).mean()) - chance
 
+    return largest_factor(above, precision=1e-9)
+
+
+def largest_factor(above: Callable[[float], float], precision: float) -> float:
+    """Factor at which a falling function of its logarithm is 0; infinite or 0 where that is far beyond 1."""
     far = math.log(_FURTHEST)
     if above(far) > 0:
         return math.inf
     if above(-far) < 0:
         return 0.0
-    return math.exp(brentq(above, -far, far, xtol=1e-9))
+    return math.exp(brentq(above, -far, far, xtol=precision))
 
 
 def rate_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:

@@ -153,12 +153,21 @@ def statistics(
     weights: (branches,).
     """
     share = tree.weights if weights is None else np.asarray(weights, float)
-    levels, rates = common_levels(tree.curves)
-    years = tree.years
+    return statistics_of(*common_levels(tree.curves), share, tree.years, fractiles)
+
+
+def statistics_of(
+    levels: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    years: float | None = None,
+    fractiles: Sequence[float] = FRACTILES,
+) -> Statistics:
+    """Mean and fractiles of the rates of branches (branches, levels): of their probabilities over a time, if given."""
     values = rates if years is None else probability_of(rates, years)
     back = (lambda x: x) if years is None else (lambda x: annual_rate_of(np.minimum(x, 1.0), years))
     return Statistics(
-        levels, back(share @ values), {q: back(weighted_fractile(values, share, q)) for q in fractiles}
+        levels, back(weights @ values), {q: back(weighted_fractile(values, weights, q)) for q in fractiles}
     )
 
 
@@ -188,6 +197,13 @@ def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64
         msg = "the rocks cannot have survived under any of the branches"
         raise ValueError(msg)
     return joint / joint.sum()
+
+
+def drawn_weights(prior: NDArray[np.float64], survivals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Bayes weights of each draw (draws, branches), those of draws under which no branch survives left out."""
+    joint = prior * survivals
+    total = joint.sum(axis=1, keepdims=True)
+    return (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0]
 
 
 def effective_branches(weights: ArrayLike) -> float:

@@ -1,7 +1,7 @@
 """What standing rocks do to a hazard: branches weighted by survival, the hazard before and after, factors, levels."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from toppling.results.hazard.tree import (
     Statistics,
     branch_weights,
     common_levels,
+    drawn_weights,
     effective_branches,
     level_choices,
     statistics,
@@ -152,12 +153,8 @@ class Update:
 
     @cached_property
     def drawn_posteriors(self) -> NDArray[np.float64] | None:
-        """Bayes weights of each draw (draws, branches), those of draws under which no branch survives left out."""
-        if self._drawn is None:
-            return None
-        joint = self.tree.weights * self._drawn[2][:, :-1]
-        total = joint.sum(axis=1, keepdims=True)
-        return (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0]
+        """`drawn_weights` of the branches; None where neither records nor ages vary."""
+        return None if self._drawn is None else drawn_weights(self.tree.weights, self._drawn[2][:, :-1])
 
     @cached_property
     def drawn_means(self) -> NDArray[np.float64] | None:
@@ -212,6 +209,20 @@ def branch_factors_table(update: Update) -> pd.DataFrame:
     return table
 
 
+def rates_table(
+    levels: NDArray[np.float64],
+    curves: Mapping[str, Statistics | None],
+    fractiles: Sequence[float] = FRACTILES,
+) -> pd.DataFrame:
+    """Columns level, and rate_NAME_mean, rate_NAME_p05 and so on of statistics by name; null where these are None."""
+    table = pd.DataFrame({"level": levels})
+    for name, one in curves.items():
+        table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
+        for q in fractiles:
+            table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
+    return table
+
+
 def updated_table(update: Update) -> pd.DataFrame:
     """The hazard before and after at every level.
 
@@ -222,17 +233,10 @@ def updated_table(update: Update) -> pd.DataFrame:
         rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate),
         rate_kept_* (rejected branches removed; mean, p05, p95).
     """
-    table = pd.DataFrame({"level": update.before.levels})
-    nothing = np.full(len(table), math.nan)
-    for name, curves in (
-        ("prior", update.before),
-        ("posterior", update.after),
-        ("kept", update.without_rejected),
-    ):
-        table[f"rate_{name}_mean"] = nothing if curves is None else curves.mean
-        for q in FRACTILES if name != "kept" else (0.05, 0.95):
-            table[f"rate_{name}_p{round(100 * q):02}"] = nothing if curves is None else curves.fractiles[q]
-    ends = (nothing, nothing)
+    levels = update.before.levels
+    table = rates_table(levels, {"prior": update.before, "posterior": update.after})
+    table = table.join(rates_table(levels, {"kept": update.without_rejected}, (0.05, 0.95)).iloc[:, 1:])
+    ends: tuple[ArrayLike, ...] = (math.nan, math.nan)
     if update.draws is not None and update.drawn_means is not None and update.after is not None:
         ends = tuple(update.draws.interval(update.drawn_means))
     table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = ends

@@ -180,20 +180,11 @@ def feet_above_m(rock: Rock, pedestal: Pedestal, band_m: float) -> Array:
 def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: float) -> Array:
     """The few feet that decide how a rock rocks: the others lie within a tolerance of their convex hull.
 
-    Parameters
-    ----------
-    feet_m : (n, 3) array
-        Candidates as u, v and clearance.
-    high_m : (k, 3) array
-        Feet above them that stay, same axes.
-    com_m : (3,) array
-        Centre of mass, same axes: it lies within the hull and never at its lower end.
-    tolerance_m : float
-
-    Returns
-    -------
-    (m, 3) array
-        The outermost, and farthest below the hull of those, until none lies farther than the tolerance below it.
+    feet_m: (n, 3), candidates as u, v and clearance.
+    high_m: (k, 3), feet above them that stay, same axes.
+    com_m: (3,), centre of mass, same axes: it lies within the hull and never at its lower end.
+    Returns (m, 3) array: the outermost, and farthest below the hull of those, until none lies farther than the
+    tolerance below it.
     """
     feet, fixed = np.asarray(feet_m, float), np.vstack([high_m, com_m])
     try:

@@ -27,13 +27,8 @@ def hooked_m_s2(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     In the pose of the scan, by friction cones: the gap at the face, which nobody saw, is taken as closed. A rock that
     tips over the edge meets the face after a turn by the gap over the depth to which it hangs.
 
-    Parameters
-    ----------
-    rock : Rock
-        As it was closed.
-    interface : Interface
-    azimuths_deg : (n,) array
-        Of the ground's acceleration.
+    rock: as it was closed.
+    azimuths_deg: (n,), of the ground's acceleration.
     """
     edge, held = interface.edge, np.zeros(len(azimuths_deg))
     if edge is None:

@@ -184,14 +184,11 @@ def check_inspection(observed: ObservedRock, interface: Interface, inspection: I
 def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     """Intervals of toppling acceleration by azimuth, contact points and centre of mass over draws.
 
-    Returns
-    -------
-    dict
-        `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2; `lift_off`: the same of
-        the acceleration at which contacts begin to open. `kinds`: how likely each kind of base is by the rim, and how
-        many draws are of it. `contacts`: number of
-        places that touch, and the support polygon's reach toward each azimuth from the line of the weight, low, median
-        and high, m. `com_m`: low, median and high of each coordinate.
+    Returns dict: `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2;
+    `lift_off`: the same of the acceleration at which contacts begin to open. `kinds`: how likely each kind of base
+    is by the rim, and how many draws are of it. `contacts`: number of places that touch, and the support polygon's
+    reach toward each azimuth from the line of the weight, low, median and high, m. `com_m`: low, median and high of
+    each coordinate.
     """
     tail = 0.5 * (1.0 - LEVEL)
     lift_off = drawn.lift_off_interval_m_s2()

@@ -117,10 +117,7 @@ def judge_crevice(
 
     What is called rock stays rock where that is `sure` (n,).
 
-    Raises
-    ------
-    InputError
-        If next to nothing of the rock or of the pedestal shows near the interface.
+    Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
     low = points_m[label == ROCK]
     low = low[np.abs(interface.over(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
@@ -244,10 +241,7 @@ def refitted(
 ) -> Interface:
     """Plane through the pedestal's points, each with a say that fades with its distance from the rock.
 
-    Raises
-    ------
-    InputError
-        If next to nothing of the rock or of the pedestal shows near the interface.
+    Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
     flat = interface.flat(points_m)
     rim = rim_polygon(flat[label == ROCK], height_m, given=False)
@@ -278,10 +272,7 @@ def refitted(
 def rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
     """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions.
 
-    Raises
-    ------
-    InputError
-        If next to nothing of the rock shows near the interface.
+    Raises InputError if next to nothing of the rock shows near the interface.
     """
     low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
     low = low[not_strays(low)]

@@ -16,18 +16,10 @@ _LINES = 16
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """Where the pedestal ends, by lines along its edge.
+    """Where the pedestal ends, by lines along its edge."""
 
-    Parameters
-    ----------
-    lines : (k, 4) array
-        Places u, v on the interface plane and the unit normals outward there.
-    blur_m : float
-        Lines nearer to a place than this have the same say about it.
-    """
-
-    lines: Array
-    blur_m: float
+    lines: Array  # (k, 4): places u, v on the interface plane and the unit normals outward there
+    blur_m: float  # lines nearer to a place than this have the same say about it
 
     @property
     def clear_m(self) -> float:

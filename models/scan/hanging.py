@@ -51,15 +51,9 @@ class Hanging:
 def hanging(surfels: Surfels, rock: Flags, height_m: float, interface: Interface) -> Hanging | None:
     """What of a rock hangs beyond an edge of its pedestal; None where nothing does, or no edge shows.
 
-    Parameters
-    ----------
-    surfels : Surfels
-    rock : (n,) bool array
-        Which are the rock's.
-    height_m : float
-        Of the rock.
-    interface : Interface
-        A plane.
+    rock: (n,), which are the rock's.
+    height_m: of the rock.
+    interface: a plane.
     """
     hangs = _below(surfels, rock, _AT_EDGE_PER_HEIGHT * height_m, interface)
     if interface.sheet is not None or hangs.sum() <= _SHARE_AT_EDGE * rock.sum():
@@ -186,10 +180,7 @@ def _divides(found: Hanging, surfels: Surfels, rock: Flags, height_m: float) -> 
 def check_above(observed: ObservedRock, interface: Interface) -> None:
     """Refuse a rock that goes below its interface where no edge of the pedestal shows: it would get a foot there.
 
-    Raises
-    ------
-    InputError
-        If more than strays of it were seen below the interface, within the edge of the pedestal.
+    Raises InputError if more than strays of it were seen below the interface, within the edge of the pedestal.
     """
     over = interface.over(observed.surfels.points_m[observed.patches])
     below = over[:, 2] < -_PER_HEIGHT * observed.height_m

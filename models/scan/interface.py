@@ -103,10 +103,7 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     A few patches high up the rock that were taken for pedestal draw least squares toward them from the start: where
     half of the patches lie much nearer to another plane, it is fitted to those.
 
-    Raises
-    ------
-    InputError
-        If too little of the crevice was seen.
+    Raises InputError if too little of the crevice was seen.
     """
     distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
     below = ~rock & (distance < _CREVICE_VOXELS * surfels.voxel_m)
@@ -144,13 +141,9 @@ def reweighted_plane(
 ) -> tuple[Array, Array, Array, Array]:
     """Plane by least squares, reweighted with Tukey's biweight: a point, its upward normal, heights (n,), weights (n,).
 
-    Parameters
-    ----------
-    points : (n, 3) array
-    given : (n,) array
-        Weights that each point has anyhow.
-    std_m : callable
-        Standard deviation of the heights, from heights and weights.
+    points: (n, 3).
+    given: (n,), weights that each point has anyhow.
+    std_m: standard deviation of the heights, from heights and weights.
     """
     weight = given
     for _ in range(20):

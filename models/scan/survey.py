@@ -331,10 +331,7 @@ def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
 def check_can_stand(rock: Rock, interface: Interface) -> None:
     """Refuse a rock that could not stand: the split must be wrong.
 
-    Raises
-    ------
-    InputError
-        If the centre of mass lies outside everything within 2 % of the height of the interface.
+    Raises InputError if the centre of mass lies outside everything within 2 % of the height of the interface.
     """
     outside = outside_support_m(rock, interface)
     if outside > 0.0:

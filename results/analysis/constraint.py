@@ -119,15 +119,12 @@ def branch_table(update: Update) -> pd.DataFrame:
 
     A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
-    Returns
-    -------
-    DataFrame
-        One row a branch: name, toppling_rate (annual, any of the rocks), unstated_below and unstated_above
-        (shares of the rate outside the curve's points, not counted: `results.hazard`), survival, survival_least
-        (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no branch lets the
-        rocks survive), kept_weight (rejected branches removed), scale_factor and rate_factor (by which motions and
-        rates may be multiplied for survival to stay above 1 - confidence). Survival and factors with _low and _high:
-        95 %, over other records and ages; null where neither is known to vary.
+    Returns DataFrame: one row a branch: name, toppling_rate (annual, any of the rocks), unstated_below and
+    unstated_above (shares of the rate outside the curve's points, not counted: `results.hazard`), survival,
+    survival_least (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no
+    branch lets the rocks survive), kept_weight (rejected branches removed), scale_factor and rate_factor (by which
+    motions and rates may be multiplied for survival to stay above 1 - confidence). Survival and factors with _low
+    and _high: 95 %, over other records and ages; null where neither is known to vary.
     """
     curves = [rock.curve for rock in update.rocks]
     shares = [unstated_shares(curves, branch) for branch in update.tree.curves]
@@ -173,11 +170,8 @@ def _interval(
 def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
     """Annual rate of exceedance above which each intensity is rejected, where a rock may topple.
 
-    Returns
-    -------
-    DataFrame
-        The measure's column, topples (probability that an event topples any), rejected_annual_rate and
-        rejected_return_years, its inverse: shorter return periods are rejected.
+    Returns DataFrame: the measure's column, topples (probability that an event topples any), rejected_annual_rate
+    and rejected_return_years, its inverse: shorter return periods are rejected.
     """
     curves = [rock.curve for rock in rocks]
     low, high = (
@@ -198,11 +192,8 @@ def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
 def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
     """State the intensity that no single event exceeded, at a confidence: without age and hazard.
 
-    Returns
-    -------
-    dict
-        measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; None where a
-        curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
+    Returns dict: measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; None
+    where a curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
     """
     curves = [rock.curve for rock in rocks]
     low, high = _interval(rocks, lambda drawn: unexceeded([rock.curve for rock in drawn], confidence))

@@ -14,7 +14,7 @@ from toppling.orchestrator.public.by_events import EventOptions
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.public.constraint_options import Dates
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, option, trusted_option
+from toppling.orchestrator.verbs.options import ABOVE_0, FOLDER, PATH, json_option, option, trusted_option
 
 
 @click.command(cls=SiteCommand)
@@ -55,11 +55,11 @@ from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, optio
     help="Of the residuals of PGA and PGV in one earthquake, for their two curves; 0.733 if not given.",
 )  # fmt: skip
 @option(
-    "--event-rate", type=click.FloatRange(0, min_open=True),
+    "--event-rate", type=ABOVE_0,
     help="Annual rate of a scenario, which states none.",
 )  # fmt: skip
 @option(
-    "--catalogue-years", type=click.FloatRange(0, min_open=True),
+    "--catalogue-years", type=ABOVE_0,
     help="Years that each branch's events were simulated for, where no file states them.",
 )  # fmt: skip
 @option(
@@ -69,7 +69,7 @@ from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, optio
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
 @option(
-    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0,
+    "--ratio", type=ABOVE_0, default=1.0,
     help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
 )  # fmt: skip
 @option(

@@ -15,6 +15,7 @@ from toppling.workers.options import PRESETS
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+ABOVE_0 = click.FloatRange(0, min_open=True)
 EXISTING_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 EXISTING_FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 
@@ -50,9 +51,7 @@ folder_out = option("--out", required=True, type=FOLDER, help="Folder to write t
 ensemble_out = option("--out", required=True, type=FOLDER, help="Folder of the ensemble.")
 replace_option = option("--replace", is_flag=True, help="Replace an existing ensemble.")
 trusted_option = option("--trusted", is_flag=True, help="Let --where read your files.")
-corner_option = option(
-    "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
-)
+corner_option = option("--corner", "corner_hz", type=ABOVE_0, help="High-pass corner in Hz.")
 processes_option = option("--workers", type=click.IntRange(1), default=2, help="Processes.")
 preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard")
 engine_option = option("--engine", type=OneOf(list(ENGINES)), default=DEFAULT, help="Physics engine.")

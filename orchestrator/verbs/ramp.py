@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.orchestrator.verbs.options import (
+    ABOVE_0,
     AZIMUTH,
     ensemble_argument,
     folder_out,
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
 
-_ABOVE_0 = click.FloatRange(0, min_open=True)
-
 
 @click.command()
 @scene_argument
@@ -37,11 +36,11 @@ _ABOVE_0 = click.FloatRange(0, min_open=True)
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
 )  # fmt: skip
-@option("--start", type=_ABOVE_0, default=0.981, help="First PGA, m/s2.")
-@option("--step", type=_ABOVE_0, default=0.245, help="Step between levels, m/s2.")
-@option("--end", type=_ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
+@option("--start", type=ABOVE_0, default=0.981, help="First PGA, m/s2.")
+@option("--step", type=ABOVE_0, default=0.245, help="Step between levels, m/s2.")
+@option("--end", type=ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
 @option(
-    "--peak-displacement", type=_ABOVE_0, default=0.3,
+    "--peak-displacement", type=ABOVE_0, default=0.3,
     help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
 )  # fmt: skip
 @option("--friction", type=click.FloatRange(0), default=2.0, help="Static and kinetic.")

@@ -9,6 +9,7 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import Verbs
 from toppling.orchestrator.verbs.options import (
+    ABOVE_0,
     EXISTING_FILE,
     EXISTING_FOLDER,
     FILE,
@@ -116,7 +117,7 @@ def import_(
     "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
 )
 @option(
-    "--radius", "radius_km", type=click.FloatRange(min=0, min_open=True),
+    "--radius", "radius_km", type=ABOVE_0,
     help="All stations within this distance of the epicentre, km.",
 )  # fmt: skip
 @option("--stations", help="NET.STA, separated by commas, instead of a radius.")

@@ -32,7 +32,7 @@ class RunProgress:
     total: int  # jobs of the plan
     before: int  # jobs that had a row when this session began, those to be done again aside
     again: int = 0  # jobs to be done again whose new row is not stored yet
-    what: str = "shaking"  # is being done
+    what: str = "shaking"  # what is being done
     done: int = 0
     stored: int = 0
     toppled: int = 0

@@ -92,8 +92,13 @@ class RoundedBase:
 
 
 def rounded_base_of(rock: Rock, rolls: bool) -> RoundedBase | None:
-    """The rounded base of a rock; None if nothing of it is rounded."""
-    return None if patches_of(rock) is None else RoundedBase(rock, rolls)
+    """The rounded base of a rock; None if nothing of it is rounded.
+
+    On a plane it rolls, unless it is curved in one direction only.
+    """
+    if not SmoothMesh.of(rock).rounded.any():
+        return None
+    return RoundedBase(rock, rolls and patches_of(rock) is not None)
 
 
 def refined(rock: Rock) -> Rock:

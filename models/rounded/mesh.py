@@ -7,7 +7,7 @@ curve through four of its corners (Dyn, Levin and Gregory 1987). Parts that are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,9 @@ _FLAT_AREAS = 5.0
 
 _FEWEST_PATCHES = 12
 """Fewer that go over into each other are a body's own faces, such as chamfers, not a curved surface."""
+
+_ONE_WAY_SHARE = 1e-3
+"""Of the spread of a part's normals along a great circle: with less across, it is curved in one direction."""
 
 FALLEN_DEG = 75.0
 """Faces whose outward normal is so near to downward can touch before a rock has fallen."""
@@ -86,6 +89,20 @@ class SmoothMesh:
         below = np.bincount(part, normals[:, 2] < -np.cos(np.radians(TOPPLED_TILT_DEG))) > 0
         whole = np.bincount(part) >= _FEWEST_PATCHES
         return (whole & below & (back <= _CONCAVE_SHARE * turns))[part]
+
+    def doubly_curved(self) -> SmoothMesh:
+        """The mesh with those rounded parts alone that are curved in two directions.
+
+        The others, as of a lying prism, roll over their faces, each of which takes energy.
+        """
+        _, sides = self.edges
+        normals, areas = self.normals
+        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        part = joined_parts(sides[(angle < _CREASE_DEG) & self.rounded[sides].all(axis=1)], len(self.faces))
+        spread = np.zeros((part.max() + 1, 3, 3))
+        np.add.at(spread, part, areas[:, None, None] * normals[:, :, None] * normals[:, None, :])
+        least, middle, _ = np.linalg.eigvalsh(spread).T
+        return replace(self, rounded=self.rounded & (least > _ONE_WAY_SHARE * middle)[part])
 
     @property
     def normals(self) -> tuple[Array, Array]:

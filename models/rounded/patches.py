@@ -153,7 +153,7 @@ def patches_of(rock: Rock) -> Patches | None:
 @kept
 def smooth_mesh_of(rock: Rock) -> SmoothMesh | None:
     """A rock's mesh with its rounded parts as fine as their patches need; None where nothing of it is rounded."""
-    mesh = SmoothMesh.of(rock)
+    mesh = SmoothMesh.of(rock).doubly_curved()
     if not mesh.rounded.any():
         return None
     while mesh.largest_turn_deg > _LARGEST_TURN_DEG and mesh.faces_when_halved <= _MOST_FACES:

@@ -24,7 +24,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from toppling.orchestrator.execution import ATLAS_BUDGET_S, RunProgress, budget_s, room_for
+from toppling.orchestrator.execution import RunProgress, budget_s, room_for
 from toppling.orchestrator.order import taking_turns
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.task import ROCKS_KEPT
@@ -66,7 +66,7 @@ def played(
     """Play a run against a clock; what it took, and the share that each part was busy."""
     orders = [np.flatnonzero(scene == number) for number in range(scene.max() + 1)]
     dispatch = Dispatch(taking_turns(orders), cost_s, scene=scene)
-    budget, room = max(budget_s(workers), ATLAS_BUDGET_S), JOBS_IN_BATCH
+    budget, room = budget_s(workers, rocks=2), JOBS_IN_BATCH
     heartbeats = 1.0 / (1.0 - HEARTBEAT_S * HEARTBEATS_A_SECOND * workers)
     task_s = TASK_S * heartbeats
     ready: deque[tuple[float, Batch]] = deque()

@@ -2,15 +2,16 @@
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
 from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.plan import Plan, PlannedScene
+from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.task import Row, RunKey
 
 
@@ -99,7 +100,7 @@ class Work:
 
     planned: Plan
     folder: Path  # the run's
-    run_key: RunKey  # what workers must find
+    versions: tuple[tuple[str, str], ...]  # that workers must have, as of `task.versions`
     client: Client
     watch: ProgressCallback
     progress: RunProgress  # of the jobs of the plan; counted on
@@ -108,12 +109,33 @@ class Work:
     redo: Mapping[str, int] = field(default_factory=dict)
     store: Path | None = None  # where rows go; the run's folder unless given
 
+    @cached_property
+    def run_keys(self) -> list[RunKey]:
+        """What a worker must find before it does jobs of each scene."""
+        return [
+            RunKey(
+                str(self.folder), one.scene_id, one.ensemble_id, self.versions, one.scene_place, one.ensemble_place
+            )
+            for one in self.planned.scenes
+        ]  # fmt: skip
 
-def run_key_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> RunKey:
-    """What a worker must find before it does jobs of one scene."""
-    return RunKey(
-        str(folder), scene.scene_id, scene.ensemble_id, here, scene.scene_place, scene.ensemble_place
-    )
+
+class JobSelection(Protocol):
+    """The jobs that a run is to have rows of: a plan is the selection of all of its own."""
+
+    @property
+    def what(self) -> str:
+        """Is being done, for a person who watches."""
+
+    def pending(self, finished: set[str]) -> Rows:
+        """Rows of the plan to shake next, in the order to start them; none once all that is wanted is finished."""
+
+    def total(self) -> int:
+        """Number of jobs in all, as far as known."""
+
+
+Choose = Callable[[Plan, Path], JobSelection]
+"""The jobs wanted of a plan in a run's folder."""
 
 
 class Stage(Protocol):

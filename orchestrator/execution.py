@@ -26,7 +26,7 @@ from toppling.orchestrator.admission import (
 )
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
-from toppling.orchestrator.context import RunError, RunProgress, Work, run_key_of
+from toppling.orchestrator.context import RunError, RunProgress, Work
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 _BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
-ATLAS_BUDGET_S = 6.0
+_ATLAS_BUDGET_S = 6.0
 """The same of many rocks: making one ready costs a third of a second."""
 
 _BATCHES_A_SECOND = 100
@@ -57,9 +57,9 @@ FLUSH_S = (5.0, 60.0)
 Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
 
 
-def budget_s(workers: int) -> float:
-    """Work of one task on a cluster of so many workers, in seconds."""
-    return max(_BATCH_BUDGET_S, workers / _BATCHES_A_SECOND)
+def budget_s(workers: int, rocks: int = 1) -> float:
+    """Work of one task on a cluster of so many workers, in seconds; of many rocks it begins with making one ready."""
+    return max(_ATLAS_BUDGET_S if rocks > 1 else _BATCH_BUDGET_S, workers / _BATCHES_A_SECOND)
 
 
 def room_for(rows: Sequence[Row], budget_s: float) -> int:
@@ -86,7 +86,6 @@ class Execution:
         self.task = task
         self.dispatch = Dispatch(pending, self.plan.durations_s, work.limits.tries, self.plan.scene_of)
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
-        self._run_keys = [run_key_of(scene, work.folder, work.run_key.versions) for scene in self.plan.scenes]
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
@@ -129,10 +128,6 @@ class Execution:
                 self.work.watch(self.progress)
         return self.progress
 
-    def _budget_s(self, workers: int) -> float:
-        """Work of one task, which of many rocks begins with a rock that is not at hand."""
-        return max(budget_s(workers), ATLAS_BUDGET_S if len(self.plan.scenes) > 1 else 0.0)
-
     def _submit(self, arriving: as_completed) -> None:
         workers = max(self.progress.workers, 1)
         batches: list[Batch] = []
@@ -152,9 +147,9 @@ class Execution:
         # In one graph: Dask takes its tasks for one group only if it sees them together.
         futures = self.client.map(
             self.task,
-            [self._run_keys[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
+            [self.work.run_keys[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
             specs,
-            [self._budget_s(workers)] * len(batches),
+            [budget_s(workers, len(self.plan.scenes))] * len(batches),
             key=keys,
             pure=False,
         )
@@ -176,7 +171,7 @@ class Execution:
             self.dispatch.came_back(batch, done=0)
         self._flying.clear()
         tell("scheduler lost", error=repr(error))
-        make_ready(self.client, *self._run_keys)
+        make_ready(self.client, *self.work.run_keys)
         tell("scheduler came back")
         self._looked = -math.inf
 
@@ -185,7 +180,7 @@ class Execution:
         if status == "finished":
             rows = checked([self.plan.spec(job) for job in batch.jobs], result)
             self._keep(rows, batch.attempt)
-            self._room = room_for(rows, self._budget_s(self.progress.workers))
+            self._room = room_for(rows, budget_s(self.progress.workers, len(self.plan.scenes)))
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
@@ -216,7 +211,7 @@ class Execution:
             if lost is not None:
                 self._give_up(lost, batch)
         elif isinstance(error, NotDeliveredError):
-            offer_assets(self.client, self._run_keys)
+            offer_assets(self.client, self.work.run_keys)
             self.dispatch.came_back(batch, done=0)
         elif isinstance(error, UnfitWorkerError):
             log.warning("%s; it is sent away", error)
@@ -258,11 +253,8 @@ class Execution:
         self._upkeep.shrink(processing)
         working = {(worker, str(key)) for worker, keys in processing.items() for key in keys}
         self._since = {batch_key: self._since.get(batch_key, now) for batch_key in working}
-        late = {
-            batch_key
-            for batch_key, since in self._since.items()
-            if now - since > self._budget_s(self.progress.workers) + self.work.limits.job_s
-        }
+        patience_s = budget_s(workers, len(self.plan.scenes)) + self.work.limits.job_s
+        late = {batch_key for batch_key, since in self._since.items() if now - since > patience_s}
         if late:
             self._overdue |= {key for _, key in late}
             for batch_key in late:

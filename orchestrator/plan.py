@@ -21,7 +21,7 @@ from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
 from toppling.orchestrator.sites import Site
-from toppling.orchestrator.stands import Settlings, settlings
+from toppling.orchestrator.stands import Settlings
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
 
@@ -34,6 +34,9 @@ _COLUMNS = pa.schema(
     ]
 )
 """Of the table of jobs: of each its axes, of the types that they have in the results."""
+
+Rows = NDArray[np.int64]
+"""Numbers of rows of the table of jobs, (n,)."""
 
 _EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
@@ -63,7 +66,7 @@ class PlannedScene:
     @cached_property
     def settlings(self) -> Settlings:
         """How the rock settles, looked at when it is asked for: a run that goes on does not ask."""
-        return settlings(self.campaign, Scene.load(self.campaign.scene))
+        return Settlings.of(self.campaign, Scene.load(self.campaign.scene))
 
     @property
     def scene_place(self) -> str:
@@ -88,6 +91,11 @@ class Plan:
     jobs: pa.Table
     recorded: Recorded | None = None  # what the rock is known to have stood
     left_out: tuple[tuple[str, str], ...] = ()  # rocks of an atlas that cannot be read, each with the reason
+    what = "shaking"  # of all jobs (`context.JobSelection`)
+
+    def total(self) -> int:
+        """Number of jobs."""
+        return len(self.jobs)
 
     @property
     def scene_id(self) -> str:
@@ -166,7 +174,7 @@ class Plan:
         """Durations of the records of some jobs together."""
         return float(self.durations_s[rows].sum())
 
-    def pending(self, finished: set[str]) -> NDArray[np.int64]:
+    def pending(self, finished: set[str]) -> Rows:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
         left = ~done.combine_chunks().to_numpy(zero_copy_only=False)
@@ -278,7 +286,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         [ids, of_scene, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
         names=_COLUMNS.names,
     ).cast(_COLUMNS)
-    if _scene_by_scene(campaign):
+    if len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1:
+        # A record shakes a scene once: making many scenes ready would cost more than reading many records.
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
     return Plan(campaign, (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),), jobs, recorded)
 
@@ -293,11 +302,6 @@ def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, floa
         campaign.friction, campaign.restitution, numbers, levels, azimuths
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
-
-
-def _scene_by_scene(campaign: Campaign) -> bool:
-    """Whether a record shakes a scene once: making many scenes ready would cost more than reading many records."""
-    return len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1
 
 
 def _spec(campaign: Campaign, scene_id: str, record_sha: str, record_id: str, axes: Iterable[Any]) -> JobSpec:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from toppling.models.errors import InputError
-from toppling.models.settling import Settling
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.sites import Site
 from toppling.orchestrator.task import lost_row
@@ -27,12 +26,12 @@ def site_in_run(scene: PlannedScene) -> Site:
 
 def rows_without_stand(plan: Plan) -> Iterator[dict[str, Any]]:
     """Rows of the jobs on rocks that do not stand."""
-    unstable = {one.scene_id: one for one in plan.scenes if _problems(one)}
+    unstable = {one.scene_id: one for one in plan.scenes if one.settlings.problems}
     for row in range(len(plan)) if unstable else ():
         spec = plan.spec(row)
         scene = unstable.get(spec.scene_id)
         if scene and isinstance(
-            why := scene.settlings[spec.friction_static, spec.friction_kinetic], InputError
+            why := scene.settlings.with_friction[spec.friction_static, spec.friction_kinetic], InputError
         ):
             yield {**lost_row(spec, "failed", str(why)), "rock": scene.rock, "attempt": 1}
 
@@ -44,31 +43,26 @@ def scene_entries(plan: Plan) -> dict[str, Any]:
     """
     if not plan.campaign.sites:
         (scene,) = plan.scenes
-        for problem in _problems(scene):
+        for problem in scene.settlings.problems:
             raise problem
-        return {"settling": _most(scene)}
+        return {"settling": _largest(scene)}
     entries = [
-        _scene_entry(one) | {"jobs": jobs, "settling": _most(one)}
+        _scene_entry(one) | {"jobs": jobs, "settling": _largest(one)}
         for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": entries, "left_out": left_out}
 
 
-def _problems(scene: PlannedScene) -> list[InputError]:
-    return [one for one in scene.settlings.values() if isinstance(one, InputError)]
-
-
-def _most(scene: PlannedScene) -> dict[str, Any] | None:
-    """The settling by which the rock tilts most."""
-    found = [one for one in scene.settlings.values() if isinstance(one, Settling)]
-    return max(found, key=lambda one: one.tilt_deg).to_json() if found else None
+def _largest(scene: PlannedScene) -> dict[str, Any] | None:
+    largest = scene.settlings.largest
+    return largest and largest.to_json()
 
 
 def _scene_entry(scene: PlannedScene) -> dict[str, Any]:
     site = scene.site
     assert site is not None
-    problems = "; ".join(map(str, _problems(scene)))
+    problems = "; ".join(map(str, scene.settlings.problems))
     ids = {"rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id}
     location = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
     return {**ids, "ensemble": scene.ensemble_place, **location, "problem": problems or None}

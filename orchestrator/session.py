@@ -12,21 +12,34 @@ from typing import Any
 from distributed import Client
 
 from toppling.orchestrator.admission import make_ready
-from toppling.orchestrator.context import ProgressCallback, RunError, RunProgress, Stage, Work, run_key_of
+from toppling.orchestrator.context import (
+    Choose,
+    JobSelection,
+    ProgressCallback,
+    RunError,
+    RunProgress,
+    Stage,
+    Work,
+)
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
-from toppling.orchestrator.folder import note, prepare, remarks, session
-from toppling.orchestrator.job_selection import AllJobs, Choose, JobSelection, Rows
+from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
-from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.task import RunKey, versions
+from toppling.orchestrator.plan import Plan, Rows
+from toppling.orchestrator.task import versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 
 log = logging.getLogger(__name__)
 
 _ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
+
+
+def all_jobs(planned: Plan, folder: Path) -> JobSelection:
+    """Every job of a plan: a run that was to end with a statement may go on to them."""
+    set_jobs(folder, len(planned))
+    return planned
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,7 @@ class Session:
     # Statuses whose jobs are done again; what they have counts until there is a newer row.
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
-    choose: Choose = AllJobs  # the jobs wanted of a plan in a run's folder
+    choose: Choose = all_jobs  # the jobs wanted of a plan in a run's folder
 
     def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
@@ -51,7 +64,6 @@ class Session:
         """
         here = versions(planned.campaign.engine)
         prepare(folder, planned, dict(here))
-        run_keys = [run_key_of(scene, folder, here) for scene in planned.scenes]
         with session(folder, {}) as notes, journal(folder):
             tell(
                 "session began",
@@ -63,16 +75,14 @@ class Session:
             for sentence, fields in remarks(folder):
                 log.warning("%s", sentence, extra={"fields": fields})
             try:
-                progress = self._until_complete(
-                    _Goal(planned, folder, notes, self.again, self.choose), run_keys
-                )
+                progress = self._until_complete(_Goal(planned, folder, notes, self.again, self.choose), here)
             except BaseException as error:
                 tell("session ended", how=type(error).__name__, why=str(error))
                 raise
             tell("session ended", how="complete", **progress.summary())
         return progress
 
-    def _until_complete(self, goal: "_Goal", run_keys: Sequence[RunKey]) -> RunProgress:
+    def _until_complete(self, goal: "_Goal", here: tuple[tuple[str, str], ...]) -> RunProgress:
         planned, progress = goal.planned, goal.progress
         if not self._due(goal, before=True):
             left = goal.selection.pending(goal.finished - goal.redo.keys())
@@ -86,10 +96,8 @@ class Session:
             client = until_done.enter_context(self.cluster)
             until_done.enter_context(client.as_current())
             until_done.enter_context(leaving_in_order(client))
-            make_ready(client, *run_keys)
-            work = Work(
-                planned, goal.folder, run_keys[0], client, self.watch, progress, self.limits, goal.redo
-            )
+            work = Work(planned, goal.folder, here, client, self.watch, progress, self.limits, goal.redo)
+            make_ready(client, *work.run_keys)
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in self._due(goal, before=True):
                 stage.carry_out(work)

@@ -242,7 +242,12 @@ def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> l
     rows: list[Row] = []
     for spec in specs:
         with _ONE_AT_A_TIME:
-            rows.append(_shake(spec, assets))
+            try:
+                row = run_job(spec, assets)
+            except Exception as error:  # a job's failure is a row, never a lost run
+                log.exception("job %s failed", spec.job_id)
+                row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
+        rows.append({**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)})
         if time.perf_counter() >= end or LEAVING.is_set():
             break
     return rows
@@ -263,15 +268,6 @@ async def check(run_key: RunKey, dask_worker: Worker | None = None) -> str:
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
     await asyncio.to_thread(assets_of, run_key)
     return processor()["kernels"]
-
-
-def _shake(spec: JobSpec, assets: Assets) -> Row:
-    try:
-        row = run_job(spec, assets)
-    except Exception as error:  # a job's failure is a row, never a lost run
-        log.exception("job %s failed", spec.job_id)
-        row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
-    return {**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)}
 
 
 def lost_row(spec: JobSpec, status: str, message: str) -> Row:

@@ -192,13 +192,10 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
 
 
 def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
-    """Rows of some files under `SCHEMA`, one per job."""
-    tables = [read_table(path, columns=columns, schema=SCHEMA) for path in files]
-    return _newest_attempts(pa.concat_tables(tables)) if tables else SCHEMA.empty_table()
-
-
-def _newest_attempts(table: pa.Table) -> pa.Table:
-    """One row a job: the highest attempt, and of equal ones the last written."""
+    """Rows of some files under `SCHEMA`, one a job: the highest attempt, and of equal ones the last written."""
+    if not files:
+        return SCHEMA.empty_table()
+    table = pa.concat_tables([read_table(path, columns=columns, schema=SCHEMA) for path in files])
     if pc.count_distinct(table.column("job_id")).as_py() == len(table):
         return table
     ranked = table.select(["job_id", "attempt"]).append_column("row", pa.array(range(len(table)), pa.int64()))

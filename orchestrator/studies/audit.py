@@ -109,8 +109,10 @@ def drawn(folder: Path) -> pa.Table:
 
 def due(planned: Plan, folder: Path) -> int:
     """Jobs that the campaign wants audited and that some auditor has not done; 0 for nothing to do."""
-    rows = drawn(folder)
     wanted = planned.campaign.audit
+    if wanted == 0:
+        return 0
+    rows = drawn(folder)
     count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
     places = rows["job_id"][:count]
     for one in _auditors(planned.campaign) if count else ():

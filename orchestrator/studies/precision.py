@@ -13,10 +13,11 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
+from toppling.orchestrator.context import JobSelection
 from toppling.orchestrator.folder import set_jobs
-from toppling.orchestrator.job_selection import AllJobs, JobSelection, Rows
 from toppling.orchestrator.journal import tell
-from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.plan import Plan, Rows
+from toppling.orchestrator.session import all_jobs
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
@@ -31,7 +32,7 @@ def select_jobs(planned: Plan, folder: Path) -> JobSelection:
     """The jobs that a campaign asks for: all, or those that its precision needs."""
     campaign = planned.campaign
     if campaign.precision is None:
-        return AllJobs(planned, folder)
+        return all_jobs(planned, folder)
     return JobsForPrecision(planned, folder, campaign.precision, campaign.target)
 
 

@@ -34,7 +34,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.models.errors import InputError
     from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.context import RunProgress, Work, run_key_of
+    from toppling.orchestrator.context import RunProgress, Work
     from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
@@ -61,10 +61,10 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
             expected=f"at least {LEAST_JOBS} jobs",
             remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
         )
-    run_key = run_key_of(planned.scenes[0], run.absolute(), versions())
     with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
-        check_workers(client, run_key)
-        carry_out(Work(planned, run.absolute(), run_key, client, watch, RunProgress(count, 0)), count)
+        work = Work(planned, run.absolute(), versions(), client, watch, RunProgress(count, 0))
+        check_workers(client, *work.run_keys)
+        carry_out(work, count)
     audits = audits_of(opened)
     if as_json:
         click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))

@@ -12,7 +12,7 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import run_key_of
+from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
@@ -122,10 +122,11 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     axes = {"pga_m_s2": [3], "azimuth_deg": [0], "friction": [0.8], "preset": "fast"}
     planned = plan_of(Campaign.of({"scenes": ["scenes/*"], "ensemble": "quakes", **axes}, tmp_path))
     prepare(tmp_path / "run", planned, dict(versions()))
+    run_keys = Work(planned, tmp_path / "run", versions(), None, None, RunProgress(48, 0)).run_keys
     alive = []
     for row in range(len(planned)):
         scene = planned.scenes[planned.scene_of[row]]
-        (answer,) = shake_batch(run_key_of(scene, tmp_path / "run", versions()), [planned.spec(row)], 1.0)
+        (answer,) = shake_batch(run_keys[planned.scene_of[row]], [planned.spec(row)], 1.0)
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         gc.collect()
         alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))

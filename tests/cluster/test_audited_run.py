@@ -15,7 +15,7 @@ from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.audit import Auditing, audit, due
-from toppling.orchestrator.task import RunKey, versions
+from toppling.orchestrator.task import versions
 from toppling.results.reader import open_run
 
 
@@ -35,8 +35,7 @@ def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, u
     planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
     assert due(planned, folder) == 0
     # More jobs add to those that were done.
-    run_key = RunKey(str(folder), planned.scene_id, planned.ensemble_id, versions())
-    progresses = audit(Work(planned, folder, run_key, client, silent, RunProgress(30, 0)), 30)
+    progresses = audit(Work(planned, folder, versions(), client, silent, RunProgress(30, 0)), 30)
     assert [(progress.before, progress.done) for progress in progresses] == [(24, 6)] * len(progresses)
     told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
     assert json.loads(told.stdout)["audit"]["jobs"] == 30

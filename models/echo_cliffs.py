@@ -48,20 +48,14 @@ _REACH_M, _DROP_M, _BATTER_M = 20.0, 16.0, 0.2
 _Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
-def echo_cliffs(friction: float = 1.0) -> Scene:
-    """A convex rock that stands over the edge of a cliff, on the pedestal's own surface.
-
-    Parameters
-    ----------
-    friction : float
-        Static and kinetic; of the scene, where a job does not give its own.
-    """
+def echo_cliffs() -> Scene:
+    """A convex rock that stands over the edge of a cliff, on the pedestal's own surface; friction 1."""
     edge_m = _EDGE_SHARE * _BASE_RADIUS_M
     turn = rotation_between((0.0, 0.0, 1.0), plane_normal(_SLOPE_DEG, _DOWNHILL_AZIMUTH_DEG))
     out = horizontal_unit_vector(_DOWNHILL_AZIMUTH_DEG)
     axes = turn @ np.column_stack([out, np.cross([0.0, 0.0, 1.0], out), [0.0, 0.0, 1.0]])
     (rock, faces), (ground, triangles) = _rock(edge_m), _pedestal(edge_m)
-    return Scene.from_mesh((rock @ axes.T, faces), friction=friction, pedestal=(ground @ axes.T, triangles))
+    return Scene.from_mesh((rock @ axes.T, faces), friction=1.0, pedestal=(ground @ axes.T, triangles))
 
 
 def _rock(edge_m: float) -> _Mesh:

@@ -82,22 +82,21 @@ class Site:
     friction: float | None = None
 
 
-def read_sites(given: Path, where: str | None = None) -> tuple[Site, ...]:
+def read_sites(given: Path) -> tuple[Site, ...]:
     """Rocks of a table, CSV or TOML (`[[rock]]` for each).
 
     Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a place stated by
     half.
     """
-    where = where or str(given)
     check_size(given, LARGEST_CSV_BYTES, "a table of rocks")
     try:
         rows = _rows(given)
     except FileNotFoundError:
-        raise Place(where).wrong(
+        raise Place(str(given)).wrong(
             "no such file", "a table of rocks, CSV or TOML", "correct the path"
         ) from None
     sites = tuple(_site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(rows))
-    return _distinct_rocks(sites, where)
+    return _distinct_rocks(sites, str(given))
 
 
 def _rows(given: Path) -> list[dict[str, Any]]:

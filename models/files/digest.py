@@ -165,9 +165,9 @@ def read_json(path: Path, *, required: bool = False) -> Any:
     return content
 
 
-def write_text(path: Path, text: str, comment: str = "# ") -> None:
+def write_text(path: Path, text: str) -> None:
     """Write a text with its digest in a comment that goes before."""
-    path.write_text(f"{comment}{BLANK}\n{text}", encoding="utf-8")
+    path.write_text(f"# {BLANK}\n{text}", encoding="utf-8")
     seal(path)
 
 

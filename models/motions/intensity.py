@@ -104,9 +104,7 @@ def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.abs(points[:, :1] * np.cos(angle) + points[:, 1:] * np.sin(angle)).max(axis=0)
 
 
-def spectral_acceleration_m_s2(
-    motion: Motion, periods_s: Sequence[float], damping: float = _DAMPING
-) -> dict[str, NDArray[np.float64]]:
+def spectral_acceleration_m_s2(motion: Motion, periods_s: Sequence[float]) -> dict[str, NDArray[np.float64]]:
     """Response spectra (pseudo-acceleration) of a motion's horizontal pair.
 
     Returns dict: `x`, `y` (the components), `rotd50`, `rotd100`, each as long as `periods_s`.
@@ -115,7 +113,7 @@ def spectral_acceleration_m_s2(
     for period in periods_s:
         finer = min(math.ceil(_SAMPLES_A_PERIOD * motion.time_step_s / period), _FINEST)
         ground = _between_samples(motion.acceleration_m_s2[:, :2], finer)
-        response = oscillator_response_m_s2(ground, motion.time_step_s / finer, period, damping)
+        response = oscillator_response_m_s2(ground, motion.time_step_s / finer, period, _DAMPING)
         rotated = rotated_peaks(response)
         rows.append((rotated[0], rotated[90], np.median(rotated), np.hypot(*response.T).max()))
     return dict(zip(("x", "y", "rotd50", "rotd100"), np.array(rows).T, strict=True))
@@ -136,15 +134,13 @@ def arias_m_s(acceleration: NDArray[np.float64], time_step_s: float) -> float:
     return float(np.pi / (2 * STANDARD_G_M_S2) * np.trapezoid(squared, dx=time_step_s))
 
 
-def duration_between_shares_s(
-    squared: NDArray[np.float64], time_step_s: float, low: float = 0.05, high: float = 0.95
-) -> float:
-    """Time from the `low` to the `high` share of the integral of a squared history (n,)."""
+def duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float) -> float:
+    """Time from 5 to 95 % of the integral of a squared history (n,)."""
     build_up = np.zeros(len(squared))
     np.cumsum(0.5 * (squared[1:] + squared[:-1]), out=build_up[1:])
     if build_up[-1] == 0:
         return 0.0
-    start, end = np.interp([low, high], build_up / build_up[-1], np.arange(len(squared)))
+    start, end = np.interp([0.05, 0.95], build_up / build_up[-1], np.arange(len(squared)))
     return float((end - start) * time_step_s)
 
 

@@ -72,9 +72,9 @@ def demean(motion: Motion) -> Motion:
     return Motion(motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0), motion.time_step_s)
 
 
-def taper(motion: Motion, share: float = _TAPER_SHARE) -> Motion:
+def taper(motion: Motion) -> Motion:
     """Cosine taper over a share of the record at each end."""
-    window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * share)
+    window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * _TAPER_SHARE)
     return Motion(motion.acceleration_m_s2 * window[:, None], motion.time_step_s)
 
 

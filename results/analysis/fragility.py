@@ -83,7 +83,7 @@ FEW_BEYOND = 0.02
 """Share of the jobs that the study's bounds may leave off a map; otherwise the map extends as far as they do."""
 
 
-def planes_of(frame: pd.DataFrame, planes: Iterable[Plane] = tuple(PLANES.values())) -> dict[str, Plane]:
+def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
 
     def extended(plane: Plane) -> Plane:
@@ -91,7 +91,7 @@ def planes_of(frame: pd.DataFrame, planes: Iterable[Plane] = tuple(PLANES.values
             return plane
         return replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
 
-    return {plane.name: extended(plane) for plane in planes}
+    return {name: extended(plane) for name, plane in PLANES.items()}
 
 
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np.float64]:
@@ -278,10 +278,10 @@ def _contact_name(values: dict[str, object]) -> str:
     return "_".join(f"{short.get(name, name)}-{_plain(value)}" for name, value in named.items())
 
 
-def wilson(probability: pd.Series, trials: pd.Series, level: float = 0.95) -> tuple[pd.Series, pd.Series]:
-    """Wilson's interval of a share seen in some trials; null where there was none."""
+def wilson(probability: pd.Series, trials: pd.Series) -> tuple[pd.Series, pd.Series]:
+    """Wilson's interval (95 %) of a share seen in some trials; null where there was none."""
     some = trials.where(trials > 0)
-    low, high = proportion_confint(probability * some, some, alpha=1.0 - level, method="wilson")
+    low, high = proportion_confint(probability * some, some, alpha=0.05, method="wilson")
     return low, high
 
 

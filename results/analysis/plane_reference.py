@@ -188,8 +188,8 @@ def _notes(found: Mapping[float, Section | None]) -> Iterator[str]:
         yield f"outermost contact points are brought into the section from beside it along {listed}"
 
 
-def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = (0.01, 0.99)) -> pd.DataFrame:
-    """PGA at which the plane body topples with some probabilities, by PGV/PGA and azimuth.
+def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
+    """PGA at which the plane body topples with 1 and 99 %, by PGV/PGA and azimuth.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
             continue
         intercept, on_pga, on_pulse = coefficients
         pulse = np.geomspace(jobs["pgv_pga_s"].min(), jobs["pgv_pga_s"].max(), 60)
-        for probability in probabilities:
+        for probability in (0.01, 0.99):
             pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)
             lines.append(
                 pd.DataFrame(

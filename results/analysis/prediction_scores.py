@@ -126,9 +126,7 @@ def calibration(overturned: Truths, probability: Array, bins: int = 6) -> pd.Dat
     ).reset_index(drop=True)
 
 
-def learnt(
-    toppled: Array, overturned: Truths, group: NDArray[Any], left: Callable[[Any], None] = lambda _: None
-) -> Array:
+def learnt(toppled: Array, overturned: Truths, group: NDArray[Any]) -> Array:
     """Probabilities (tests,) from draws weighted by the likelihood of the outcomes of other records only.
 
     Parameters
@@ -138,8 +136,6 @@ def learnt(
     overturned : (tests,) array of bool
     group : (tests,) array
         The record of each test: none of its tests is looked at when it is predicted.
-    left : callable
-        Told each record as its turn comes.
 
     Returns
     -------
@@ -147,7 +143,6 @@ def learnt(
     """
     predicted = np.empty(len(overturned))
     for training, held_out in LeaveOneGroupOut().split(toppled.T, overturned, group):
-        left(group[held_out[0]])
         weights, (stands, topples) = weighted_draws(
             toppled[:, training], overturned[training], group[training]
         )

@@ -16,23 +16,24 @@ from scipy.stats import norm, t
 
 from toppling.models.arrays import Array
 
+_TAIL = 0.975
+"""Of the intervals of 95 %, which are wanted most."""
+
 _FARTHEST = 4.0
 """Of a reflected sample from the fit, in logarithms of the median and of beta: beyond it a refit means nothing."""
 
 
-def reflected(fitted: Array, refits: Array, records: int, level: float = 0.95) -> Array:
+def reflected(fitted: Array, refits: Array, records: int) -> Array:
     """Coefficients whose percentiles are the ends of intervals.
 
     fitted: (p,), coefficients of a fit to one or two measures.
     refits: (k, p), of the samples.
     records: number that are drawn.
-    level: of the intervals that are wanted most.
     Returns (k, p) array: as they were for a sample too far from the fit to mean anything.
     """
     to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
-    tail = (1 + level) / 2
     freedom = records - len(fitted)
-    wider = math.sqrt(records / freedom) * t.ppf(tail, freedom) / norm.ppf(tail)
+    wider = math.sqrt(records / freedom) * t.ppf(_TAIL, freedom) / norm.ppf(_TAIL)
     centre, away = to(fitted), to(refits) - to(fitted)
     if len(fitted) == 3:
         away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi

@@ -10,6 +10,8 @@ from toppling.results.analysis.fragility import direction_bin_deg
 from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 
+_PETAL_DEG = 15.0
+
 
 def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: float) -> Figure:
     """Least PGA that topples by the waveform's PGV/PGA (figure 4).
@@ -52,7 +54,7 @@ def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: floa
     return figure
 
 
-def topple_by_direction(frame: pd.DataFrame, bins: int = 8, petal_deg: float = 15.0) -> pd.DataFrame:
+def topple_by_direction(frame: pd.DataFrame) -> pd.DataFrame:
     """Count toppled jobs by the direction bin of their vector PGA and the azimuth they toppled toward (figure 8).
 
     Returns
@@ -63,18 +65,18 @@ def topple_by_direction(frame: pd.DataFrame, bins: int = 8, petal_deg: float = 1
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)].dropna(
         subset=["topple_azimuth_deg", "pga_azimuth_deg"]
     )
-    petals = round(360.0 / petal_deg)
-    directions = direction_bin_deg(toppled["pga_azimuth_deg"], bins)
-    petal = np.floor(toppled["topple_azimuth_deg"].to_numpy(float) / petal_deg + 0.5).astype(int) % petals
+    petals = round(360.0 / _PETAL_DEG)
+    directions = direction_bin_deg(toppled["pga_azimuth_deg"])
+    petal = np.floor(toppled["topple_azimuth_deg"].to_numpy(float) / _PETAL_DEG + 0.5).astype(int) % petals
     counts = pd.crosstab(directions, petal).reindex(columns=range(petals), fill_value=0)
     table = counts.stack().rename("toppled").reset_index()
     table.columns = pd.Index(["direction_deg", "azimuth_deg", "toppled"])
-    table["azimuth_deg"] *= petal_deg
+    table["azimuth_deg"] *= _PETAL_DEG
     total = table.groupby("direction_deg")["toppled"].transform("sum")
     return table.assign(share_of_toppled=table["toppled"] / total.clip(lower=1))
 
 
-def topple_direction_figure(table: pd.DataFrame, bins: int = 8) -> Figure:
+def topple_direction_figure(table: pd.DataFrame) -> Figure:
     """A rose of toppling azimuths for each direction of the vector PGA, from `topple_by_direction`."""
     directions = by_compass(table["direction_deg"].unique())
     columns = min(4, max(1, len(directions)))
@@ -94,7 +96,7 @@ def topple_direction_figure(table: pd.DataFrame, bins: int = 8) -> Figure:
             width = 2 * np.pi / len(petals)
             angle = np.deg2rad(petals["azimuth_deg"].to_numpy(float))
             axes.bar(angle, 100 * petals["share_of_toppled"], width, color=COLOURS(0.35), lw=0)
-            axes.set_title(f"{direction_words(direction, bins)}\n{petals['toppled'].sum():,} toppled", pad=4)
+            axes.set_title(f"{direction_words(direction, 8)}\n{petals['toppled'].sum():,} toppled", pad=4)
             nearby = petals["toppled"].rolling(3, center=True, min_periods=1).sum()
             mark_winds(axes, float(petals["azimuth_deg"].iloc[int(nearby.argmin())]))
             axes.tick_params(labelsize=6)

@@ -164,9 +164,7 @@ def joint_ages(
     return drawn
 
 
-def fragile_years(
-    ages: NDArray[np.float64], since: Sequence[Since | None], seed: int = 0
-) -> NDArray[np.float64]:
+def fragile_years(ages: NDArray[np.float64], since: Sequence[Since | None]) -> NDArray[np.float64]:
     """How long each rock has been as fragile as it is, (draws, rocks): the lesser of its age and that date.
 
     Parameters
@@ -175,12 +173,10 @@ def fragile_years(
         From `joint_ages`.
     since : sequence of Since or None
         One a rock; None for one that has been as fragile as now since it stands.
-    seed : int
-        Of the order in which dates of fragility meet ages.
     """
     draws = max(len(ages), *(len(one.years) for one in since if one), 1)
     fragile = np.resize(ages, (draws, ages.shape[1]))
-    random = np.random.default_rng([seed, 1])
+    random = np.random.default_rng([0, 1])  # in which order dates of fragility meet ages
     for number, one in enumerate(since):
         if one is not None:
             dates = random.permutation(np.resize(one.years, draws))
@@ -188,9 +184,7 @@ def fragile_years(
     return fragile
 
 
-def exposure(
-    ages: NDArray[np.float64], since: Sequence[Since | None] | None = None, seed: int = 0
-) -> Exposure:
+def exposure(ages: NDArray[np.float64], since: Sequence[Since | None] | None = None) -> Exposure:
     """Find the sets of rocks that stood together, in which state, and how long in each draw.
 
     Parameters
@@ -198,12 +192,10 @@ def exposure(
     ages : (draws, rocks) array
         From `joint_ages`.
     since : sequence of Since or None
-        One a rock; None for one that has been as fragile as now since it stands.
-    seed : int
-        Of the order in which dates of fragility meet ages.
+        One a rock, as of `fragile_years`.
     """
     late = [None] * ages.shape[1] if since is None else list(since)
-    fragile = fragile_years(ages, late, seed)
+    fragile = fragile_years(ages, late)
     draws = len(fragile)
     ages = np.resize(ages, fragile.shape)
     stouter = np.array([one is not None and math.isfinite(one.factor) for one in late])

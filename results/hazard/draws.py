@@ -61,9 +61,7 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
     )
 
 
-def event_matrix(
-    curves: Sequence[HazardCurve], nodes_per_e_fold: int = _NODES_PER_E_FOLD
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
 
     As `curves.events_by_intensity`, for many curves at once: what each says beyond its last point lies at that point.
@@ -73,7 +71,7 @@ def event_matrix(
         return np.ones(1), np.zeros((len(curves), 1))
     corners = np.unique(np.concatenate([np.log(curve.intensity) for curve in bearing]))
     pieces = [
-        np.linspace(start, end, math.ceil((end - start) * nodes_per_e_fold), endpoint=False)
+        np.linspace(start, end, math.ceil((end - start) * _NODES_PER_E_FOLD), endpoint=False)
         for start, end in pairwise(corners)
     ]
     nodes = np.concatenate([*pieces, corners[-1:]])

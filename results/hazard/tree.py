@@ -145,15 +145,13 @@ def _rates_at(curve: HazardCurve, levels: NDArray[np.float64]) -> NDArray[np.flo
     return np.where(levels > curve.intensity[-1], 0.0, rates)
 
 
-def statistics(
-    tree: HazardTree, weights: ArrayLike | None = None, fractiles: Sequence[float] = FRACTILES
-) -> Statistics:
+def statistics(tree: HazardTree, weights: ArrayLike | None = None) -> Statistics:
     """Mean and fractiles of a tree under some weights of its branches, its own if none are given.
 
     weights: (branches,).
     """
     share = tree.weights if weights is None else np.asarray(weights, float)
-    return statistics_of(*common_levels(tree.curves), share, tree.years, fractiles)
+    return statistics_of(*common_levels(tree.curves), share, tree.years)
 
 
 def statistics_of(

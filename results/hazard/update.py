@@ -245,7 +245,7 @@ def updated_table(update: Update) -> pd.DataFrame:
     return table
 
 
-def changes_table(update: Update, rates: Sequence[float] = RATES) -> pd.DataFrame:
+def changes_table(update: Update) -> pd.DataFrame:
     """The motions exceeded at some annual rates, before and after.
 
     Returns
@@ -262,7 +262,7 @@ def changes_table(update: Update, rates: Sequence[float] = RATES) -> pd.DataFram
         change_at(rate, update.before, update.after)
         | dict(zip(DRAWN_LEVELS, _drawn_levels(update, means, rate), strict=True))
         | {"level_kept_mean": math.nan if kept is None else intensity_at(kept.levels, kept.mean, rate)}
-        for rate in rates
+        for rate in RATES
     ])  # fmt: skip
 
 

@@ -37,9 +37,9 @@ _SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300
 after which it is: of a sharp threshold the slope is never known."""
 _ONE_SIDED_JOBS = 120
 """Jobs of one answer that show that the levels do not reach the curve."""
-_MEASURE_JOBS, _CLEARLY_BETTER = 60, 5.0
-"""Jobs after which the measure stays, as the best of several at every round would be the one that looks best by chance;
-and the logarithm of the likelihood's ratio by which another than the usual one has to be better."""
+_USUAL, _MEASURE_JOBS, _CLEARLY_BETTER = "pgv_m_s", 60, 5.0
+"""The usual measure; jobs after which the measure stays, as the best of several at every round would be the one that
+looks best by chance; and the logarithm of the likelihood ratio by which another than the usual one must be better."""
 _RECORDS_BOUND = 0.3
 """Share of the records' part of the variance that jobs still add, when more of them cannot help."""
 
@@ -65,7 +65,7 @@ class Verdict:
     departure: Departure | None = None  # how the answers contradict the curve, where they do
 
 
-def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:
+def _best_measure(observed: Mapping[str, Answers]) -> str:
     """Measure whose curve makes the answers likeliest: all curves have as many coefficients.
 
     The usual one stays unless another is clearly better: levels are chosen by it, so that its answers are all near its
@@ -73,8 +73,8 @@ def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> st
     """
     likelihood = {name: fit_curve(answers).log_likelihood for name, answers in observed.items()}
     best = max(likelihood, key=lambda name: likelihood[name])
-    close = usual in likelihood and likelihood[best] < likelihood[usual] + _CLEARLY_BETTER
-    return usual if close else best
+    close = _USUAL in likelihood and likelihood[best] < likelihood[_USUAL] + _CLEARLY_BETTER
+    return _USUAL if close else best
 
 
 def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:

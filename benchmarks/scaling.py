@@ -233,12 +233,11 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         planned = planned_in(folder, 40, max(1, round(workers * per_worker / 40 / LEVELS)))
         run = folder / "run"
         prepare(run, planned, {})
-        order = RunKey(str(run), planned.scene_id, planned.ensemble_id, versions())
         seen: list[tuple[float, int]] = []
         before, began = {who: cpu_s(theirs) for who, theirs in processes.items()}, time.perf_counter()
         pending = planned.pending(set())
         work = Work(
-            planned, run, order, client,
+            planned, run, versions(), client,
             lambda progress: seen.append((time.perf_counter(), progress.done)), RunProgress(len(planned), 0),
         )  # fmt: skip
         execution = Execution(work, pending, Pretend(seconds_per_job))

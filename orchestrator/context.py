@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.task import Row, RunKey
 
@@ -132,6 +133,12 @@ class JobSelection(Protocol):
 
     def total(self) -> int:
         """Number of jobs in all, as far as known."""
+
+
+def all_jobs(planned: Plan, folder: Path) -> JobSelection:
+    """Every job of a plan: a run that was to end with a statement may go on to them."""
+    set_jobs(folder, len(planned))
+    return planned
 
 
 Choose = Callable[[Plan, Path], JobSelection]

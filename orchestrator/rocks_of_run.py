@@ -56,7 +56,7 @@ def scene_entries(plan: Plan) -> dict[str, Any]:
 
 def _largest(scene: PlannedScene) -> dict[str, Any] | None:
     largest = scene.settlings.largest
-    return largest and largest.to_json()
+    return None if largest is None else largest.to_json()
 
 
 def _scene_entry(scene: PlannedScene) -> dict[str, Any]:

@@ -20,10 +20,11 @@ from toppling.orchestrator.context import (
     RunProgress,
     Stage,
     Work,
+    all_jobs,
 )
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
-from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
+from toppling.orchestrator.folder import note, prepare, remarks, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan, Rows
@@ -34,12 +35,6 @@ log = logging.getLogger(__name__)
 
 _ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
-
-
-def all_jobs(planned: Plan, folder: Path) -> JobSelection:
-    """Every job of a plan: a run that was to end with a statement may go on to them."""
-    set_jobs(folder, len(planned))
-    return planned
 
 
 @dataclass(frozen=True)

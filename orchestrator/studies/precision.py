@@ -13,11 +13,10 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.context import JobSelection
+from toppling.orchestrator.context import JobSelection, all_jobs
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
-from toppling.orchestrator.session import all_jobs
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds

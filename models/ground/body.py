@@ -35,6 +35,12 @@ RESTING_SHARE = 1e-4
 _QUASI_STATIC_STEP = 0.003
 """Of sqrt(R / g): time step of a rock that tips without gathering speed."""
 
+_FOLLOWED_SHARE = 0.4
+"""Of R: way on which a rock that tips is followed past the largest: over the facets of a coarse rounded base."""
+
+_FOOT = 0.2
+"""Of the rock's extent upward: contacts below are its foot."""
+
 _FARTHEST_SETTLING = 0.1
 """Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen."""
 
@@ -150,6 +156,21 @@ class GroundedBody:
         return sim.pose[0].copy()
 
     @cached_property
+    def leans(self) -> bool:
+        """Whether it stands, and would not on those contacts alone that lie at its foot."""
+        pose = self.resting_pose
+        near = self.contacts(pose, RESTING_SHARE * self.size_m)
+        up = self.scene_from_support[2]
+        over_m, height_m = near["place_m"] @ up, np.ptp(self.rock.vertices_m @ self._up_in_body(pose))
+        foot = near[over_m - over_m.min(initial=np.inf) < _FOOT * height_m]
+        columns = wrenches(foot["arm_m"], foot["normal"], self.friction[0])
+        return self.stands(pose) and not are_held(columns, self.load_m_s2()[None], self.size_m)[0]
+
+    def _up_in_body(self, pose: Array) -> Array:
+        """The upward direction (3,) in body axes, in a pose."""
+        return Rotation.from_quat(pose[3:]).inv().apply(self.scene_from_support[2])
+
+    @cached_property
     def ground_in_scene_m(self) -> Array:
         """Vertices (n, 3) of the ground in the axes of the scene, from the support's origin."""
         return self.ground.vertices_m @ self.scene_from_support.T
@@ -171,7 +192,10 @@ class GroundedBody:
     def _largest_held(self, azimuth_deg: float) -> float:
         push = -horizontal_unit_vector(azimuth_deg) @ self.scene_from_support
         step_s = _QUASI_STATIC_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
-        return largest_held_m_s2(self.clockless(self.resting_pose, step_s), push, 30.0 * self.gravity_m_s2)
+        # Once off the wall, a rock that leaned gathers speed: that it would stand upright as well is no answer.
+        followed_m = 0.0 if self.leans else _FOLLOWED_SHARE * self.size_m
+        sim = self.clockless(self.resting_pose, step_s)
+        return largest_held_m_s2(sim, push, 30.0 * self.gravity_m_s2, followed_m)
 
     @classmethod
     def of(

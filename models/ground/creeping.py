@@ -21,9 +21,6 @@ _TIPPING_SHARE = 0.004
 _PASSED = 0.9
 """Share of the largest acceleration that was held, below which it is past it."""
 
-_FOLLOWED_SHARE = 0.4
-"""Of R: way on which it is followed past the largest: over the facets of a coarse rounded base."""
-
 _PRECISION = 2e-4
 """Share to which the largest acceleration is found."""
 
@@ -51,11 +48,11 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
 
 
 @compiled(allocates=True)
-def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
+def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: float) -> float:
     """Largest constant acceleration of the ground, against a unit push (3,), that a rock at rest stands.
 
     In its first pose, or in one that it tips into from there without gathering speed: until it has tilted so far, or
-    stands so much less, that nothing larger follows. Infinite from `most_m_s2` on.
+    stands so much less after a way of `followed_m`, that nothing larger follows. Infinite from `most_m_s2` on.
     """
     pose, start = sim.pose[0].copy(), sim.pose[0].copy()
     still = _still_m_s2(sim)
@@ -68,7 +65,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
             if best > most_m_s2:
                 return np.inf
         elif (
-            moved_m(peak, pose, sim.farthest_m) > _FOLLOWED_SHARE * sim.size_m
+            moved_m(peak, pose, sim.farthest_m) > followed_m
             and _gives_way(sim, pose, push, _PASSED * best) >= still
         ):
             return best

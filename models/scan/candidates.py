@@ -244,8 +244,8 @@ def minimum_cut(
     Where heights over a known interface are given, edges through it cost next to nothing.
     """
     count = len(surfels.points_m)
-    bend = _bend(surfels, edges)
-    capacity = np.rint(10 + 1000 / (1 + np.exp(-(bend + 0.25) / 0.08))).astype(np.int32)
+    angle = bend(surfels, edges)
+    capacity = np.rint(10 + 1000 / (1 + np.exp(-(angle + 0.25) / 0.08))).astype(np.int32)
     if height_m is not None:
         capacity[(height_m[edges] > 0.0).sum(axis=1) == 1] = 1
     source, sink = count, count + 1
@@ -265,7 +265,7 @@ def minimum_cut(
 def concave_share(surfels: Surfels, edges: NDArray[np.int64], rock: NDArray[np.bool_]) -> float:
     """Share of the edges between a rock and the rest that run through a crease."""
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
-    return float((_bend(surfels, cut) < -0.25).mean()) if len(cut) else 1.0
+    return float((bend(surfels, cut) < -0.25).mean()) if len(cut) else 1.0
 
 
 def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:
@@ -274,7 +274,7 @@ def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:
     return reached
 
 
-def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+def bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
     """How the surface bends between neighbours: positive convex, negative concave, about the angle."""
     a, b = edges.T
     along = surfels.points_m[b] - surfels.points_m[a]

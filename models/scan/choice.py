@@ -20,6 +20,8 @@ _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
 """A top farther from where the user points than this many of its heights is not meant."""
+_LEAST_LOOP = 3
+"""Places of an outline that lie in a plane."""
 _CIRCLES = 4
 _FEWEST_AROUND = 5000
 """Fewer points around a place show no rock."""
@@ -67,6 +69,7 @@ def _nothing_stands(
     origin_m: NDArray[np.float64],
 ) -> InputError:
     """Say what of the user's knowledge would help, in this cloud's numbers."""
+    candidates = [each for each in candidates if len(each.loop_m) >= _LEAST_LOOP]
     expected = "a rock above a crevice or narrowing, seen from several sides with some of its pedestal"
     if not candidates:
         x, y, z = coarse.points_m[np.argmax(coarse.points_m[:, 2])] + origin_m

@@ -38,6 +38,7 @@ from toppling.models.scan.hanging import (
 )
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near
+from toppling.models.scan.leaning import check_upright, upright_split
 from toppling.models.scan.measure import (
     ObservedRock,
     close_standing,
@@ -48,7 +49,7 @@ from toppling.models.scan.measure import (
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels
 from toppling.models.scan.steps import step_note
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
@@ -130,9 +131,10 @@ def work_out(
     hint = _placed(cloud, hint)
     progress("splitting rock from pedestal")
     if cloud.label is None:
-        parts = segment(cloud.points_m, cloud.origin_m, near, hint)
+        parts = upright_split(cloud.points_m, cloud.origin_m, near, hint)
     else:
         parts = as_labelled(cloud.points_m, cloud.label)
+        check_upright(parts, cloud.origin_m)
     progress("fitting the interface")
     observed, label, interface = _classified(cloud, parts, hint)
     inspection = inspection or Inspection()

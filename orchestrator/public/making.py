@@ -73,23 +73,26 @@ def scan(
     from toppling.models.hidden_base.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
     from toppling.models.scan.survey import survey
-    from toppling.orchestrator.public.scan_files import check_hints, hints_said, of_base, placed_cloud
+    from toppling.orchestrator.public import scan_files
 
-    check_hints(hints)
+    scan_files.check_hints(hints)
     clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)
-    inspection = inspection_of(looked, **of_base(hints))
+    inspection = inspection_of(looked, **scan_files.of_base(hints))
     hint = hint_of(hints.get("plane"), list(hints.get("point", ())), hints.get("outline"))
     stage = partial(advance, 1)
 
     advance(0, "reading")
-    cloud = placed_cloud(clouds, hints)
-    try:
-        result = survey(cloud, stage, hints.get("near"), hint, bootstrap, inspection)
-    except InputError as error:
-        raise _in_files(error, clouds, looked) from None
+    result = scan_files.given_leaning(clouds, hints)
+    if result is None:
+        cloud = scan_files.placed_cloud(clouds, hints)
+        try:
+            result = survey(cloud, stage, hints.get("near"), hint, bootstrap, inspection)
+        except InputError as error:
+            raise _in_files(error, clouds, looked) from None
     advance(1, "letting the rock stand")
-    return Scanned(result.scene, folder, written(result, folder, hints_said(hints, inspection), advance))
+    said = scan_files.hints_said(hints, inspection)
+    return Scanned(result.scene, folder, written(result, folder, said, advance))
 
 
 def written(

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.scan.control_points import control_point_lines
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from toppling.models.scan.placement import Placement
     from toppling.models.scan.read import Cloud
     from toppling.models.scan.reference import Reference
+    from toppling.models.scan.survey import Survey
 
 
 def check_hints(hints: Mapping[str, object]) -> None:
@@ -51,6 +54,20 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)
     return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
+
+
+def given_leaning(files: Sequence[Path], hints: CloudHints) -> "Survey | None":
+    """What two meshes became that the user has brought apart, where one leans on the other; else None."""
+    from toppling.models.scan.leaning_meshes import NOTE, leaning_scene
+    from toppling.models.scan.parts import files_with, parts_of
+    from toppling.models.scan.survey import Survey
+
+    parts = parts_of(hints.get("rock"), hints.get("pedestal"))
+    placed = any(hints.get(name) for name in ("units", "up", "length", "gcp", "crs"))
+    if None in parts or placed or len(files_with(files, parts)) != len(parts):
+        return None
+    scene = leaning_scene(*parts)
+    return None if scene is None else Survey(scene, np.zeros(0, np.int8), (NOTE,))
 
 
 def placed_by(hints: CloudHints) -> "tuple[Placement, Reference | None]":

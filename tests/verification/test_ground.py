@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import trimesh
 from reference.bodies import round_cap
 from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
@@ -16,6 +17,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.orchestrator.public.making import scan
 from toppling.workers.ground.rest import holds
 from toppling.workers.shake import shake
 
@@ -303,6 +305,60 @@ def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
     seated = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, "test")
     assert np.abs(seated.vertices_m - scene.rock.vertices_m).max() < 1e-3
     assert shake(scene, STILL, "fast").outcome == "stands"
+
+
+def slab_on_a_wall(half_width, lean_deg):
+    """Meshes of a slab of 1.2 m that leans toward x on its lower edge at the origin, and of ground and wall."""
+    angle, height = math.radians(lean_deg), 1.2
+    turn = Rotation.from_rotvec([0.0, angle, 0.0])
+    slab = box(half_width, 0.3, 0.5 * height).moved(np.eye(3), (-half_width, 0.0, 0.5 * height))
+    vertices, faces = with_wall(height * math.sin(angle) - HALF_WIDTH_M, height_m=1.6)
+    return (turn.apply(slab.vertices_m), slab.faces), (vertices, faces)
+
+
+def righted_m_s2(half_width, lean_deg):
+    """Ground acceleration toward the wall that takes a slab off it: it undoes gravity's moment about the foot."""
+    angle = math.radians(lean_deg)
+    x = 0.6 * math.sin(angle) - half_width * math.cos(angle)
+    return G * x / (0.6 * math.cos(angle) + half_width * math.sin(angle))
+
+
+@pytest.mark.parametrize(("half_width", "lean_deg"), [(0.06, 8.0), (0.2, 25.0)])
+def test_a_rock_that_leans_is_taken_off_its_wall_by_what_undoes_its_weight(half_width, lean_deg):
+    rock, surface = slab_on_a_wall(half_width, lean_deg)
+    scene = Scene.from_mesh(rock, pedestal=surface, friction=0.8)
+    assert scene.grounded.leans
+    ((_, least),) = scene.quasi_static_toppling_m_s2([0.0])
+    assert least == pytest.approx(righted_m_s2(half_width, lean_deg), rel=0.005)
+
+
+def test_a_rock_pushed_against_the_wall_on_which_it_leans_slides_up_it():
+    """Foot toward the wall, edge up the wall, friction against both: forces and moments on the verge of it."""
+    half_width, angle, friction = 0.06, math.radians(8.0), 0.4
+    rock, surface = slab_on_a_wall(half_width, 8.0)
+    ((_, most),) = Scene.from_mesh(rock, pedestal=surface, friction=friction).quasi_static_toppling_m_s2(
+        [180.0]
+    )
+    x, z = (
+        0.6 * math.sin(angle) - half_width * math.cos(angle),
+        0.6 * math.cos(angle) + half_width * math.sin(angle),
+    )
+    edge_x, edge_z = 1.2 * math.sin(angle), 1.2 * math.cos(angle)
+    wall = G * (x + friction * z) / (edge_z - friction * edge_x - z * (1.0 + friction**2))
+    assert most == pytest.approx(friction * G + (1.0 + friction**2) * wall, rel=0.005)
+
+
+def test_a_rock_that_leans_is_scanned_as_the_two_meshes_that_the_user_brought_apart(tmp_path):
+    rock, surface = slab_on_a_wall(0.2, 25.0)
+    for name, mesh in (("rock", rock), ("pedestal", surface)):
+        trimesh.Trimesh(*mesh, process=False).export(tmp_path / f"{name}.ply")
+    files = {name: str(tmp_path / f"{name}.ply") for name in ("rock", "pedestal")}
+    made = scan([], tmp_path / "scene", **files)
+    assert any("the rock leans" in note for note in made.notes)
+    scene = Scene.load(tmp_path / "scene")
+    assert scene.rock.volume_m3 == pytest.approx(0.4 * 0.6 * 1.2, rel=1e-6)
+    ((_, least),) = scene.quasi_static_toppling_m_s2([0.0])
+    assert least == pytest.approx(righted_m_s2(0.2, 25.0), rel=0.005)
 
 
 def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():

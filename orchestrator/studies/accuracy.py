@@ -178,11 +178,6 @@ def disturbed_start(scene: Scene, toward_deg: float, share: float = _DISTURBED_S
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
 
 
-def disturbed_motions(jobs: list[Job], share: float = _DISTURBED_SHARE) -> list[Job]:
-    """The same jobs, stronger by a share: a disturbance that a rock which lies flat again has not forgotten."""
-    return [replace(job, pga_m_s2=job.pga_m_s2 * (1.0 + share)) for job in jobs]
-
-
 def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
     """One row a setting, cheapest first: how far it moves what users ask for, and its cost.
 

@@ -18,8 +18,8 @@ from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.target_spec import TargetSpec
-from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
+from toppling.results.precision.probit import answers_of
 from toppling.results.precision.statement import statement_of, write_statements
 from toppling.results.precision.target import Target
 from toppling.results.reader import open_run

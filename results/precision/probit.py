@@ -7,10 +7,11 @@ one job a record, where there are no pairs, and for hundreds, where the records 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 from scipy.stats import t
@@ -31,6 +32,34 @@ class Answers:
     toppled: Array  # (n,): 1 or 0
     record: NDArray[np.int64]  # (n,): number of each job's record
     weight: Array  # (n,): how much each counts; of mean 1
+
+
+def answers_of(
+    frame: pd.DataFrame, jobs: Sequence[str], measures: Sequence[str], records: Mapping[str, int]
+) -> dict[str, Answers]:
+    """Answers to some jobs by measure, in their order whatever the order in which the rows came.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results; weights in `record_weight` where they are unlike.
+    jobs : sequence of str
+        Ids, in the order chosen.
+    measures : sequence of str
+        One that is not positive in every row is left out.
+    records : mapping
+        Number of each record.
+    """
+    rows = frame.set_index("job_id").reindex(jobs)
+    rows = rows[rows["toppled"].notna()]
+    toppled = rows["toppled"].to_numpy(bool).astype(float)
+    record = rows["record_id"].map(records).to_numpy(np.int64)
+    weight = rows["record_weight"].to_numpy(float) if "record_weight" in rows else np.ones(len(rows))
+    usable = [name for name in measures if (rows[name].fillna(0.0) > 0).all()]
+    return {
+        name: Answers(np.log(rows[name].to_numpy(float)), toppled, record, weight / weight.mean())
+        for name in usable
+    }
 
 
 @dataclass(frozen=True, eq=False)

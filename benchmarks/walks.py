@@ -162,7 +162,13 @@ def job() -> Walk:
         }
         return {**identity(spec), **answer, "physics_version": "0", "friction_factor": 1.0}
 
-    task.run_job, task.compile_once, stands.settled = row_of, lambda: None, lambda scene: scene
+    def as_it_is(scene: Scene, pool: Any = None) -> Scene:  # noqa: ARG001
+        return scene
+
+    def nothing() -> None:
+        pass
+
+    task.run_job, task.compile_once, stands.settled = row_of, nothing, as_it_is
     kinds = (
         "Campaign", "Plan", "PlannedScene", "Planned", "JobSpec", "Session", "_Goal", "Work", "Execution", "Dispatch",
         "Batch",

@@ -57,6 +57,15 @@ class PlannedScene:
     record_sha: dict[str, str]  # hash of every record in use
     duration_s: dict[str, float]  # duration of every record in use
     site: Site | None = None  # of a rock among others
+    # Their folders in the run's.
+    scene_place: str = "scene"
+    ensemble_place: str = "ensemble"
+
+    def among_others(self, site: Site) -> "PlannedScene":
+        """The same as one rock of an atlas."""
+        scene, own = f"scenes/{site.rock}/scene", site.ensemble or site.seismograms
+        ensemble = f"scenes/{site.rock}/ensemble" if own else "ensemble"
+        return dataclasses.replace(self, site=site, scene_place=scene, ensemble_place=ensemble)
 
     @property
     def rock(self) -> str | None:
@@ -67,17 +76,6 @@ class PlannedScene:
     def settlings(self) -> Settlings:
         """How the rock settles, looked at when it is asked for: a run that goes on does not ask."""
         return Settlings.of(self.campaign, Scene.load(self.campaign.scene))
-
-    @property
-    def scene_place(self) -> str:
-        """Folder of the scene in the run's."""
-        return "scene" if self.site is None else f"scenes/{self.site.rock}/scene"
-
-    @property
-    def ensemble_place(self) -> str:
-        """Folder of the ensemble in the run's."""
-        own = self.site is not None and (self.site.ensemble or self.site.seismograms)
-        return f"scenes/{self.site.rock}/ensemble" if self.site is not None and own else "ensemble"
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +213,7 @@ def plan_of(campaign: Campaign) -> Plan:
             continue
         alone = campaign.of_site(site)
         (planned,) = (part := plan(alone, scene, Ensemble.load(alone.ensemble))).scenes
-        parts.append(dataclasses.replace(part, scenes=(dataclasses.replace(planned, site=site),)))
+        parts.append(dataclasses.replace(part, scenes=(planned.among_others(site),)))
         _check_atlas(parts)
     if not parts:
         what = f"none of {len(left_out)} rocks can be read; {left_out[0][0]}: {left_out[0][1]}"

@@ -63,16 +63,10 @@ class Batch:
 class Dispatch:
     """The jobs that are still to be handed out.
 
-    Parameters
-    ----------
-    pending : (n,) int array
-        Rows of the plan, in the order to start them.
-    duration_s : (m,) array
-        Of the record of every row of the plan.
-    tries : int
-        Deaths of a worker under one lone job before the job is given up.
-    scene : (m,) int array or None
-        Number of the scene of every row of the plan, where there are several: a batch is of one of them.
+    pending: (n,), rows of the plan, in the order to start them.
+    duration_s: (m,), of the record of every row of the plan.
+    tries: deaths of a worker under one lone job before the job is given up.
+    scene: (m,), number of the scene of every row of the plan, where there are several: a batch is of one of them.
     """
 
     def __init__(

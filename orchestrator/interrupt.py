@@ -140,10 +140,6 @@ class Uninterrupted(AbstractContextManager[Entered]):
     """A context whose beginning and end Ctrl-C does not cut in two, but what is done in it.
 
     Half a beginning leaves processes behind, and half an end threads and pages of errors.
-
-    Parameters
-    ----------
-    inner : context manager
     """
 
     def __init__(self, inner: AbstractContextManager[Entered]) -> None:

@@ -41,10 +41,7 @@ _SERVED: set[str] = set()
 class LeaveInOrder(WorkerPlugin):
     """Has each worker that is there or joins leave in order on SIGTERM, and rest for no lack of memory.
 
-    Parameters
-    ----------
-    outlive : bool
-        Whether a worker waits for its scheduler to come back.
+    outlive: whether a worker waits for its scheduler to come back.
     """
 
     def __init__(self, *, outlive: bool = False) -> None:

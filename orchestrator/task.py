@@ -115,12 +115,8 @@ CODE = _code()
 class UnfitWorkerError(RuntimeError):
     """A worker of another version, or one that has no way to the run's scene and ensemble.
 
-    Parameters
-    ----------
-    what : str
-        Why.
-    worker : str or None
-        The worker's address in the cluster.
+    what: why.
+    worker: the worker's address in the cluster.
     """
 
     def __init__(self, what: str, worker: str | None = None) -> None:

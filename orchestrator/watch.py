@@ -106,10 +106,7 @@ def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
 class Replays:
     """Topplings that are replayed, one at a time, by 'toppling replay' in a process of its own, elsewhere than the run.
 
-    Parameters
-    ----------
-    folder : Path
-        Where they are written to.
+    folder: where they are written to.
     """
 
     def __init__(self, run: Path, folder: Path) -> None:
@@ -159,10 +156,7 @@ class Replays:
 class Watching(Loopback):
     """The server of one run.
 
-    Parameters
-    ----------
-    port : int
-        0 for any that is free.
+    port: 0 for any that is free.
     """
 
     def __init__(self, run: Path, replays: Replays, port: int = 0) -> None:

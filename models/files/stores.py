@@ -37,10 +37,7 @@ Stamp = list[int]
 class Copy:
     """The copy on this machine of a folder in a store.
 
-    Raises
-    ------
-    InputError
-        If there is no such kind of store, or it does not answer.
+    Raises InputError if there is no such kind of store, or it does not answer.
     """
 
     address: str

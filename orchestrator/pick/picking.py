@@ -70,22 +70,13 @@ class Placed:
 class Picking:
     """A cloud, the hints on it, and what they give.
 
-    Parameters
-    ----------
-    placed : Placed
-        What is shown at first.
-    read : callable
-        Reads the clouds as hints place them.
-    bootstrap : int
-        Half samples for the uncertainty.
-    write : callable
-        Writes a survey with the hints that it was given.
-    target : str
-        Where to, for the user.
-    said : UserHints
-        Hints from the start.
-    kept : Answer, optional
-        What came of these hints before: then the cloud is what was kept of it, and is not split again.
+    placed: what is shown at first.
+    read: reads the clouds as hints place them.
+    bootstrap: half samples for the uncertainty.
+    write: writes a survey with the hints that it was given.
+    target: where to, for the user.
+    said: hints from the start.
+    kept: what came of these hints before: then the cloud is what was kept of it, and is not split again.
     """
 
     def __init__(

@@ -37,10 +37,7 @@ _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 
 class PickServer(Loopback):
     """The server of one scan.
 
-    Parameters
-    ----------
-    port : int
-        0 for any that is free.
+    port: 0 for any that is free.
     """
 
     def __init__(self, picking: Picking, port: int = 0) -> None:

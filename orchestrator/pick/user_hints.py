@@ -31,15 +31,9 @@ _unusable = refusals(
 class UserHints:
     """Hints on a scan, survey coordinates in metres, angles in degrees.
 
-    Parameters
-    ----------
-    units, up, base : str, optional
-        As the options of `toppling scan`; `up` may be three numbers, separated by commas.
-    length : tuple of (tuple, tuple, float), optional
-        Two places of the model, in its own coordinates, and the metres between them.
-    near, plane : tuple of float, optional
-    point, outline, touch, daylight, pull : tuple of tuple of float
-        As the options of `toppling scan`.
+    units, up, base: as the options of `toppling scan`; `up` may be three numbers, separated by commas.
+    length: two places of the model, in its own coordinates, and the metres between them.
+    point, outline, touch, daylight, pull: as the options of `toppling scan`.
     """
 
     units: str | None = None

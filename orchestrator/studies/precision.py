@@ -38,19 +38,11 @@ def select_jobs(planned: Plan, folder: Path) -> JobSelection:
 class JobsForPrecision:
     """Rounds of jobs until what is asked is known well enough; a contact after the other has rounds of its own.
 
-    Parameters
-    ----------
-    folder : Path
-        The run's.
-    alone : bool
-        Whether the run ends with the statement, which its folder then keeps; otherwise it goes on to all of its jobs.
-    most_jobs : float
-        That are judged, of all contacts together, before the rounds end however sure the statement is.
-
-    Raises
-    ------
-    InputError
-        If the records lack the measure that is asked for.
+    folder: the run's.
+    alone: whether the run ends with the statement, which its folder then keeps; otherwise it goes on to all of its
+    jobs.
+    most_jobs: that are judged, of all contacts together, before the rounds end however sure the statement is.
+    Raises InputError if the records lack the measure that is asked for.
     """
 
     def __init__(

@@ -28,10 +28,7 @@ _MOST_BESIDE = 4
 class Document:
     """Counts the figures and tables of a page as they are written.
 
-    Parameters
-    ----------
-    remark : str
-        Stands above each figure, as that of an unfinished run.
+    remark: stands above each figure, as that of an unfinished run.
     """
 
     def __init__(self, remark: str = "") -> None:

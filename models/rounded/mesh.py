@@ -28,6 +28,9 @@ _FLAT_AREAS = 5.0
 _FEWEST_PATCHES = 12
 """Fewer that go over into each other are a body's own faces, such as chamfers, not a curved surface."""
 
+_FEWEST_INNER_CORNERS = 3
+"""A part with fewer corners away from its outline is an uneven base of facets, not a sampled curved surface."""
+
 _ONE_WAY_SHARE = 1e-3
 """Of the spread of a part's normals along a great circle: with less across, it is curved in one direction."""
 
@@ -87,8 +90,16 @@ class SmoothMesh:
         turns = np.bincount(part[sides[:, 0]], angle, part.max() + 1)
         back = np.bincount(part[sides[:, 0]], angle * above, part.max() + 1)
         below = np.bincount(part, normals[:, 2] < -np.cos(np.radians(TOPPLED_TILT_DEG))) > 0
-        whole = np.bincount(part) >= _FEWEST_PATCHES
+        whole = (np.bincount(part) >= _FEWEST_PATCHES) & (self._inner_corners(part) >= _FEWEST_INNER_CORNERS)
         return (whole & below & (back <= _CONCAVE_SHARE * turns))[part]
+
+    def _inner_corners(self, part: Indices) -> Indices:
+        """How many vertices lie inside each part: all faces around them are of it."""
+        first = np.full(len(self.vertices_m), len(self.faces))
+        last = np.full(len(self.vertices_m), -1)
+        np.minimum.at(first, self.faces, part[:, None])
+        np.maximum.at(last, self.faces, part[:, None])
+        return np.bincount(first[first == last], minlength=part.max() + 1)
 
     def doubly_curved(self) -> SmoothMesh:
         """The mesh with those rounded parts alone that are curved in two directions.

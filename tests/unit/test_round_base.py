@@ -151,3 +151,12 @@ def test_a_fine_cap_is_kept_and_not_warned_of():
     ball = Rock.from_triangles(*round_cap(0.03, radius_m=3.0))
     assert refined(ball) is ball
     assert not rounded_base_of(ball, rolls=False).is_coarse
+
+
+def test_an_uneven_base_of_facets_between_its_outline_s_corners_is_not_rounded():
+    angle = np.linspace(0.0, 2.0 * np.pi, 14, endpoint=False)
+    random = np.random.default_rng(3)
+    foot = np.column_stack([0.25 * np.cos(angle), 0.25 * np.sin(angle), random.uniform(0.0, 3e-3, 14)])
+    top = foot * (1.4, 1.4, 0.0) + (0.0, 0.0, 0.8)
+    hull = trimesh.convex.convex_hull(np.vstack([foot, top]))
+    assert Scene.from_mesh((hull.vertices, hull.faces)).rounded_base is None

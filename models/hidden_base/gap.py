@@ -12,15 +12,16 @@ What a draw costs to be brought to this is its misfit with standing, and weighs 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
 from toppling.models.arrays import Array
+from toppling.models.hidden_base.unseen_side import SIDE_TANGENT
 from toppling.models.shares import effective_number
 
 Index = NDArray[np.intp]
@@ -84,6 +85,17 @@ class BaseObservation:
     group: Index  # (m,)
     floor_m: Array  # (n,): least gap; above 0 where rock and pedestal cannot touch
     touching: Index  # (k,): places where they are known to touch
+    # (draws, n): how far each place lies beyond the rim of the draws on each line of the weight, where nobody
+    # saw it.
+    beyond_m: Array | None = None
+
+    def on_base(self, number: int) -> NDArray[np.bool_]:
+        """Which places (n,) lie on the base of the draws on a line of the weight."""
+        if self.beyond_m is None:
+            return np.ones(len(self.places_m), bool)
+        within = self.beyond_m[number % len(self.beyond_m)] <= 0.0
+        within[self.touching] = True
+        return within
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +147,7 @@ def draw_gaps(
         fields, covariance, log_likelihood = _conditioned(observed, relief, len(projected_com_m), random)
         level = max(relief.shape_m, relief.rough_m)
         for number, (field, projected_com) in enumerate(zip(fields, projected_com_m, strict=True)):
-            stood = _made_to_stand(field, covariance, observed, projected_com, _TOUCHING_SHARE * level)
+            stood = _stood(field, covariance, observed, projected_com, _TOUCHING_SHARE * level, number)
             if stood is not None:
                 gap, cost = stood
                 found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number, kind, log_likelihood))
@@ -250,6 +262,44 @@ def _log_density(target: Array, factor: tuple[Array, bool]) -> float:
     """Logarithm of a normal density without its constant, from the Cholesky factor of its covariance."""
     fit = float(target @ cho_solve(factor, target)) + 2.0 * float(np.log(np.diag(factor[0])).sum())
     return -0.5 * fit
+
+
+def side_raised(gap_m: Array, observed: BaseObservation, number: int) -> Array:
+    """Gaps (n,) of a base whose side rises where its rim, which nobody saw, ends on a line of the weight."""
+    within = observed.on_base(number)
+    if within.all() or observed.beyond_m is None:
+        return gap_m
+    beyond, places = observed.beyond_m[number % len(observed.beyond_m)][~within], observed.places_m
+    nearest = cKDTree(places[within]).query(places[~within])[1]
+    raised = gap_m.copy()
+    raised[~within] = gap_m[within][nearest] + SIDE_TANGENT * beyond
+    return raised
+
+
+def _stood(
+    field: Array,
+    covariance: Array,
+    observed: BaseObservation,
+    projected_com: Array,
+    closed_m: float,
+    number: int,
+) -> tuple[Array, float] | None:
+    """The nearest field that stands on the base of its line of the weight, and what it cost to get there."""
+    base = np.flatnonzero(observed.on_base(number))
+    if len(base) == len(field):
+        return _made_to_stand(field, covariance, observed, projected_com, closed_m)
+    of_base = replace(
+        observed,
+        places_m=observed.places_m[base],
+        floor_m=observed.floor_m[base],
+        touching=np.searchsorted(base, observed.touching),
+    )
+    stood = _made_to_stand(field[base], covariance[np.ix_(base, base)], of_base, projected_com, closed_m)
+    if stood is None:
+        return None
+    gap_m = field.copy()
+    gap_m[base] = stood[0]
+    return side_raised(gap_m, observed, number), stood[1]
 
 
 def _made_to_stand(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
-from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood, weights
+from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood, side_raised, weights
 from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
 from toppling.models.hidden_base.underside import Base
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
@@ -67,7 +67,10 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
         ROUGH_LENGTH_PER_WIDTH * width_m,
     )
     likelihood = flat_log_likelihood(seen, edge)
-    return [GapDraw(gap_m, likelihood, number, FLAT, likelihood) for number in range(count)]
+    return [
+        GapDraw(side_raised(gap_m, seen, number), likelihood, number, FLAT, likelihood)
+        for number in range(count)
+    ]
 
 
 def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:

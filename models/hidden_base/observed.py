@@ -77,7 +77,13 @@ class HiddenPart:
     @property
     def cell_m2(self) -> float:
         """Area that each of the inner places stands for."""
-        return self.width_m**2 / self.inner
+        return self.width_m**2 / int(self.in_closing.sum())
+
+    @property
+    def in_closing(self) -> NDArray[np.bool_]:
+        """Which of the inner places lie on the likeliest outline."""
+        under = self.under
+        return under.hidden.ravel()[under.grid.index(self.observed.places_m[: self.inner])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +130,19 @@ def hidden_part(
     stride = max(1, round((interface.lattice_m or width_m / PLACES_ACROSS) / cell))
     chosen = np.zeros(grid.shape, bool)
     chosen[::stride, ::stride] = True
-    inner = grid.nodes_m[under.hidden & chosen]
+    inner = grid.nodes_m[under.may_be_hidden & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
     _check_under_the_rock(inspection, interface, np.vstack([inner, rim.places_m]), height_m)
     inspection = _below_the_rock(inspection, interface, under)
-    inspected, at_edge = (
-        interface.over(inspection.places_m)[:, :2],
-        _along_edge(under, interface, stride * cell),
-    )
-    places = np.vstack([inner, rim.places_m, inspected, *at_edge])
+    inspected = interface.over(inspection.places_m)[:, :2]
+    places = np.vstack([inner, rim.places_m, inspected, *_along_edge(under, interface, stride * cell)])
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     if inspection.touch_only:
         floor = np.maximum(floor, _CLOSED_PER_HEIGHT * height_m)
-    floor[first[1] : first[2]] = 0.0
+    touching = np.arange(first[1], first[2])
+    floor[touching] = 0.0
     floor[first[2] : first[2] + len(inspection.open_m)] = LEAST_GAP_PER_HEIGHT * height_m
     observed = BaseObservation(
         places,
@@ -148,7 +152,8 @@ def hidden_part(
         rim.shared_m,
         rim.group,
         floor,
-        np.arange(first[1], first[2]),
+        touching,
+        under.beyond_m(places),
     )
     return HiddenPart(under, observed, width_m, len(inner), inspection)
 

@@ -32,7 +32,7 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Do
     beyond = (
         "what was seen of it does not surround the line of the weight, and the interval means little there"
         if range_deg >= 180.0
-        else "no contact there was drawn beyond what was seen, and the interval is too sure of it"
+        else "contacts were drawn there as if the outline that was seen went on"
     )
     return Doubt(
         "rim",

@@ -18,6 +18,7 @@ from toppling.models.hidden_base.draws import least_feet
 from toppling.models.hidden_base.gap import GapDraw
 from toppling.models.hidden_base.observed import HiddenPart
 from toppling.models.hidden_base.underside import Base
+from toppling.models.hidden_base.unseen_side import SIDE_TANGENT
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
@@ -85,11 +86,18 @@ def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: f
 def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
     """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
     places = np.column_stack([part.observed.places_m, gap.gap_m])
+    side = _on_outline(part, gap.number, side)
     rim = places[part.inner :]
     if not len(rim) or not len(side):
         return places
     starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + _ABOVE_THE_RIM_PER_HEIGHT * height_m
     return np.vstack([places, side[side[:, 2] > starts]])
+
+
+def _on_outline(part: HiddenPart, number: int, side: Array) -> Array:
+    """The rock's side, without what would lie below the side of a draw whose rim ends sooner."""
+    unseen = part.under.side
+    return side if unseen is None else side[side[:, 2] >= SIDE_TANGENT * unseen.beyond_m(side, number)]
 
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:
@@ -190,7 +198,7 @@ def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interfa
     """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
     places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
-    taken = (upper - lower) * part.cell_m2
+    taken = np.where(part.in_closing, upper - lower, 0.0) * part.cell_m2
     com = interface.flat(rock.com_m[None])[0]
     arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
     return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

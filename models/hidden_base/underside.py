@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
 from toppling.models.scan.edge import Edge
 from toppling.models.scan.interface import Interface
@@ -45,6 +46,8 @@ LEAST_GAP_PER_HEIGHT = 0.003
 """Gap left where the pedestal was seen below the rock: a ray went through, from a rim that is higher."""
 _STRAYS = 0.02
 """Share of the lowest places of what hangs that may be strays."""
+_LIT_ENDS_SHARE = 0.7
+"""Of the way to a rim that nobody saw: pedestal that was seen farther out lies beside the rock and not below it."""
 _WIDEST_SPACING_CELLS = 4.0
 """Points farther apart than this are strays: no ray went through between them."""
 
@@ -58,6 +61,7 @@ class Base:
     hidden: NDArray[np.bool_]  # (shape): where the underside was not seen
     below_m: NDArray[np.float64] | None = None  # of what hangs beyond the pedestal's edge, from below
     unseen_below: NDArray[np.bool_] | None = None  # what is unseen of that
+    side: UnseenSide | None = None  # over which the rim was not seen
 
 
 def near_the_interface(
@@ -95,6 +99,14 @@ class Underside:
     # pedestal was seen.
     hole_depth: NDArray[np.float64]
     into_seen: NDArray[np.float64]  # (shape): cells from the hidden part
+    # How the rim goes on where nobody saw it; the hidden part reaches to its likeliest outline.
+    side: UnseenSide | None = None
+    widest: NDArray[np.bool_] | None = None  # (shape): hidden on the widest of them
+
+    @property
+    def may_be_hidden(self) -> NDArray[np.bool_]:
+        """Cells (shape) of the base on one outline or another."""
+        return self.hidden if self.widest is None else self.widest
 
     @classmethod
     def of(
@@ -117,6 +129,9 @@ class Underside:
         check_seen(len(low), "rock", given=hint is not None)
         cell = height_m / CELLS_PER_HEIGHT
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
+        side = None if hint is not None and hint.encloses else UnseenSide.of(low)
+        if side is not None:
+            first, last = np.minimum(first, side.reach_m[0]), np.maximum(last, side.reach_m[1])
         if interface is not None and (lattice_m := interface.lattice_m):
             first, last = np.floor(first / lattice_m) * lattice_m, np.ceil(last / lattice_m) * lattice_m
         grid = Grid.over(first, last, cell)
@@ -126,6 +141,11 @@ class Underside:
         if interface is not None and interface.edge is not None:
             seat = interface.edge.outside_m(grid.nodes_m) < 0.0
             seen, hidden = seen & seat, _largest(hidden & seat)
+        widest = None
+        if side is not None:
+            ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
+            lit_there = (_hole_depth(grid, lit) == 0.0) & ends
+            hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~lit_there)
         outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
@@ -134,14 +154,20 @@ class Underside:
         depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
         into_seen = ndimage.distance_transform_edt(~hidden)
         carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
-        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen)
+        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen, side, widest)
+
+    def beyond_m(self, places_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """How far places (n, 2) lie beyond each rim that was drawn (DRAWN, n); None where it was seen around."""
+        side = self.side
+        return None if side is None else np.array([side.beyond_m(places_m, k) for k in range(DRAWN)])
 
     def closed_by(self, sheet_m: NDArray[np.float64], height_m: float) -> Base:
         """Base whose hidden part is a sheet; beside it the seen surface rules, and gives way within a few cells."""
         side = smooth_sheet(self.grid, np.where(self.seen, self.seen_m, 0.0), np.where(self.seen, 3.0, 0.0))
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
         sheet = np.where(self.hidden, sheet_m, side - away)
-        return Base(self.grid, np.where(sheet < _RESTING_PER_HEIGHT * height_m, 0.0, sheet), self.hidden)
+        height = np.where(sheet < _RESTING_PER_HEIGHT * height_m, 0.0, sheet)
+        return Base(self.grid, height, self.hidden, side=self.side)
 
 
 def hidden_base(
@@ -229,6 +255,22 @@ def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break
     return hidden
+
+
+def _gone_on(
+    grid: Grid, side: UnseenSide, hidden: NDArray[np.bool_], free: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Cells of the base on the likeliest outline of the side that nobody saw, and on any.
+
+    hidden: within what was seen of the rim.
+    free: where nothing was seen that ends a base.
+    """
+    nodes = grid.nodes_m
+    share = side.share_out(nodes)
+    hidden = _largest(ndimage.binary_opening(hidden | (free & (share < 1.0)), iterations=3))
+    for number in range(DRAWN):
+        share = np.minimum(share, side.share_out(nodes, number))
+    return hidden, hidden | _largest(hidden | (free & (share < 1.0) & side.in_range(nodes)))
 
 
 def _lowest_of_rim(

@@ -38,7 +38,7 @@ def test_the_range_that_was_not_seen_is_told_with_its_middle_in_the_scene(turn_d
     assert told(arc(0, 160), turned).sentence == sentence
 
 
-def test_less_than_half_is_told_as_an_interval_that_is_too_sure():
+def test_of_less_than_half_it_is_told_what_was_drawn_there():
     sentence = told(arc(0, 210)).sentence
     assert "not seen over 150 degrees about azimuth 285" in sentence
-    assert "too sure" in sentence
+    assert "as if the outline that was seen went on" in sentence

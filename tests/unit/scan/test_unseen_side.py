@@ -1,0 +1,126 @@
+"""A rim that nobody saw goes on as the outline that was seen does, and draws of the base end there at many places."""
+
+import numpy as np
+import pytest
+
+from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
+from toppling.models.hidden_base.underside import Underside
+from toppling.models.hidden_base.unseen_side import DRAWN, SIDE_TANGENT, UnseenSide
+from toppling.models.scan.edge import Edge
+from toppling.models.scan.interface import Interface
+
+HEIGHT_M, PITCH_M = 2.0, 0.012
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+CENTRE_M = np.array([0.3, -0.2])
+
+
+def outline(turn_deg, depth_m=0.45, width_m=0.45):
+    """An ellipse whose half axes are its depth, along azimuth 0, and its width."""
+    turn = np.deg2rad(turn_deg)
+    return CENTRE_M + np.column_stack([depth_m * np.cos(turn), width_m * np.sin(turn)])
+
+
+def side(unseen_deg, **axes):
+    """Points of a side that leans outward from its rim, unseen over a range about azimuth 0."""
+    turn = np.arange(0.5 * unseen_deg, 360.0 - 0.5 * unseen_deg, 1.5)
+    up = np.arange(0.0, 0.06 * HEIGHT_M, 0.5 * PITCH_M)
+    rim = outline(turn, **axes) - CENTRE_M
+    out = 1.0 + 0.6 * up[:, None, None]
+    points = np.concatenate(
+        [CENTRE_M + out * rim, np.broadcast_to(up[:, None, None], (len(up), len(turn), 1))], 2
+    )
+    return points.reshape(-1, 3)
+
+
+def ground(unseen_deg):
+    """Points of a level pedestal beside the rock, but for the shadow behind it."""
+    along = np.arange(-1.5, 1.5, PITCH_M)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    offset = np.column_stack([x, y]) - CENTRE_M
+    shadow = np.abs(np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0]))) < 0.5 * unseen_deg
+    lit = (np.hypot(*offset.T) > 0.46) & ~shadow
+    return np.column_stack([x, y, np.zeros(len(x))])[lit]
+
+
+def in_range_deg(unseen_deg):
+    return np.linspace(-0.4, 0.4, 9) * unseen_deg
+
+
+@pytest.mark.parametrize("gaps_deg", [0.0, 50.0])
+def test_no_rim_goes_on_where_it_was_seen_around(gaps_deg):
+    low = side(0.0)
+    turn = np.rad2deg(np.arctan2(*(low[:, :2] - CENTRE_M).T[::-1])) % 120.0
+    assert UnseenSide.of(low[turn >= gaps_deg]) is None
+
+
+@pytest.mark.parametrize("unseen_deg", [90.0, 150.0, 180.0])
+def test_the_rim_of_a_round_base_goes_on_as_a_circle(unseen_deg):
+    found = UnseenSide.of(side(unseen_deg))
+    assert found.share_out(outline(in_range_deg(unseen_deg))) == pytest.approx(np.ones(9), abs=0.06)
+
+
+@pytest.mark.parametrize("axes", [{"depth_m": 0.5}, {"depth_m": 0.4}, {"width_m": 0.5}])
+@pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
+def test_drawn_rims_lie_on_both_sides_of_the_true_one(axes, unseen_deg):
+    found = UnseenSide.of(side(unseen_deg, **axes))
+    true = outline(in_range_deg(unseen_deg), **axes)
+    share = np.array([found.share_out(true, number) for number in range(DRAWN)])
+    middle = share[:, 2:7]
+    assert (middle.min(axis=0) < 1.0).all()
+    assert (middle.max(axis=0) > 1.0).all()
+
+
+def test_no_rim_is_drawn_within_the_straight_line_between_its_ends():
+    found = UnseenSide.of(side(120.0))
+    chord = found.ends_m[0] + np.linspace(0.05, 0.95, 9)[:, None] * np.diff(found.ends_m, axis=0)
+    for number in range(DRAWN):
+        assert (found.share_out(chord, number) <= 1.0 + 1e-9).all()
+
+
+def test_nothing_lies_beyond_the_rim_that_was_seen():
+    found = UnseenSide.of(side(120.0))
+    seen = outline(np.arange(75.0, 286.0, 10.0))
+    assert (found.beyond_m(CENTRE_M + 2.0 * (seen - CENTRE_M), 3) == 0.0).all()
+
+
+@pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
+def test_the_hidden_base_reaches_to_the_rim_that_nobody_saw(unseen_deg):
+    under = Underside.of(side(unseen_deg), ground(unseen_deg), HEIGHT_M)
+    area_m2 = under.hidden.sum() * under.grid.cell_m**2
+    assert area_m2 == pytest.approx(np.pi * 0.45**2, rel=0.08)  # a cell of the rim is 4 %
+    assert under.widest.sum() > 1.1 * under.hidden.sum()
+
+
+def test_no_rim_goes_on_where_the_pedestal_beyond_it_was_seen():
+    under = Underside.of(side(90.0), ground(0.0), HEIGHT_M)
+    away_m = np.linalg.norm(under.grid.nodes_m[under.widest] - CENTRE_M, axis=1)
+    assert away_m.max() < 0.46 + 2.0 * PITCH_M
+
+
+def test_no_rim_goes_on_where_the_pedestal_ends():
+    line = np.linspace(-1.0, 1.0, 41)
+    edge = Edge(np.column_stack([np.full(41, CENTRE_M[0] + 0.3), line, np.ones(41), np.zeros(41)]), PITCH_M)
+    ends = Interface(LEVEL.point_m, LEVEL.normal, LEVEL.axes, 0.0, None, edge)
+    under = Underside.of(side(120.0), ground(120.0), HEIGHT_M, interface=ends)
+    assert under.grid.nodes_m[under.widest][:, 0].max() < CENTRE_M[0] + 0.3
+
+
+def test_draws_touch_up_to_their_own_rim_and_rise_beyond_it():
+    along = np.linspace(-1.0, 1.0, 13)
+    places = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    ends_m = np.array([0.1, 0.7])
+    beyond = np.maximum(places[None, :, 0] - ends_m[:, None], 0.0)
+    nothing = np.zeros(0)
+    observed = BaseObservation(
+        places, np.zeros(0, int), nothing, nothing, nothing, np.zeros(0, int), np.zeros(len(places)),
+        np.zeros(0, int), beyond,
+    )  # fmt: skip
+    weight = np.tile([-0.4, 0.0], (8, 1))
+    drawn = draw_gaps(observed, weight, [Relief(0.1, 0.02, 0.7, 0.002, 0.1)], np.random.default_rng(1))
+    assert len(drawn) == 8
+    for gap in drawn:
+        own = beyond[gap.number % 2]
+        assert (gap.gap_m[own > 0.0] >= SIDE_TANGENT * own[own > 0.0]).all()
+    reach_m = [places[gap.gap_m <= 0.0][:, 0].max() for gap in drawn]
+    assert max(reach_m[0::2]) <= 0.1
+    assert max(reach_m[1::2]) > 0.1

@@ -2,5 +2,5 @@
 
 __all__ = [
     "draws", "inspection", "intervals", "observed", "rim_seen", "rough_base", "standing", "statics",
-    "underside",
+    "underside", "unseen_side",
 ]  # fmt: skip

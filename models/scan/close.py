@@ -23,6 +23,7 @@ from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.edge import Edge
+from toppling.models.scan.gone_on import side_gone_on
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
@@ -70,7 +71,10 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
         sunk = np.vstack([sunk, hangs])
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
-    body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
+    unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
+    if base.side is not None:
+        unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
+    body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]))
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     if interface.sheet is None:
         room = _above(base, flat, height)

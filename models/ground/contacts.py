@@ -75,17 +75,22 @@ def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, po
 
 
 @inner
-def _meet(
-    p: Any, triangles: Indices, mesh: ContactMesh, margin: float, vertices: bool, room: PointRoom
-) -> int:
-    """Contacts of one point with the triangles near it, into the rows of `room.found`; how many."""
-    features, count = 0, 0
-    for t in triangles:
+def _meet(p: Any, near: Any, mesh: ContactMesh, margin: float, vertices: bool, room: PointRoom) -> int:
+    """Contacts of one point with triangles, into the rows of `room.found`; how many.
+
+    Near are the triangles, the way that the rock goes before each can touch, noted anew, and the way since.
+    """
+    (triangles, apart_m, way_m), features, count = near, 0, 0
+    for place in range(len(triangles)):
+        if apart_m[place] >= margin + way_m:
+            continue
+        t = triangles[place]
         f, n = mesh.faces[t], mesh.normals[t]
         a = mesh.vertices_m[f[0]]
         code, c = nearest(p, a, mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
         way = minus(p, c)
         depth = dot(n, way)
+        apart_m[place] = way_m + math.sqrt(dot(way, way))
         if code == 0:
             if -margin < depth < margin:
                 count = _keep_face(room.found, count, n, depth, c)
@@ -212,7 +217,8 @@ def contacts_in(
         p = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.points[index]]))
         if not _near_a_plane(p, ground, triangles[begin:end], apart_m[begin:end], way_m, margin_m):
             continue
-        for i in range(_meet(p, triangles[begin:end], ground, margin_m, True, room)):
+        near_it = triangles[begin:end], apart_m[begin:end], way_m
+        for i in range(_meet(p, near_it, ground, margin_m, True, room)):
             if not _leads_out(rock, index, turned_back(turn, found[i]), leaning):
                 continue
             count = _add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
@@ -223,10 +229,11 @@ def contacts_in(
         if not near:
             continue
         place = ground.vertices_m[ground.points[index]]
-        p, triangles = turned_back(turn, minus(place, pose)), pairs.rock_triangle[begin:end]
-        if not _near_a_plane(p, rock, triangles, pairs.apart_m[1, begin:end], way_m, margin_m):
+        p = turned_back(turn, minus(place, pose))
+        near_it = pairs.rock_triangle[begin:end], pairs.apart_m[1, begin:end], way_m
+        if not _near_a_plane(p, rock, near_it[0], near_it[1], way_m, margin_m):
             continue
-        for i in range(_meet(p, triangles, rock, margin_m, False, room)):
+        for i in range(_meet(p, near_it, rock, margin_m, False, room)):
             n = turned(turn, found[i])
             if not _leads_out(ground, index, n, LEANING):
                 continue
@@ -241,6 +248,7 @@ def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: 
     """Add the contacts of pairs of edges, of rock and ground, that cross."""
     (rock, ground), turn, way_m = bodies, pairs.turn, pairs.lengths_m[WAY]
     edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    own = a, a
     for k in range(pairs.found[2]):
         if pairs.apart_m[2, k] >= margin_m + way_m:
             continue
@@ -248,19 +256,23 @@ def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: 
             edge = pairs.rock_edge[k]
             a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
             b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
+            own = turned(turn, rock.inward[edge, 0]), turned(turn, rock.inward[edge, 1])
         placed = edge, a, minus(b, a), pairs.ground_edge[k]
-        count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
+        count, apart_m = _across(ground, placed, (pose, own), margin_m, out, count)
         pairs.apart_m[2, k] = way_m + apart_m
     return count
 
 
 @inner
-def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, count: int) -> tuple[int, float]:
+def _across(
+    ground: ContactMesh, edges: Any, placed: Any, margin_m: float, out: Any, count: int
+) -> tuple[int, float]:
     """Add the contact of two edges that cross, if the way between them leads out of both bodies; their distance too.
 
-    Rock and ground; the rock's edge, its start and its way to its end, the ground's edge; the rock's pose and rotation.
+    The rock's edge, its start and its way to its end, the ground's edge; the rock's pose, and the ways into it beside
+    its edge.
     """
-    (rock, ground), (i, a, way, j), (pose, turn) = bodies, edges, placed
+    (i, a, way, j), (pose, (own0, own1)) = edges, placed
     c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
     other = minus(d, c)
     s, t, far = between(a, way, c, other)
@@ -274,7 +286,6 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     if size < 1e-4 * scale:
         return count, apart_m
     n = (n[0] / size, n[1] / size, n[2] / size)
-    own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
     for _ in range(2):
         out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
         out_of_rock = -min(dot(n, own0), dot(n, own1))

@@ -38,6 +38,9 @@ _EFFECTIVE_SHARE = 0.1
 _TOUCHING_SHARE = 1e-6
 """Of the field's level below which a gap is closed."""
 
+_TOUCHING_PER_SHAPE = 1e-3
+"""Error of a gap that is known to be closed, over the shape's deviation."""
+
 
 @dataclass(frozen=True)
 class Relief:
@@ -108,7 +111,7 @@ class GapDraw:
     log_weight: float
     number: int  # which line of the weight it has
     kind: str = "rough"
-    log_likelihood: float = 0.0  # of what was seen alone
+    log_likelihood: float = 0.0  # of the seen rim alone, given the places known to touch
 
 
 def way_out(places_m: Array) -> Array:
@@ -222,18 +225,14 @@ def _conditioned(
     target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
     if not len(known):
         return free.T, prior, 0.0
-    touching_m = np.full(len(observed.touching), 1e-3 * relief.shape_m)
+    touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * relief.shape_m)
     errors = block_diag(_rim_errors(observed), np.diag(touching_m))
     factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)
     noise = errors @ random.normal(size=(errors.shape[1], count))
     cross = prior[:, known]
     fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
     covariance = prior - cross @ cho_solve(factor, cross.T)
-    # Who looks for contacts finds them where they are: that there are some tells nothing of how likely a base is.
-    rim = observed.known
-    of_rim = prior[np.ix_(rim, rim)] + _rim_errors(observed) @ _rim_errors(observed).T
-    likelihood = _log_density(observed.gap_m, cho_factor(of_rim, lower=True)) if len(rim) else 0.0
-    return fields.T, covariance, likelihood
+    return fields.T, covariance, _rim_log_likelihood(observed, prior[np.ix_(known, known)], touching_m)
 
 
 def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
@@ -245,11 +244,26 @@ def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
     edge : Relief
         Of the edge alone, which may be broken, and rough.
     """
-    if not len(observed.known):
+    known = np.concatenate([observed.known, observed.touching])
+    touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * edge.shape_m)
+    return _rim_log_likelihood(observed, edge.covariance(observed.places_m[known]), touching_m)
+
+
+def _rim_log_likelihood(observed: BaseObservation, prior: Array, touching_m: Array) -> float:
+    """How likely the seen rim is given the places known to touch, by their common prior, the rim's places first.
+
+    Who looks for contacts finds them where they are: that there are some tells nothing of how likely a base is, but
+    where they are tells how its rim must hang.
+    """
+    if not (count := len(observed.known)):
         return 0.0
-    errors = _rim_errors(observed)
-    spread = edge.covariance(observed.places_m[observed.known]) + errors @ errors.T
-    return _log_density(observed.gap_m, cho_factor(spread, lower=True))
+    rim = _rim_errors(observed)
+    joint = prior + block_diag(rim @ rim.T, np.diag(touching_m**2))
+    target = np.concatenate([observed.gap_m, np.zeros(len(touching_m))])
+    together = _log_density(target, cho_factor(joint, lower=True))
+    if not len(touching_m):
+        return together
+    return together - _log_density(target[count:], cho_factor(joint[count:, count:], lower=True))
 
 
 def _rim_errors(observed: BaseObservation) -> Array:

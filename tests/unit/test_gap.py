@@ -9,6 +9,7 @@ from toppling.models.hidden_base.gap import (
     draw_gaps,
     encloses,
     facet_below,
+    flat_log_likelihood,
     resampled,
     weights,
 )
@@ -68,6 +69,20 @@ def test_a_place_that_is_known_to_touch_is_closed_and_one_with_daylight_is_open(
     assert all(draw.gap_m[place] == 0.0 for draw in draws(disc(0.01, touching=[place])))
     with_daylight = disc(0.01, floor=lambda places: np.where(np.arange(len(places)) == place, 0.005, 0.0))
     assert all(draw.gap_m[place] >= 0.005 for draw in draws(with_daylight))
+
+
+def test_a_rim_is_likelier_the_nearer_it_hangs_to_where_the_rock_is_known_to_touch():
+    at_rim = [-1, -14, -27]
+
+    def told(rim_gap_m):
+        """By how much places that touch raise the likelihood of a rim."""
+        touched = disc(rim_gap_m, touching=len(disc(0.0).places_m) + np.array(at_rim))
+        flat = flat_log_likelihood(touched, RELIEF) - flat_log_likelihood(disc(rim_gap_m), RELIEF)
+        drawn = draws(touched)[0].log_likelihood - draws(disc(rim_gap_m))[0].log_likelihood
+        return np.array([flat, drawn])
+
+    assert np.all(told(0.0) > 0.0)
+    assert np.all(told(0.05) < 0.0)
 
 
 def test_no_base_is_drawn_on_which_the_rock_would_fall():

@@ -248,7 +248,6 @@ def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: 
     """Add the contacts of pairs of edges, of rock and ground, that cross."""
     (rock, ground), turn, way_m = bodies, pairs.turn, pairs.lengths_m[WAY]
     edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    own = a, a
     for k in range(pairs.found[2]):
         if pairs.apart_m[2, k] >= margin_m + way_m:
             continue
@@ -256,23 +255,19 @@ def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: 
             edge = pairs.rock_edge[k]
             a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
             b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
-            own = turned(turn, rock.inward[edge, 0]), turned(turn, rock.inward[edge, 1])
         placed = edge, a, minus(b, a), pairs.ground_edge[k]
-        count, apart_m = _across(ground, placed, (pose, own), margin_m, out, count)
+        count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
         pairs.apart_m[2, k] = way_m + apart_m
     return count
 
 
 @inner
-def _across(
-    ground: ContactMesh, edges: Any, placed: Any, margin_m: float, out: Any, count: int
-) -> tuple[int, float]:
+def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, count: int) -> tuple[int, float]:
     """Add the contact of two edges that cross, if the way between them leads out of both bodies; their distance too.
 
-    The rock's edge, its start and its way to its end, the ground's edge; the rock's pose, and the ways into it beside
-    its edge.
+    Rock and ground; the rock's edge, its start and its way to its end, the ground's edge; the rock's pose and rotation.
     """
-    (i, a, way, j), (pose, (own0, own1)) = edges, placed
+    (rock, ground), (i, a, way, j), (pose, turn) = bodies, edges, placed
     c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
     other = minus(d, c)
     s, t, far = between(a, way, c, other)
@@ -286,6 +281,7 @@ def _across(
     if size < 1e-4 * scale:
         return count, apart_m
     n = (n[0] / size, n[1] / size, n[2] / size)
+    own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
     for _ in range(2):
         out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
         out_of_rock = -min(dot(n, own0), dot(n, own1))

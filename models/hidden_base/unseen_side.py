@@ -15,8 +15,10 @@ from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
 
 DRAWN = 16
 """Outlines that are drawn; lines of the weight take turns."""
-_UNSEEN_DEG = 60.0
-"""From so wide a range without any of the rim on: the gaps of a rim that was seen around are narrower."""
+_UNSEEN_DEG = 70.0
+"""From so wide a range without any of the rim on: four feet at the corners of a block lie 60 degrees apart."""
+_SURMISED_DEG = 50.0
+"""The same from the middle of what was seen, from which such a range looks narrower."""
 _LEAST_SHARE = 0.1
 """Of the points of an average direction, in one in which the rim was seen."""
 _LOWEST_SHARE = 0.2
@@ -52,9 +54,13 @@ class UnseenSide:
         """
         hull = low[ConvexHull(low[:, :2]).vertices, :2]
         middle_m, radius_m = hull.mean(axis=0), 0.0
-        for _ in range(3):  # the range depends on the middle, and the middle on where the range lies
+        for least_deg in (
+            _SURMISED_DEG,
+            _UNSEEN_DEG,
+            _UNSEEN_DEG,
+        ):  # the middle depends on where the range lies
             range_deg, toward_deg = widest_gap_deg(_shown(low[:, :2] - middle_m))
-            if range_deg < _UNSEEN_DEG:
+            if range_deg < least_deg:
                 return None
             toward = horizontal_unit_vector(toward_deg)[:2]
             across = hull @ [-toward[1], toward[0]]

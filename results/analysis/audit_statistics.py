@@ -45,10 +45,6 @@ LEAST_TILT_DEG = 0.1
 """Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 
-_MEASURE = "pga_m_s2"
-"""The intensity whose median is told."""
-
-
 @dataclass(frozen=True)
 class Estimate:
     """A number with the interval (95 %) that the drawing of the sample leaves; NaN where there is none."""
@@ -132,7 +128,7 @@ class Audit:
         )
 
 
-def audits_of(run: Run) -> dict[str, Audit]:
+def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     """What the audits of a run say, by who did its jobs again, the reference first; empty where none was."""
     folder = run.path / AUDIT_FOLDER
     places = [place for place in folder.iterdir() if place.is_dir()] if folder.is_dir() else []
@@ -141,7 +137,7 @@ def audits_of(run: Run) -> dict[str, Audit]:
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_place(run.path, place)
         repeated = _repeated(place)
-        audit = compare(place.name, _drawn_from(rows, place), repeated) if len(repeated) else None
+        audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
@@ -165,11 +161,12 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
     return {**reference, "engines": others}
 
 
-def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame) -> Audit | None:
+def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
     """Compare answers with those to a random sample of the same jobs done again.
 
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
     repeated: rows of the same jobs done again.
+    measure: the intensity whose median is asked for.
     Returns Audit or None: None of fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
@@ -195,14 +192,16 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame) -> Audit | None
         flips_to_standing=down,
         flips_share=Estimate((up + down) / len(place), float(low[0]), float(high[0])),
         share_shift=_share_shift(known, place, differs),
-        median_shift_percent=median_shift_percent(known, place, differs),
+        median_shift_percent=median_shift_percent(known, place, differs, measure),
         sign_test_p=float(binomtest(up, up + down).pvalue) if up + down else 1.0,
         tilt_log_ratio=_tilt_log_ratio(both.loc[place][~(ours | theirs)]),
     )
 
 
-def median_shift_percent(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -> Estimate:
-    """Shift of the median PGA, from a random sample's differing answers.
+def median_shift_percent(
+    known: pd.DataFrame, place: NDArray[np.intp], differs: Array, measure: str
+) -> Estimate:
+    """Shift of the median intensity, from a random sample's differing answers.
 
     known: rows with an answer; of several contacts the mean of their shifts is told.
     place: (n,), which rows were drawn.
@@ -214,7 +213,7 @@ def median_shift_percent(known: pd.DataFrame, place: NDArray[np.intp], differs: 
     influence, plausible = np.zeros(len(known)), np.zeros(len(known))
     log_shift, share_fitted = 0.0, 0.0
     for jobs in by_contact(known).values():
-        curve = _Fragility.of(jobs)
+        curve = _Fragility.of(jobs, measure)
         if curve is None:
             continue
         rows, share = jobs.index.to_numpy(), len(jobs) / len(known)
@@ -233,20 +232,20 @@ def median_shift_percent(known: pd.DataFrame, place: NDArray[np.intp], differs: 
 class _Fragility:
     """The lognormal fragility of all jobs, and what an answer changes of it."""
 
-    design: Array  # (n, 2): of each job 1 and the logarithm of its PGA
+    design: Array  # (n, 2): of each job 1 and the measure's logarithm
     # (n,).
     toppled: Array
     weight: Array
     coefficients: Array  # (2,)
 
     @classmethod
-    def of(cls, jobs: pd.DataFrame) -> "_Fragility | None":
-        usable = (jobs[_MEASURE] > 0).fillna(value=False)
-        if not usable.all() or (found := fit(jobs, [_MEASURE])).problem:
+    def of(cls, jobs: pd.DataFrame, measure: str) -> "_Fragility | None":
+        usable = (jobs[measure] > 0).fillna(value=False)
+        if not usable.all() or (found := fit(jobs, [measure])).problem:
             return None
         weight = jobs.get("record_weight", pd.Series(1.0, jobs.index)).to_numpy(float)
         return cls(
-            np.column_stack([np.ones(len(jobs)), np.log(jobs[_MEASURE].to_numpy(float))]),
+            np.column_stack([np.ones(len(jobs)), np.log(jobs[measure].to_numpy(float))]),
             jobs["toppled"].to_numpy(float),
             weight,
             np.array(found.coefficients),

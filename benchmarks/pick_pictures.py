@@ -71,12 +71,9 @@ def main() -> None:
                 picture(browser, "pick_rock.webp")
                 browser.click("[data-mode=touch]")
                 browser.run(TURN, LOOK_DEG, 0.25, 0.35)
-                for azimuth_deg in TOUCHES_DEG:
-                    browser.until(IDLE, 600)
+                for count, azimuth_deg in enumerate(TOUCHES_DEG, 1):
                     browser.click_at(*browser.run(PLACE, azimuth_deg))
-                    browser.until(
-                        "!document.getElementById('error').innerText || !document.getElementById('error').hidden"
-                    )
+                    browser.until(f"document.querySelectorAll('#hints li .touch').length == {count}")
                 picture(browser, "pick_crevice.webp")
                 print(browser.run("return document.getElementById('hints').innerText"))
         finally:

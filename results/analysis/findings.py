@@ -26,6 +26,9 @@ _UNSURE = 0.05
 _HARDLY = 0.3
 """A rank correlation below this counts as hardly any dependence."""
 
+_FIGURE_10_PGV_M_S, _FIGURE_10_DURATION_S = 3.0, 30.0
+"""The study's figure of PGV and duration ends there."""
+
 _WITHIN = 0.3
 """The study's band about equal toppling probabilities."""
 
@@ -76,7 +79,7 @@ def findings(
     checks: tuple[Callable[[], Finding], ...] = (
         lambda: _rarely_below(main),
         lambda: _pga_falls_with(main, "pgv_pga_s", "toppling PGA falls with PGV/PGA"),
-        lambda: _pgv_hardly_on_duration(main),
+        lambda: _pgv_hardly_on_duration(main, weakest_azimuth_deg, directions),
         lambda: _pga_falls_with(main, "duration_energy_s", "toppling PGA falls with duration"),
         lambda: _toward_the_overhang(main, (weakest_azimuth_deg + 180.0) % 360.0),
         lambda: _directionality(main),
@@ -135,16 +138,33 @@ def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
     )
 
 
-def _pgv_hardly_on_duration(main: pd.DataFrame) -> Finding:
-    table = toppling_levels(main)
-    rank, p, records = _rank(table[np.isfinite(table["pgv_m_s"])], "pgv_m_s", "duration_energy_s")
+def _pgv_hardly_on_duration(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> Finding:
+    """As the study reads its figure 10a; what all jobs say beside it."""
+    rank, p, records = _pgv_on_duration(_figure_10a(main, weakest_azimuth_deg, directions))
     name, paper = "toppling PGV hardly depends on duration", "more or less independent"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
     hardly = abs(rank) < _HARDLY
-    return Finding(
-        name, paper, _correlation(rank, p, records), None if not hardly and p >= _UNSURE else hardly
+    found = (
+        f"{_correlation(rank, p, records)} for vector PGA around {weakest_azimuth_deg:g} degrees, "
+        f"PGV < {_FIGURE_10_PGV_M_S:g} m/s and duration < {_FIGURE_10_DURATION_S:g} s; "
+        f"of all jobs: {_correlation(*_pgv_on_duration(main))}"
     )
+    return Finding(name, paper, found, None if not hardly and p >= _UNSURE else hardly)
+
+
+def _figure_10a(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> pd.DataFrame:
+    off_deg = (main["pga_azimuth_deg"] - weakest_azimuth_deg + 180.0) % 360.0 - 180.0
+    return main[
+        (off_deg.abs() <= 180.0 / directions)
+        & (main["pgv_m_s"] < _FIGURE_10_PGV_M_S)
+        & (main["duration_energy_s"] < _FIGURE_10_DURATION_S)
+    ]
+
+
+def _pgv_on_duration(jobs: pd.DataFrame) -> tuple[float, float, int]:
+    table = toppling_levels(jobs)
+    return _rank(table[np.isfinite(table["pgv_m_s"])], "pgv_m_s", "duration_energy_s")
 
 
 def _correlation(rank: float, p: float, records: int) -> str:
@@ -195,9 +215,16 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
     pairs = paired_jobs(rows, highest)
     net = pairs["toppled"].astype(int) - pairs["toppled_reference"]
     by_record = net.groupby(pairs["record_id"]).sum()
+    percent, error = (
+        100.0 * net.mean(),
+        196.0 / max(len(net), 1) * math.sqrt(len(by_record)) * by_record.std(ddof=0),
+    )
     more, fewer = int((by_record > 0).sum()), int((by_record < 0).sum())
     unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= _UNSURE
-    votes = f"lower friction gives more in {more} records, less in {fewer}"
+    votes = (
+        f"share changed by {percent:+.1f} percentage points ({percent - error:+.1f} to {percent + error:+.1f}, "
+        f"by record); lower friction gives more in {more} records, less in {fewer}"
+    )
     return Finding(name, paper, "; ".join([*parts, votes]), None if unsure else more > fewer)
 
 

@@ -2,10 +2,15 @@
 
 from pathlib import Path
 
+from toppling.models.arrays import Array
+from toppling.models.compiled import Indices
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import MESH_FORMATS, read_triangles
 from toppling.models.scan.parts import Part
 from toppling.models.scene import Scene
+
+_ABOVE_SHARE = 0.1
+"""Of the rock's height: what holds a rock that leans rises so far above its foot, and beyond how far it settles."""
 
 NOTE = (
     "the rock leans: without what touches it above its foot it does not stand. Rock and pedestal are the two meshes as "
@@ -20,6 +25,8 @@ def leaning_scene(rock: Part | None, pedestal: Part | None) -> Scene | None:
         return None
     try:
         body, surface = (read_triangles(file) for file in files if file is not None)
+        if not _rises_beside(surface, body[0]):
+            return None
         scene = Scene.from_mesh(body, pedestal=surface)
         return scene if scene.grounded.leans else None
     except InputError:
@@ -28,3 +35,17 @@ def leaning_scene(rock: Part | None, pedestal: Part | None) -> Scene | None:
 
 def _may_be_mesh(file: Path) -> bool:
     return file.suffix.lower() in MESH_FORMATS and file.is_file()
+
+
+def _rises_beside(surface: tuple[Array, Indices], rock_m: Array) -> bool:
+    """Whether a pedestal reaches above the foot of a rock's vertices (n, 3), within reach of them.
+
+    To find the contacts of large meshes takes a minute: where nothing can hold the rock they are not looked for.
+    """
+    low, high = rock_m.min(axis=0), rock_m.max(axis=0)
+    margin_m = _ABOVE_SHARE * float(high[2] - low[2])
+    vertices, faces = surface
+    corners = vertices[faces]
+    first, last = corners.min(axis=1), corners.max(axis=1)
+    near = (first[:, :2] <= high[:2] + margin_m) & (last[:, :2] >= low[:2] - margin_m)
+    return bool((near.all(axis=1) & (last[:, 2] > low[2] + margin_m)).any())

@@ -41,6 +41,11 @@ def compass_deg(azimuth: ArrayLike) -> NDArray[np.float64]:
     return (90.0 - np.asarray(azimuth, dtype=float)) % 360.0
 
 
+def apart_deg(azimuth: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
+    """Angle between azimuths, 0 to 180 degrees."""
+    return np.abs((np.asarray(azimuth, float) - np.asarray(other, float) + 180.0) % 360.0 - 180.0)
+
+
 def plane_normal(slope_deg: float, downhill_azimuth_deg: float) -> NDArray[np.float64]:
     """Upward unit normal of a plane that falls by `slope_deg` toward `downhill_azimuth_deg`."""
     slope = np.deg2rad(slope_deg)

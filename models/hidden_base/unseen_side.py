@@ -54,11 +54,8 @@ class UnseenSide:
         """
         hull = low[ConvexHull(low[:, :2]).vertices, :2]
         middle_m, radius_m = hull.mean(axis=0), 0.0
-        for least_deg in (
-            _SURMISED_DEG,
-            _UNSEEN_DEG,
-            _UNSEEN_DEG,
-        ):  # the middle depends on where the range lies
+        # The middle depends on where the range lies, and the range on the middle.
+        for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
             range_deg, toward_deg = widest_gap_deg(_shown(low[:, :2] - middle_m))
             if range_deg < least_deg:
                 return None

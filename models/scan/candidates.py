@@ -25,6 +25,8 @@ _FINEST_VOXELS_PER_HEIGHT = 80
 _TRIED_HEIGHTS = (1.0, 0.7, 0.45)
 """Heights that a thing may have, over its drop to where it joins another."""
 _NEARLY = 0.9
+CREASE = -0.25
+"""Bend between neighbours below which a crease runs between them."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
@@ -245,7 +247,7 @@ def minimum_cut(
     """
     count = len(surfels.points_m)
     angle = bend(surfels, edges)
-    capacity = np.rint(10 + 1000 / (1 + np.exp(-(angle + 0.25) / 0.08))).astype(np.int32)
+    capacity = np.rint(10 + 1000 / (1 + np.exp(-(angle - CREASE) / 0.08))).astype(np.int32)
     if height_m is not None:
         capacity[(height_m[edges] > 0.0).sum(axis=1) == 1] = 1
     source, sink = count, count + 1
@@ -265,7 +267,7 @@ def minimum_cut(
 def concave_share(surfels: Surfels, edges: NDArray[np.int64], rock: NDArray[np.bool_]) -> float:
     """Share of the edges between a rock and the rest that run through a crease."""
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
-    return float((bend(surfels, cut) < -0.25).mean()) if len(cut) else 1.0
+    return float((bend(surfels, cut) < CREASE).mean()) if len(cut) else 1.0
 
 
 def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:

@@ -17,14 +17,12 @@ from toppling.models.compiled import Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg
 from toppling.models.joined import joined_parts
-from toppling.models.scan.candidates import bend, neighbourhood, surfels_of
+from toppling.models.scan.candidates import CREASE, bend, neighbourhood, surfels_of
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import ROCK, Segmentation, segment
 from toppling.models.scan.surfels import Surfels, orient, thin
 
-_CREASE = -0.25
-"""Bend between neighbours from which on a crease parts them."""
 _CREASE_VOXELS = 5.0
 """Patches so near to a body are its."""
 _LEAST_CORE, _LEAST_PATCHES = 20, 100
@@ -162,7 +160,7 @@ def _bodies(surfels: Surfels) -> Indices:
     """
     points, edges = surfels.points_m, neighbourhood(surfels.points_m, surfels.voxel_m)
     creased = np.zeros(len(points), bool)
-    creased[edges[bend(surfels, edges) < _CREASE]] = True
+    creased[edges[bend(surfels, edges) < CREASE]] = True
     beside = creased.copy()
     beside[edges[creased[edges].any(axis=1)]] = True
     number = joined_parts(edges[~beside[edges].any(axis=1)], len(points))

@@ -20,6 +20,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.digest import write_json
 from toppling.models.files.documents import read_json
 from toppling.models.files.folder import new_file
+from toppling.models.frames import apart_deg
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
@@ -133,7 +134,7 @@ def weakest_azimuth_deg(scene: Scene) -> float:
 
 def _nearest_deg(azimuth_deg: float, among: Sequence[float]) -> float:
     """Nearest of some azimuths around the circle."""
-    return min(among, key=lambda one: abs((one - azimuth_deg + 180.0) % 360.0 - 180.0))
+    return min(among, key=lambda one: float(apart_deg(one, azimuth_deg)))
 
 
 def carry_out(

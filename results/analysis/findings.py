@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, spearmanr
 
+from toppling.models.frames import apart_deg
 from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
 from toppling.results.analysis.fragility import PLANES, effective_records, wilson
 from toppling.results.analysis.friction import (
@@ -154,9 +155,8 @@ def _pgv_hardly_on_duration(main: pd.DataFrame, weakest_azimuth_deg: float, dire
 
 
 def _figure_10a(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> pd.DataFrame:
-    off_deg = (main["pga_azimuth_deg"] - weakest_azimuth_deg + 180.0) % 360.0 - 180.0
     return main[
-        (off_deg.abs() <= 180.0 / directions)
+        (apart_deg(main["pga_azimuth_deg"], weakest_azimuth_deg) <= 180.0 / directions)
         & (main["pgv_m_s"] < _FIGURE_10_PGV_M_S)
         & (main["duration_energy_s"] < _FIGURE_10_DURATION_S)
     ]
@@ -183,7 +183,7 @@ def _toward_the_overhang(main: pd.DataFrame, overhang_deg: float) -> Finding:
         return Finding(name, paper, "nothing toppled", None)
     azimuth = np.deg2rad(main["topple_azimuth_deg"].dropna().to_numpy(float))
     mean = np.exp(1j * azimuth).mean()
-    off = abs((math.degrees(np.angle(mean)) - overhang_deg + 180.0) % 360.0 - 180.0)
+    off = float(apart_deg(math.degrees(np.angle(mean)), overhang_deg))
     found = (
         f"{100 * sector['share_of_toppled']:.0f} % of {sector['toppled']} topplings in a sector of "
         f"{2 * HALF_SECTOR_DEG:g} degrees around {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off"

@@ -4,7 +4,7 @@ import pytest
 
 from toppling.models.bearings import WINDS, azimuth_of
 from toppling.models.errors import InputError
-from toppling.models.frames import compass_deg
+from toppling.models.frames import apart_deg, compass_deg
 
 
 @pytest.mark.parametrize("bearing", [0, 22.5, 40, 90, 135, 180, 222, 270, 315, 359])
@@ -26,3 +26,12 @@ def test_the_sixteen_winds_go_round_clockwise_from_north():
 def test_what_is_no_direction_is_refused(text):
     with pytest.raises(InputError, match="no direction"):
         azimuth_of(text)
+
+
+def test_azimuths_lie_apart_by_the_shorter_way_around():
+    assert apart_deg([350.0, 10.0, 180.0, -90.0], [10.0, 350.0, 0.0, 270.0]).tolist() == [
+        20.0,
+        20.0,
+        180.0,
+        0.0,
+    ]

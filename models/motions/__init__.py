@@ -3,5 +3,5 @@
 __all__ = [
     "above_band", "catalogue", "deaggregation", "ensemble", "fetch", "idealised", "importing", "impose",
     "intensity", "measures", "metadata", "motion", "plausible", "quality", "record", "selection",
-    "shaketable", "shaketable_raw", "synthetic",
+    "shaketable", "synthetic",
 ]  # fmt: skip

@@ -1,8 +1,7 @@
 """Shake-table tests of a specimen: what the table did, whether the rock overturned, what others predicted.
 
 A folder holds `tests.csv` (one row a test: `test_no`, a column of outcomes, and where known `ground_motion`) and
-`motions.parquet` (`test_no`, `dt_s`, `acc_m_s2` along the table's axis), or the experiment's own files
-(:mod:`models.motions.shaketable_raw`).
+`motions.parquet` (`test_no`, `dt_s`, `acc_m_s2` along the table's axis).
 """
 
 from __future__ import annotations
@@ -24,9 +23,10 @@ from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, liste
 from toppling.models.files.tables import check_bounds
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
-from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_tests
 
-_TESTS, _MOTIONS = "tests.csv", "motions.parquet"
+TESTS, MOTIONS = "tests.csv", "motions.parquet"
+BAND_HZ = 25.0
+"""The motions' band; beyond it an accelerometer tells of the table's bearings rather than of its motion."""
 _ALONG_X_DEG = (0.0, 90.0)
 """The table's axis is x: which way it points in the mesh's frame is the campaign's to say."""
 _UNKNOWN_RECORD = "unknown record"
@@ -68,7 +68,7 @@ class Experiment:
         if unknown:
             messages.append(
                 f"which record the table followed is not known of {_named(unknown)}, which count as one record: "
-                "give a column ground_motion in tests.csv, or 'Ground Motion' in the workbook of records"
+                "give a column ground_motion in tests.csv"
             )
         pairs = zip(self.tests, self.motions, strict=True)
         moving = [test.test_no for test, motion in pairs if not _ends_at_rest(motion)]
@@ -96,10 +96,14 @@ def read_experiment(folder: Path, outcome: str) -> Experiment:
     InputError
         If a file or a column is missing, or no test has both motion and outcome.
     """
-    if is_raw(folder):
-        rows, motions = raw_tests(folder), raw_motions(folder)
-    else:
-        rows, motions = _rows(folder / _TESTS), _motions(folder / _MOTIONS)
+    if not (folder / TESTS).exists() and any(folder.rglob("Test*.txt")):
+        raise InputError(
+            "holds an experiment as it was published",
+            where=str(folder),
+            expected=f"{TESTS} and {MOTIONS}",
+            remedy=f"make them: python benchmarks/convert_shaketable.py {folder} NEW_FOLDER, from the sources",
+        )
+    rows, motions = _rows(folder / TESTS), _motions(folder / MOTIONS)
     for name in ("test_no", outcome):
         if not rows or name not in rows[0]:
             columns = ", ".join(rows[0]) if rows else "none"

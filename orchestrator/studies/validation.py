@@ -22,8 +22,7 @@ from toppling.models.files.folder import new_folder
 from toppling.models.hidden_base.rough_base import TOLERANCE_SHARE, Standing, with_rough_base
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import motion_sha
-from toppling.models.motions.shaketable import Experiment
-from toppling.models.motions.shaketable_raw import BAND_HZ
+from toppling.models.motions.shaketable import BAND_HZ, Experiment
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback

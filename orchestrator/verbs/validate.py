@@ -94,7 +94,7 @@ def validate(
 ) -> None:
     """Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.
 
-    FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md).
+    FOLDER holds tests.csv and motions.parquet (docs/validation.md).
     Unmeasured properties are drawn: the base, friction, restitution (if the engine knows it), yaw and the sense of the
     table. The probability is the share of draws that topple. No outcome is used, except with --learn, which weights
     draws by the outcomes of other records, never of the one predicted. Scores of others' predictions in the table of

@@ -1,4 +1,9 @@
-"""Shake-table tests in the layout in which the experiment was published: `TestNNN.txt` and two workbooks.
+"""Shake-table tests as the experiment was published, written as `toppling validate` reads them.
+
+    .venv/bin/python benchmarks/convert_shaketable.py FOLDER OUT
+
+FOLDER holds `TestNNN.txt`, a workbook of results and one of ground motions, in any subfolder; OUT gets `tests.csv` and
+`motions.parquet`.
 
 A text file holds pairs of columns, time (s) and amplitude, of four channels at 800 Hz: acceleration of the table (g), a
 second accelerometer (g), displacement of the actuator (counts, the other way round) and one more displacement. Below
@@ -8,9 +13,11 @@ fused by complementary filters. The constants were found by comparison with fuse
 
 from __future__ import annotations
 
+import csv
 import lzma
 import math
 import re
+import sys
 import warnings
 import zipfile
 import zlib
@@ -20,19 +27,21 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from scipy.signal import butter, sosfiltfilt
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import check_size
+from toppling.models.files.folder import new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.motions.motion import Motion
+from toppling.models.motions.shaketable import BAND_HZ, MOTIONS, TESTS
 
 METRES_A_COUNT = -1.524e-5
 """0.6 thousandths of an inch, opposite to the accelerometer's positive direction."""
 _CROSSOVER_HZ, _CROSSOVER_ORDER = 4.0, 2
-BAND_HZ, _BAND_ORDER = 25.0, 3
-"""The records' band; beyond it the accelerometer tells of the table's bearings rather than of its motion."""
+_BAND_ORDER = 3
 _KEPT_EVERY = 2
 """Samples, of those filtered to the band."""
 ACCELERATION, _DISPLACEMENT = 1, 5
@@ -49,17 +58,31 @@ _NO_WORKBOOK = (
 
 _no_experiment = refusals(
     expected="the experiment's own files: TestNNN.txt of four channels, workbooks of results and of records",
-    remedy="docs/validation.md describes both layouts",
+    remedy="give the folder that was published",
 )
 
 
-def is_raw(folder: Path) -> bool:
-    """Whether a folder holds the experiment's own files."""
-    return not (folder / "tests.csv").exists() and any(folder.rglob("Test*.txt"))
+def convert(folder: Path, out: Path) -> None:
+    """Write the table of tests and their motions into a new folder.
+
+    Raises InputError if no workbook holds results, or a file of a test does not hold four channels.
+    """
+    tests, motions = raw_tests(folder), raw_motions(folder)
+    with new_folder(out) as hidden:
+        with (hidden / TESTS).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(tests[0]))
+            writer.writeheader()
+            writer.writerows(tests)
+        table = {
+            "test_no": list(motions),
+            "dt_s": [step_s for _, step_s in motions.values()],
+            "acc_m_s2": [along.tolist() for along, _ in motions.values()],
+        }
+        pq.write_table(pa.table(table), hidden / MOTIONS)
 
 
-def raw_motions(folder: Path) -> dict[int, Motion]:
-    """Motions of the table by the numbers of the tests."""
+def raw_motions(folder: Path) -> dict[int, tuple[Array, float]]:
+    """Acceleration of the table (m/s2) and its time step (s) by the numbers of the tests."""
     found = {}
     for path in sorted(folder.rglob("Test*.txt")):
         named = re.fullmatch(r"Test[ _]*0*(\d+)", path.stem)
@@ -68,11 +91,8 @@ def raw_motions(folder: Path) -> dict[int, Motion]:
     return found
 
 
-def _raw_motion(path: Path) -> Motion:
-    """Motion of the table along x in one test.
-
-    Raises InputError if the file does not hold the columns of four channels.
-    """
+def _raw_motion(path: Path) -> tuple[Array, float]:
+    """Acceleration of the table in one test (m/s2), and its time step (s)."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of an empty file, which is told below
@@ -90,7 +110,7 @@ def _raw_motion(path: Path) -> Motion:
     if not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
         raise _no_experiment("values that are no numbers, or samples not at equal times", path)
     along = fused_m_s2(columns[:, 1] * STANDARD_GRAVITY_M_S2, columns[:, 2] * METRES_A_COUNT, step_s)
-    return Motion(np.outer(along[::_KEPT_EVERY], [1.0, 0.0, 0.0]), _KEPT_EVERY * step_s)
+    return along[::_KEPT_EVERY], _KEPT_EVERY * step_s
 
 
 def fused_m_s2(acceleration_m_s2: Array, displacement_m: Array, time_step_s: float) -> Array:
@@ -124,7 +144,7 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
         if any("Experimental Results" in title for title in titles.values()):
             names = {letter: _column(title) for letter, title in titles.items()}
             results = [
-                {names[letter]: row.get(letter) for letter in names} | {"test_no": row["A"]}
+                {names[letter]: row.get(letter) for letter in names} | {"test_no": int(row["A"])}
                 for row in numbered
             ]
         motion = next((letter for letter, title in titles.items() if title == "Ground Motion"), None)
@@ -134,7 +154,7 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
         raise _no_experiment(
             "no workbook (xlsx) with 'Test Number' and 'Experimental Results ...' in its first row", folder
         )
-    return [row | {"ground_motion": motions.get(int(row["test_no"]), "")} for row in results]
+    return [row | {"ground_motion": motions.get(row["test_no"], "")} for row in results]
 
 
 def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
@@ -210,3 +230,12 @@ def _record_name(text: str) -> str:
 def _low_passed(values: Array, corner_hz: float, order: int, time_step_s: float) -> Array:
     """Butterworth's filter forward and backward, without delay."""
     return np.asarray(sosfiltfilt(butter(order, corner_hz, fs=1.0 / time_step_s, output="sos"), values))
+
+
+if __name__ == "__main__":
+    try:
+        convert(Path(sys.argv[1]), Path(sys.argv[2]))
+    except IndexError:
+        sys.exit(__doc__)
+    except (InputError, FileExistsError) as refused:
+        sys.exit(str(refused))

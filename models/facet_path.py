@@ -14,6 +14,7 @@ slopes (gravity in the plane's frame).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -28,7 +29,6 @@ from toppling.models.support import (
     CONTACT_SHARE_OF_HEIGHT,
     TOPPLED_FALL,
     TOPPLED_TILT_DEG,
-    moment_arms,
     planar_hull,
 )
 
@@ -47,10 +47,15 @@ class _Pose:
 
     def rolled(self, pivot: Array, outward: Array, angle: float) -> _Pose:
         """Turn about the line in the plane through a pivot, toward the outward in-plane unit vector."""
-        axis = np.array([-outward[1], outward[0], 0.0])
-        cosine, sine = np.cos(angle), np.sin(angle)
-        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-        turn = (np.eye(3) + sine * skew + (1 - cosine) * (skew @ skew)).T
+        x, y = -float(outward[1]), float(outward[0])  # the axis
+        sine, versed = math.sin(angle), 1.0 - math.cos(angle)
+        turn = np.array(
+            [
+                [1.0 - versed * y * y, versed * x * y, -sine * y],
+                [versed * x * y, 1.0 - versed * x * x, sine * x],
+                [sine * y, -sine * x, 1.0 - versed],
+            ]
+        )  # of rows: the transpose of Rodrigues' matrix
         anchor = np.array([pivot[0], pivot[1], 0.0])
         return _Pose(
             (self.points - anchor) @ turn + anchor, (self.com - anchor) @ turn + anchor, self.up @ turn
@@ -148,8 +153,14 @@ def _touching(pose: _Pose, tolerance: float) -> Array:
 
 def _edge_moments(ring: Array, com: Array, force: Array) -> Array:
     """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring."""
-    corners = np.column_stack([ring, np.zeros(len(ring))])
-    return moment_arms(corners, com, np.array([0.0, 0.0, 1.0])) @ force
+    edge, away = _edges(ring), com[:2] - ring
+    twice_area = away[:, 0] * edge[:, 1] - away[:, 1] * edge[:, 0]
+    moment = com[2] * (edge[:, 0] * force[1] - edge[:, 1] * force[0]) + twice_area * force[2]
+    return moment / np.sqrt(edge[:, 0] ** 2 + edge[:, 1] ** 2)
+
+
+def _edges(ring: Array) -> Array:
+    return np.concatenate((ring[1:], ring[:1])) - ring
 
 
 def _holds(ring: Array, com: Array, weight: Array) -> bool:
@@ -168,7 +179,7 @@ def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) 
 def _nearest(support: Array, projected_com: Array) -> tuple[Array, Array, bool]:
     """Nearest point of a support to a point outside, unit vector outward, whether it is a vertex."""
     if len(support) > 1:
-        edge = np.roll(support, -1, axis=0) - support
+        edge = _edges(support)
         share = ((projected_com - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
         point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
         away = projected_com - point

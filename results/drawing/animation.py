@@ -99,7 +99,7 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
     corners, painted = [], []
     for surface in (rock, pedestal):
         corner = surface.vertices_m[surface.faces] @ view.frame
-        side = np.cross((corner[:, 1] - corner[:, 0])[:, :2], (corner[:, 2] - corner[:, 0])[:, :2])
+        side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2]
         corners.append(corner[side > 0])
         painted.append(shades(surface, light)[side > 0])
     triangles, colours = np.concatenate(corners), np.concatenate(painted)

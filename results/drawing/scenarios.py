@@ -57,8 +57,7 @@ def _share_as_they_are(rows: pd.DataFrame) -> float:
 
 def _draw_matrix(axes: Axes, matrix: pd.DataFrame, figure: Figure) -> None:
     values = np.ma.masked_invalid(matrix.to_numpy(float))
-    shades = COLOURS.copy()
-    shades.set_bad("0.9")
+    shades = COLOURS.with_extremes(bad="0.9")
     image = axes.imshow(values, aspect="auto", cmap=shades, vmin=0, vmax=1, interpolation="nearest")
     few = max(1, int(np.ceil(matrix.shape[1] / _MOST_LABELS)))
     axes.set_xticks(

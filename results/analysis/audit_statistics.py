@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binomtest, norm, t
+from scipy.special import log_ndtr, ndtr
+from scipy.stats import binomtest, t
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -254,7 +255,8 @@ class _Fragility:
     def _score_factor(self, coefficients: Array) -> tuple[Array, Array]:
         """What multiplies an answer in the score, and what a job adds to Fisher's information, over its design."""
         eta = self.design @ coefficients
-        density, below, above = norm.logpdf(eta), norm.logcdf(eta), norm.logsf(eta)
+        density = -0.5 * (eta**2 + math.log(2.0 * math.pi))
+        below, above = log_ndtr(eta), log_ndtr(-eta)
         return self.weight * np.exp(density - below - above), self.weight * np.exp(
             2 * density - below - above
         )
@@ -262,7 +264,7 @@ class _Fragility:
     @property
     def plausible(self) -> Array:
         """Variance of each answer: where answers are certain, none flips."""
-        p = norm.cdf(self.design @ self.coefficients)
+        p = ndtr(self.design @ self.coefficients)
         return p * (1.0 - p)
 
     @property
@@ -279,7 +281,7 @@ class _Fragility:
         answers, coefficients = self.toppled - difference, self.coefficients
         for _ in range(100):
             factor, information = self._score_factor(coefficients)
-            probability = norm.cdf(self.design @ coefficients)
+            probability = ndtr(self.design @ coefficients)
             fisher = (self.design * information[:, None]).T @ self.design
             try:
                 step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtr, ndtri
+from scipy.stats import t
 
 from toppling.results.completeness import Completeness
 
@@ -51,11 +52,11 @@ class Lognormal:
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.asarray(intensity, float) / self.median)
             z = np.where(above == 0.0, 0.0, above / self.beta) if self.beta > 0 else np.sign(above) * np.inf
-        return norm.cdf(np.nan_to_num(z, nan=0.0))
+        return ndtr(np.nan_to_num(z, nan=0.0))
 
     def intensity(self, probability: float) -> float:
         """Intensity at which a toppling probability is reached."""
-        return self.median * math.exp(self.beta * norm.ppf(probability))
+        return self.median * math.exp(self.beta * ndtri(probability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def expanded_interval(values: NDArray[np.float64], records: int, level: float = 
     """
     if not len(values):
         return np.full((2, *np.shape(values)[1:]), math.nan)
-    tail = norm.cdf(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
+    tail = ndtr(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
     return _ends(values, float(tail))
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
@@ -206,7 +206,7 @@ def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
         intercept, on_pga, on_pulse = coefficients
         pulse = np.geomspace(jobs["pgv_pga_s"].min(), jobs["pgv_pga_s"].max(), 60)
         for probability in (0.01, 0.99):
-            pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)
+            pga = np.exp((ndtri(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)
             lines.append(
                 pd.DataFrame(
                     {"azimuth_deg": azimuth, "pgv_pga_s": pulse, "probability": probability, "pga_m_s2": pga}

@@ -12,7 +12,8 @@ of p coefficients on n records are: by sqrt(n / (n - p)), and by Student's t of 
 import math
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtri
+from scipy.stats import t
 
 from toppling.models.arrays import Array
 
@@ -33,7 +34,7 @@ def reflected(fitted: Array, refits: Array, records: int) -> Array:
     """
     to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
     freedom = records - len(fitted)
-    wider = math.sqrt(records / freedom) * t.ppf(_TAIL, freedom) / norm.ppf(_TAIL)
+    wider = math.sqrt(records / freedom) * t.ppf(_TAIL, freedom) / ndtri(_TAIL)
     centre, away = to(fitted), to(refits) - to(fitted)
     if len(fitted) == 3:
         away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi

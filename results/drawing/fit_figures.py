@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.lognormal import Lognormal, Resampled
@@ -77,7 +77,7 @@ def draw_curve(axes: Axes, curve: Lognormal, resampled: Resampled | None, observ
         min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
     )
     if resampled is not None and len(resampled.coefficients):
-        drawn = norm.cdf(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
+        drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
         axes.fill_between(intensity, *resampled.interval(drawn), color=MAIN_COLOUR, alpha=0.3, lw=0)
     axes.plot(intensity, curve.probability(intensity), color=MAIN_COLOUR, lw=1.2)
     spread = np.abs(observed[["wilson_low", "wilson_high"]].to_numpy().T - observed["probability"].to_numpy())

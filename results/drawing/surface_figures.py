@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from toppling.results.drawing.style import HALF_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
 from toppling.results.hazard.surfaces import Surface
@@ -63,5 +63,5 @@ def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarr
     """Second measure at which a share topples, given the first, of each surface (surfaces, x)."""
     intercept, slope, other = coefficients.T[:, :, None]
     with np.errstate(divide="ignore", over="ignore"):
-        level = np.exp((norm.ppf(share) - intercept - slope * np.log(x)) / other)
+        level = np.exp((ndtri(share) - intercept - slope * np.log(x)) / other)
     return np.where(other > 0, level, math.inf)

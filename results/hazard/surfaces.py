@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
@@ -33,7 +33,7 @@ class Surface:
             parts = [slope * np.log(motions[name]) for name, slope in zip(self.measures, slopes, strict=True)]
             score = intercept + sum(parts)
         felt = np.all([np.asarray(motions[name]) > 0 for name in self.measures], axis=0)
-        return np.where(felt, norm.cdf(score), 0.0)
+        return np.where(felt, ndtr(score), 0.0)
 
     def stouter(self, factor: float) -> "Surface":
         """The same surface with the motions that topple a factor stronger."""

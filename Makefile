@@ -39,7 +39,7 @@ test: setup  ## the fast tests, at most five minutes
 	$(BIN)/python -m pytest -m $(TESTS) tests/cluster
 
 end-to-end: setup  ## the guide, an experiment and the built wheel, minutes
-	$(BIN)/python -m pytest -m $(TESTS) tests/end_to_end
+	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist loadfile tests/end_to_end
 
 test-all: TESTS := "slow or not slow"
 test-all: test end-to-end  ## the fast and the slow tests

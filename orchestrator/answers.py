@@ -10,7 +10,7 @@ from typing import Any
 
 from toppling.orchestrator.task import Row, lost_row
 from toppling.results.store import table_of
-from toppling.workers.job import JobSpec
+from toppling.workers.job import JobSpec, identity
 
 _ASKED = (
     "job_id", "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic",
@@ -53,39 +53,23 @@ def _problem(spec: JobSpec, row: Any) -> str:
     """What is wrong with a row; nothing where it answers the job."""
     if not isinstance(row, Mapping):
         return f"a {type(row).__name__} and no row"
-    asked = lost_row(spec, "", "")
+    asked = identity(spec)
     for name in _ASKED:
         if row.get(name) != asked[name]:
             return f"{name} is {row.get(name)!r}, asked was {asked[name]!r}"
-    return _no_answer(row) or _other_motion(spec, row) or _other_cost(row)
-
-
-def _no_answer(row: Mapping[str, Any]) -> str:
     status, toppled, outcome = row.get("status"), row.get("toppled"), row.get("outcome")
     if status not in _STATUSES:
         return f"status is {status!r}"
-    if status != "ok":
-        return (
-            "" if toppled is None and outcome is None else f"status is {status!r}, yet outcome is {outcome!r}"
-        )
-    if not isinstance(toppled, bool) or _OUTCOMES.get(str(outcome)) is not toppled:
+    if status != "ok" and (toppled is not None or outcome is not None):
+        return f"status is {status!r}, yet outcome is {outcome!r}"
+    if status == "ok" and (not isinstance(toppled, bool) or _OUTCOMES.get(str(outcome)) is not toppled):
         return f"status is 'ok', yet outcome is {outcome!r} and toppled is {toppled!r}"
-    return ""
-
-
-def _other_motion(spec: JobSpec, row: Mapping[str, Any]) -> str:
-    """Whether the motion was scaled to what was asked; holding its displacement takes some of its PGA."""
-    pga = row.get("pga_m_s2")
-    if row["status"] == "failed" or (pga is None and "pga_m_s2" not in row):
-        return "" if row["status"] == "failed" else "it does not say what was imposed"
+    pga, wall_s = row.get("pga_m_s2"), row.get("wall_s")
+    # Holding the displacement of a motion takes some of its PGA.
     low = 0.0 if spec.peak_displacement_m is not None else spec.pga_m_s2 * (1.0 - _SAME_PGA)
-    if not (isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + _SAME_PGA)):
+    scaled = isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + _SAME_PGA)
+    if status != "failed" and not scaled:
         return f"pga_m_s2 is {pga!r}, asked was {spec.pga_m_s2!r}"
-    return ""
-
-
-def _other_cost(row: Mapping[str, Any]) -> str:
-    wall_s = row.get("wall_s")
     if wall_s is not None and not (isinstance(wall_s, int | float) and 0.0 <= wall_s < math.inf):
         return f"wall_s is {wall_s!r}"
     return ""

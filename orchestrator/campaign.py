@@ -17,6 +17,7 @@ from toppling.models.files.folder import local
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.sites import Site, ensemble_folder, joined, read_sites, scenes_matching
 from toppling.orchestrator.target_spec import TargetSpec, read_precision, read_target
+from toppling.results.run_integrity import SITES_FILE
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -245,14 +246,20 @@ class Campaign:
             what = f"{jobs:.3g} jobs = {' x '.join(f'{count} {name}' for name, count in axes.items())}"
             raise Place("campaign").wrong(what, f"at most {MOST_JOBS} jobs", "leave some of them out")
 
-    def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = (), hazard: str | None = None) -> str:
-        """Write the campaign as TOML, every value written out, with the folders given; `scene` is the table of many."""
+    def to_toml(
+        self,
+        scene: str = "scene",
+        ensemble: str = "ensemble",
+        stood: Iterable[str] = (),
+        hazard: str | None = None,
+    ) -> str:
+        """Write the campaign as TOML, every value written out, with the folders given, and the table of many rocks."""
         values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
         content = {name: one for name, one in values.items() if one not in (None, ())}
         if self.sites:
             del content["scene"]
         content |= {
-            "sites" if self.sites else "scene": scene,
+            **({"sites": SITES_FILE} if self.sites else {"scene": scene}),
             "ensemble": ensemble,
             "pga_m_s2": self.pga_m_s2 or _AS_RECORDED,
         }

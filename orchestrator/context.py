@@ -11,7 +11,6 @@ from typing import Any, Protocol
 from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.task import Row, RunKey
 
@@ -131,14 +130,8 @@ class JobSelection(Protocol):
     def pending(self, finished: set[str]) -> Rows:
         """Rows of the plan to shake next, in the order to start them; none once all that is wanted is finished."""
 
-    def total(self) -> int:
+    def __len__(self) -> int:
         """Number of jobs in all, as far as known."""
-
-
-def all_jobs(planned: Plan, folder: Path) -> JobSelection:
-    """Every job of a plan: a run that was to end with a statement may go on to them."""
-    set_jobs(folder, len(planned))
-    return planned
 
 
 Choose = Callable[[Plan, Path], JobSelection]
@@ -152,8 +145,8 @@ class Stage(Protocol):
     def before(self) -> bool:
         """Whether it comes before them."""
 
-    def due(self, planned: Plan, folder: Path) -> bool:
-        """Whether there is something to do now; asked again once the jobs are done."""
+    def due(self, planned: Plan, folder: Path) -> int:
+        """Whether (or how much) there is to do now; asked again once the jobs are done."""
 
     def carry_out(self, work: Work) -> None:
         """Do it, or go on with it."""

@@ -84,7 +84,9 @@ class Execution:
     def __init__(self, work: Work, pending: NDArray[np.int64], task: Task = shake_batch) -> None:
         self.work, self.plan, self.client, self.progress = work, work.planned, work.client, work.progress
         self.task = task
-        self.dispatch = Dispatch(pending, self.plan.durations_s, work.limits.tries, self.plan.scene_of)
+        self.dispatch = Dispatch(
+            pending, self.plan.durations_s, work.limits.tries, self.plan.columns["scene_id"]
+        )
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
@@ -147,7 +149,7 @@ class Execution:
         # In one graph: Dask takes its tasks for one group only if it sees them together.
         futures = self.client.map(
             self.task,
-            [self.work.run_keys[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
+            [self.work.run_keys[self.plan.columns["scene_id"][batch.jobs[0]]] for batch in batches],
             specs,
             [budget_s(workers, len(self.plan.scenes))] * len(batches),
             key=keys,

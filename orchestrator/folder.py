@@ -23,8 +23,9 @@ from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
-from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, scene_or_sites, site_in_run
+from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, site_in_run
 from toppling.orchestrator.sites import sites_text
+from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.run_integrity import (
     ENSEMBLE_FILES,
     NEEDED,
@@ -79,8 +80,8 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
-        hazard = _copy_hazard(plan, staging)
-        written = plan.campaign.to_toml(scene_or_sites(plan), "ensemble", stood, hazard)
+        hazard = _copy_hazard(plan.campaign.target, staging)
+        written = plan.campaign.to_toml(stood=stood, hazard=hazard)
         digest.write_text(staging / "campaign.toml", written)
         if sites:
             digest.write_text(staging / SITES_FILE, sites)
@@ -315,9 +316,8 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
             shutil.copyfile(path, target / name)
 
 
-def _copy_hazard(plan: Plan, staging: Path) -> str | None:
+def _copy_hazard(target: TargetSpec | None, staging: Path) -> str | None:
     """Copy the hazard under which a failure rate is asked for; its name in the run."""
-    target = plan.campaign.target
     source = target.hazard if target is not None else None
     if source is None:
         return None
@@ -332,7 +332,7 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
         there = read_toml(run / "campaign.toml")
     except (OSError, InputError):
         return ""
-    here = tomllib.loads(plan.campaign.to_toml(scene_or_sites(plan), "ensemble", there.get("stood", [])))
+    here = tomllib.loads(plan.campaign.to_toml(stood=there.get("stood", [])))
     # A value that an earlier version did not write is no difference, except where it has no default.
     unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]

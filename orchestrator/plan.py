@@ -91,10 +91,6 @@ class Plan:
     left_out: tuple[tuple[str, str], ...] = ()  # rocks of an atlas that cannot be read, each with the reason
     what = "shaking"  # of all jobs (`context.JobSelection`)
 
-    def total(self) -> int:
-        """Number of jobs."""
-        return len(self.jobs)
-
     @property
     def scene_id(self) -> str:
         """Hash of the scene, or of all scenes."""
@@ -120,53 +116,40 @@ class Plan:
         return frozenset(self.jobs.column("job_id").to_pylist())
 
     @cached_property
-    def record_of(self) -> NDArray[np.int32]:
-        """For every job the number of its record, (n,)."""
-        return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
-
-    @cached_property
-    def scene_of(self) -> NDArray[np.int64]:
-        """For every job the number of its scene, (n,)."""
-        column = self.jobs.column("scene_id").combine_chunks()
-        number = {scene.scene_id: number for number, scene in enumerate(self.scenes)}
-        return np.array([number[name] for name in column.dictionary.to_pylist()], np.int64)[column.indices]
-
-    @property
-    def jobs_of_scenes(self) -> list[int]:
-        """Number of jobs of each scene."""
-        return np.bincount(self.scene_of, minlength=len(self.scenes)).tolist()
-
-    @cached_property
-    def order(self) -> NDArray[np.int64]:
-        """Rows in the order to start them (`orchestrator.order`), (n,); rocks take turns."""
-        rows = [np.flatnonzero(self.scene_of == number) for number in range(len(self.scenes))]
-        return taking_turns([of_scene[self._order_of(of_scene)] for of_scene in rows])
-
-    def _order_of(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Order of some jobs of one rock, (n,)."""
-        scenes = [self._codes(name, rows) for name in ("friction_static", "friction_kinetic")]
-        static, kinetic = (codes.max(initial=0) + 1 for codes in scenes)
-        friction = np.unique(np.ravel_multi_index(scenes, (static, kinetic)), return_inverse=True)[1]
-        axes = [friction, self._codes("restitution", rows), self._codes("realisation", rows)]
-        sizes = tuple(int(codes.max(initial=0)) + 1 for codes in axes)
-        none = np.zeros(len(rows), np.int64)  # of records as they are each has a level of its own
-        level = self._codes("pga_m_s2", rows) if self.campaign.pga_m_s2 else none
-        azimuth = self._codes("azimuth_deg", rows) if self.campaign.azimuth_deg else none
-        record = self.record_of[rows] if len(self.scenes) == 1 else numbered(self.record_of[rows])
-        return balanced_order(record, level, azimuth, np.ravel_multi_index(axes, sizes), sizes)
-
-    def _codes(self, column: str, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """For some jobs the number of their value among those of a column."""
-        return numbered(self.jobs.column(column).to_numpy()[rows])
+    def columns(self) -> dict[str, NDArray]:
+        """Columns of the table of jobs as arrays, each (n,): numbers of records and `scenes` instead of their ids."""
+        record, scene = (self.jobs.column(name).combine_chunks() for name in ("record_id", "scene_id"))
+        number = {one.scene_id: number for number, one in enumerate(self.scenes)}
+        scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
+        numbers = {"record_id": record.indices.to_numpy(), "scene_id": scenes}
+        return numbers | {name: self.jobs.column(name).to_numpy() for name in AXES}
 
     @cached_property
     def _records(self) -> list[str]:
         return self.jobs.column("record_id").combine_chunks().dictionary.to_pylist()
 
+    @property
+    def jobs_of_scenes(self) -> list[int]:
+        """Number of jobs of each scene."""
+        return np.bincount(self.columns["scene_id"], minlength=len(self.scenes)).tolist()
+
     @cached_property
-    def _columns(self) -> list[NDArray]:
-        """Columns after the record's, as arrays: a job's specification is made when it goes out, often again."""
-        return [self.jobs.column(name).to_numpy() for name in AXES]
+    def order(self) -> NDArray[np.int64]:
+        """Rows in the order to start them (`orchestrator.order`), (n,); rocks take turns."""
+        orders = []
+        for number in range(len(self.scenes)):
+            rows = np.flatnonzero(self.columns["scene_id"] == number)
+            codes = {name: _numbered(self.columns[name][rows]) for name in ("record_id", *AXES)}
+            static, kinetic = codes["friction_static"], codes["friction_kinetic"]
+            friction = _numbered(static * (kinetic.max(initial=0) + 1) + kinetic)
+            axes = [friction, codes["restitution"], codes["realisation"]]
+            sizes = tuple(int(of_axis.max(initial=0)) + 1 for of_axis in axes)
+            none = np.zeros(len(rows), np.int64)  # of records as they are each has a level of its own
+            level = codes["pga_m_s2"] if self.campaign.pga_m_s2 else none
+            azimuth = codes["azimuth_deg"] if self.campaign.azimuth_deg else none
+            scene = np.ravel_multi_index(axes, sizes)
+            orders.append(rows[balanced_order(codes["record_id"], level, azimuth, scene, sizes)])
+        return taking_turns(orders)
 
     def motion_s(self, rows: NDArray[np.int64]) -> float:
         """Durations of the records of some jobs together."""
@@ -182,16 +165,16 @@ class Plan:
     def durations_s(self) -> NDArray[np.float64]:
         """For every job the duration of its record, (n,)."""
         known = [[scene.duration_s.get(record, np.nan) for record in self._records] for scene in self.scenes]
-        return np.array(known)[self.scene_of, self.record_of]
+        return np.array(known)[self.columns["scene_id"], self.columns["record_id"]]
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        record_id, scene = self._records[self.record_of[row]], self.scenes[self.scene_of[row]]
-        values = (column[row].item() for column in self._columns)
+        record, scene, *values = (column[row].item() for column in self.columns.values())
+        record_id, scene = self._records[record], self.scenes[scene]
         return _spec(self.campaign, scene.scene_id, scene.record_sha[record_id], record_id, values)
 
 
-def numbered(values: NDArray) -> NDArray[np.int64]:
+def _numbered(values: NDArray) -> NDArray[np.int64]:
     """For each value its number among those that occur."""
     return np.unique(values, return_inverse=True)[1]
 

@@ -9,12 +9,6 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.sites import Site
 from toppling.orchestrator.task import lost_row
-from toppling.results.run_integrity import SITES_FILE
-
-
-def scene_or_sites(plan: Plan) -> str:
-    """What the campaign in a run's folder names: its scene, or its table of rocks."""
-    return SITES_FILE if plan.campaign.sites else "scene"
 
 
 def site_in_run(scene: PlannedScene) -> Site:
@@ -41,22 +35,18 @@ def scene_entries(plan: Plan) -> dict[str, Any]:
 
     Raises InputError if the only rock does not stand.
     """
+    largest = [one.settlings.largest for one in plan.scenes]
+    settling = [one and one.to_json() for one in largest]
     if not plan.campaign.sites:
-        (scene,) = plan.scenes
-        for problem in scene.settlings.problems:
+        for problem in plan.scenes[0].settlings.problems:
             raise problem
-        return {"settling": _largest(scene)}
+        return {"settling": settling[0]}
     entries = [
-        _scene_entry(one) | {"jobs": jobs, "settling": _largest(one)}
-        for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
+        _scene_entry(one) | {"jobs": jobs, "settling": settles}
+        for one, jobs, settles in zip(plan.scenes, plan.jobs_of_scenes, settling, strict=True)
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": entries, "left_out": left_out}
-
-
-def _largest(scene: PlannedScene) -> dict[str, Any] | None:
-    largest = scene.settlings.largest
-    return None if largest is None else largest.to_json()
 
 
 def _scene_entry(scene: PlannedScene) -> dict[str, Any]:

@@ -20,11 +20,10 @@ from toppling.orchestrator.context import (
     RunProgress,
     Stage,
     Work,
-    all_jobs,
 )
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
-from toppling.orchestrator.folder import note, prepare, remarks, session
+from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan, Rows
@@ -47,7 +46,7 @@ class Session:
     # Statuses whose jobs are done again; what they have counts until there is a newer row.
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
-    choose: Choose = all_jobs  # the jobs wanted of a plan in a run's folder
+    choose: Choose = lambda planned, _: planned  # the jobs wanted of a plan in a run's folder
 
     def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
@@ -83,7 +82,7 @@ class Session:
             left = goal.selection.pending(goal.finished - goal.redo.keys())
             if not len(left):
                 left = goal.selection.pending(goal.merge())
-            progress.total = goal.selection.total()
+            progress.total = len(goal.selection)
             if not len(left) and not self._due(goal, before=False):
                 return progress
         tell("work began", **progress.summary())
@@ -116,8 +115,10 @@ class _Goal:
         self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
         self.redo = attempts_with(folder, again) if again else {}
         self.selection = choose(planned, folder)
+        if self.selection is planned:  # a run that was to end with a statement may go on to all of its jobs
+            set_jobs(folder, len(planned))
         self.progress = RunProgress(
-            self.selection.total(), len(self.finished - self.redo.keys()), len(self.redo)
+            len(self.selection), len(self.finished - self.redo.keys()), len(self.redo)
         )
 
     def merge(self) -> set[str]:
@@ -170,8 +171,8 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] 
             msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
             raise RunError(msg)
         sent |= set(pending.tolist())
-        progress.total, progress.what = selection.total(), selection.what
+        progress.total, progress.what = len(selection), selection.what
         Execution(work, pending)()
         finished, pending = left()
         progress.again = len(redo.keys() - finished)
-    progress.total = selection.total()
+    progress.total = len(selection)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -126,7 +127,8 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh
+    from toppling.orchestrator.run import shake_alone
+    from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
 
     if own:
         refuse_counted(own, recorded)
@@ -141,7 +143,8 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
-            also = weigh(one, recorded, Path(place), client, watch)
+            shake = partial(shake_alone, client=client, watch=weighing(watch))
+            also = weigh(one, recorded, Path(place), shake)
     return joined(own, also) if own else also
 
 

@@ -65,7 +65,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     InputError
         If the campaign does not fit its scene or its ensemble, or the rock does not stand by itself.
     """
-    chosen = _campaign(campaign)
+    chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     planned = plan_of(chosen)
     if chosen.sites:
         entries = scene_entries(planned)
@@ -138,7 +138,7 @@ def run(
     RunError
         If the run cannot go on; what was done stays, and the same call goes on.
     """
-    chosen = _campaign(campaign)
+    chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
     with kept_up(folder) as check_writer:
@@ -149,7 +149,3 @@ def run(
 
         session = carrying_out.run(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
     return CarriedOut(folder, session)
-
-
-def _campaign(given: Campaign | str | Path) -> Campaign:
-    return given if isinstance(given, Campaign) else Campaign.read(Path(given))

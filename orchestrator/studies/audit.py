@@ -107,22 +107,6 @@ def drawn(folder: Path) -> pa.Table:
     return rows.filter(pc.equal(rows["status"], "ok")).sort_by("job_id")
 
 
-def due(planned: Plan, folder: Path) -> int:
-    """Jobs that the campaign wants audited and that some auditor has not done; 0 for nothing to do."""
-    wanted = planned.campaign.audit
-    if wanted == 0:
-        return 0
-    rows = drawn(folder)
-    count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
-    places = rows["job_id"][:count]
-    for one in _auditors(planned.campaign) if count else ():
-        part = one.plan(planned, _rows_of(planned, places))
-        check_place(folder, folder / AUDIT_FOLDER / one.name)
-        if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
-            return count
-    return 0
-
-
 def audit(work: Work, count: int) -> list[RunProgress]:
     """Do a random sample of a run's jobs again, or go on with it: one progress for each auditor.
 
@@ -226,10 +210,21 @@ class Auditing:
 
     before = False
 
-    def due(self, planned: Plan, folder: Path) -> bool:
-        """As of `Stage`."""
-        return due(planned, folder) > 0
+    def due(self, planned: Plan, folder: Path) -> int:
+        """Jobs that the campaign wants audited and that some auditor has not done; 0 for nothing to do."""
+        wanted = planned.campaign.audit
+        if wanted == 0:
+            return 0
+        rows = drawn(folder)
+        count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
+        places = rows["job_id"][:count]
+        for one in _auditors(planned.campaign) if count else ():
+            part = one.plan(planned, _rows_of(planned, places))
+            check_place(folder, folder / AUDIT_FOLDER / one.name)
+            if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
+                return count
+        return 0
 
     def carry_out(self, work: Work) -> None:
         """As of `Stage`."""
-        audit(work, due(work.planned, work.folder))
+        audit(work, self.due(work.planned, work.folder))

@@ -8,8 +8,7 @@ that no weight becomes 0: nothing was seen to topple. Over several motions these
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,9 @@ from toppling.models.scene import Scene
 from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
-from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.journal import tell
-from toppling.orchestrator.plan import Plan, plan_of
+from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import (
     AZIMUTHS_DEG,
     ENSEMBLES,
@@ -35,18 +34,19 @@ from toppling.orchestrator.recorded import (
     check_weighable,
     ensembles_in,
 )
-from toppling.orchestrator.session import Session
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
-Shake = Callable[[Campaign, Path], object]
-"""Carries a campaign out in a folder."""
+Shake = Callable[[Campaign, Path, Client, ProgressCallback, Limits], object]
+"""Carries a campaign out in a folder, on workers at hand."""
 
 
+@dataclass(frozen=True)
 class Weighing:
     """Bases are weighed, before the jobs, by the motions that the campaign knows the rock to have stood."""
 
-    before = True
+    shake: Shake
+    before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:
         """Whether there are such motions, and no weights yet; damaged ones are told before work is done."""
@@ -61,47 +61,45 @@ class Weighing:
         """Weigh them."""
         planned = work.planned
         assert planned.recorded is not None
-        found = weigh(
-            planned.campaign, planned.recorded, work.folder / FOLDER, work.client, work.watch, work.limits
-        )
-        found.write(work.folder, planned.id)
+
+        def shake(one: Campaign, folder: Path) -> None:
+            self.shake(one, folder, work.client, weighing(work.watch), work.limits)
+
+        weigh(planned.campaign, planned.recorded, work.folder / FOLDER, shake).write(work.folder, planned.id)
 
 
-def weigh(
-    campaign: Campaign,
-    recorded: Recorded,
-    folder: Path,
-    client: Client,
-    watch: ProgressCallback,
-    limits: Limits = USUAL_LIMITS,
-) -> Weights:
-    """Weigh the draws of a base by the motions that the rock is known to have stood (`orchestrator.recorded`).
+def weighing(watch: ProgressCallback) -> ProgressCallback:
+    """Show a session's progress as what it serves."""
 
-    Raises
-    ------
-    InputError, RunError
-        As :func:`toppling.orchestrator.run.run`, and if a motion gets no answer.
-    """
-
-    def weighing(progress: RunProgress) -> None:
+    def watching(progress: RunProgress) -> None:
         progress.what = "shaking each base with what the rock stood"
         watch(progress)
 
-    def shake(one: Campaign, target: Path) -> None:
-        Session(nullcontext(client), weighing, limits).carry_out(plan_of(one), target.absolute())
-
-    tell("weighing the bases", records=[one.record_id for one in recorded.records])
-    return _weigh_bases(campaign, recorded, folder, shake)
+    return watching
 
 
-def _weigh_bases(campaign: Campaign, recorded: Recorded, folder: Path, shake: Shake) -> Weights:
+def weigh(
+    campaign: Campaign, recorded: Recorded, folder: Path, shake: Callable[[Campaign, Path], object]
+) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
-    campaign: whose contacts, engine, preset and unmeasured the shakes have.
-    recorded: as `Recorded.write` wrote it to the folder.
-    folder: where the shakes go.
-    Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
+    Parameters
+    ----------
+    campaign : Campaign
+        Whose contacts, engine, preset and unmeasured the shakes have.
+    recorded : Recorded
+        As `Recorded.write` wrote it to the folder.
+    folder : Path
+        Where the shakes go.
+    shake : callable
+        Carries a campaign out in a folder.
+
+    Raises
+    ------
+    InputError
+        If a motion gets no answer, as where the engine refuses to shake this rock.
     """
+    tell("weighing the bases", records=[one.record_id for one in recorded.records])
     scene = Scene.load(campaign.scene)
     check_weighable(scene, 1, str(campaign.scene))
     assert scene.unseen is not None

@@ -13,7 +13,7 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.context import JobSelection, all_jobs
+from toppling.orchestrator.context import JobSelection
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
@@ -31,7 +31,7 @@ def select_jobs(planned: Plan, folder: Path) -> JobSelection:
     """The jobs that a campaign asks for: all, or those that its precision needs."""
     campaign = planned.campaign
     if campaign.precision is None:
-        return all_jobs(planned, folder)
+        return planned
     return JobsForPrecision(planned, folder, campaign.precision, campaign.target)
 
 
@@ -82,8 +82,7 @@ class JobsForPrecision:
         sure = f", +-{100 * max(known):.2g} %" if len(known) == len(verdicts) else ""
         return f"round {max(len(one.sizes) for one in self.rounds.values())}{sure}"
 
-    def total(self) -> int:
-        """As of `JobSelection`."""
+    def __len__(self) -> int:
         needed = 0
         for one in self.rounds.values():
             more = 0 if one.ended else max(1, one.verdict.jobs_needed - len(one.chosen) if one.verdict else 1)
@@ -121,7 +120,7 @@ class JobsForPrecision:
             if self.statements:
                 write_statements(self.folder, self.statements, self.planned.id)
             there = finished | {self.ids[row] for one in self.rounds.values() for row in one.chosen}
-            set_jobs(self.folder, len(there) if self.ended else max(self.total(), len(there) + 1))
+            set_jobs(self.folder, len(there) if self.ended else max(len(self), len(there) + 1))
         sizes = [len(one.chosen) for one in self.rounds.values()]
         tell(
             "rounds chosen",

@@ -125,8 +125,8 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     run_keys = Work(planned, tmp_path / "run", versions(), None, None, RunProgress(48, 0)).run_keys
     alive = []
     for row in range(len(planned)):
-        scene = planned.scenes[planned.scene_of[row]]
-        (answer,) = shake_batch(run_keys[planned.scene_of[row]], [planned.spec(row)], 1.0)
+        scene = planned.scenes[planned.columns["scene_id"][row]]
+        (answer,) = shake_batch(run_keys[planned.columns["scene_id"][row]], [planned.spec(row)], 1.0)
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         gc.collect()
         alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))

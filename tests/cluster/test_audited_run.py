@@ -14,7 +14,7 @@ from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies.audit import Auditing, audit, due
+from toppling.orchestrator.studies.audit import Auditing, audit
 from toppling.orchestrator.task import versions
 from toppling.results.reader import open_run
 
@@ -33,7 +33,7 @@ def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, u
     assert state["audit"]["engines"]["mujoco"]["jobs"] == 24
     assert "24 of 72 jobs done again with reference" in state["audit_sentences"][0]
     planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
-    assert due(planned, folder) == 0
+    assert Auditing().due(planned, folder) == 0
     # More jobs add to those that were done.
     progresses = audit(Work(planned, folder, versions(), client, silent, RunProgress(30, 0)), 30)
     assert [(progress.before, progress.done) for progress in progresses] == [(24, 6)] * len(progresses)

@@ -105,7 +105,7 @@ def _local_cluster(scratch: str) -> LocalCluster:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            security=session_security(),
+            security=_session_security(),
             dashboard_address="127.0.0.1:0",
             scheduler_kwargs={"dashboard": False},
             local_directory=scratch,
@@ -113,7 +113,7 @@ def _local_cluster(scratch: str) -> LocalCluster:
         )
 
 
-def session_security() -> Security | None:
+def _session_security() -> Security | None:
     """Key and certificate of this session, in memory; None, which is told, where they cannot be made."""
     try:
         return Security.temporary()
@@ -253,7 +253,7 @@ def _queue_cluster(kind: str, secrets: Path) -> Iterator[Any]:
 def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     load_defaults()
     has_certificates = dask.config.get("distributed.comm.require-encryption", None)
-    security = None if has_certificates else session_security()
+    security = None if has_certificates else _session_security()
     try:
         jobqueue = importlib.import_module("dask_jobqueue")
     except ImportError:

@@ -99,7 +99,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             "versions": versions,
             "engine": ENGINES[plan.campaign.engine].citation,
             **entries,
-            "created_at": now(),
+            "created_at": _now(),
             "sessions": [],
         }
         digest.write_json(staging / "run.json", described)
@@ -173,7 +173,7 @@ def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": now(), "host": socket.gethostname(), "ended": _GOES_ON, **remarks}
+        notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _GOES_ON, **remarks}
         note(run, notes, new=True)
         try:
             yield notes
@@ -186,7 +186,7 @@ def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     """Write a session's notes, to which the time is added unless they are new, to `run.json`."""
     if not new:
-        notes["ended_at"] = now()
+        notes["ended_at"] = _now()
     content = describe(run)
     sessions = [ended(one) for one in content["sessions"]] if new else content["sessions"][:-1]
     content["sessions"] = [*sessions, notes]
@@ -228,7 +228,7 @@ def is_running(run: Path) -> bool:
     return is_written_elsewhere(run)
 
 
-def now() -> str:
+def _now() -> str:
     """Tell the time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 

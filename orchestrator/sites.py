@@ -160,12 +160,12 @@ def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
             raise Place(f"{where}: {name}").wrong(
                 f"{read[name]}: there is no such file or folder", "records", remedy
             )
-    read["scene"] = scene_folder(read["scene"])
+    read["scene"] = _scene_folder(read["scene"])
     read["rock"] = read["rock"] or rock_name(read["scene"])
     return Site(**read | {"site": read["site"] or read["rock"]})
 
 
-def scene_folder(folder: Path) -> Path:
+def _scene_folder(folder: Path) -> Path:
     """The folder itself, or the folder `scene` in it where that holds the scene."""
     inner = folder / "scene"
     return inner if not (folder / _SCENE_FILE).exists() and (inner / _SCENE_FILE).exists() else folder
@@ -181,7 +181,7 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         root = Path(pattern).anchor
         base = Path(root) if root else place.folder
         matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
-        scenes = [one for match in matches if ((one := scene_folder(match)) / _SCENE_FILE).exists()]
+        scenes = [one for match in matches if ((one := _scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
             raise place.wrong(
                 f"{shown(pattern)} names no scene", "folders with a scene.json", "correct the path"

@@ -48,7 +48,7 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
     except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
         if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
             raise
-        reason = first_line(error)
+        reason = _first_line(error)
         # What fails while the answer is fetched comes through Arrow, by its message.
         if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
             raise _too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
@@ -73,7 +73,7 @@ def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
     return pa.Table.from_batches(batches, reader.schema)
 
 
-def first_line(error: Exception) -> str:
+def _first_line(error: Exception) -> str:
     """What an error of DuckDB says first."""
     return re.split(r"\n", str(error), maxsplit=1)[0]
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 
-MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
+_MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
 PROCESSOR_S, _PROCESSOR_S_PER_MB = 0.8, 2.0
 """Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte."""
@@ -66,7 +66,7 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         "reader": reader,
         "path": os.path.abspath(path),  # noqa: PTH100  (resolve would name what a link points to)
         "libraries": list(libraries),
-        "memory_bytes": MEMORY_BYTES + int(_MEMORY_PER_BYTE * size_mb * 1e6),
+        "memory_bytes": _MEMORY_BYTES + int(_MEMORY_PER_BYTE * size_mb * 1e6),
         "processor_s": PROCESSOR_S + _PROCESSOR_S_PER_MB * size_mb,
     }
     with _LOCK:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 
-IDLE_S = 20.0
+_IDLE_S = 20.0
 """Without a request for so long the process ends."""
 
 
@@ -33,7 +33,7 @@ def main() -> None:
     with selectors.DefaultSelector() as ready:
         ready.register(sys.stdin.buffer, selectors.EVENT_READ)
         # One request at a time: none waits in the buffer while an answer is made.
-        while ready.select(IDLE_S) and (line := sys.stdin.buffer.readline()):
+        while ready.select(_IDLE_S) and (line := sys.stdin.buffer.readline()):
             _answer(json.loads(line), answers)
 
 

@@ -201,7 +201,7 @@ _COPIES: dict[str, Copy] = {}
 """Of this process: what is asked twice is brought once, and all is carried back at the end."""
 
 
-def copy_of(path: str | os.PathLike[str]) -> Copy:
+def _copy_of(path: str | os.PathLike[str]) -> Copy:
     """The copy on this machine of a folder in a store, as the store has it at the first call.
 
     Raises InputError as `Copy` and `Copy.pull`.
@@ -226,8 +226,8 @@ def at_hand(path: str | os.PathLike[str]) -> Path:
         return local(path)
     run, inner, rock = address_of(path).rpartition("/scenes/")
     if inner and "/" not in rock and is_store(run) and _copy(run).holds_run():
-        return copy_of(run).path / "scenes" / rock
-    return copy_of(path).path
+        return _copy_of(run).path / "scenes" / rock
+    return _copy_of(path).path
 
 
 def named(path: Path) -> str:

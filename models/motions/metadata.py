@@ -35,7 +35,7 @@ _COLUMNS = {
 
 _WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 """Columns that hold no number."""
-UNCORRECTED = ("uncorrected", "raw")
+_UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
@@ -206,11 +206,11 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
             remedy="name the unit of the samples",
         )
     processing = text["processing"].lower()
-    if processing and not processing.startswith(("corrected", *UNCORRECTED)):
+    if processing and not processing.startswith(("corrected", *_UNCORRECTED)):
         raise InputError(
             f"processing {text['processing']!r}",
             where=where,
-            expected=f"corrected, {', '.join(UNCORRECTED)}, or nothing where it is not known",
+            expected=f"corrected, {', '.join(_UNCORRECTED)}, or nothing where it is not known",
             remedy="say whether baseline and filter were done by the agency: what is uncorrected is corrected here",
         )
     return Entry(

@@ -142,10 +142,10 @@ def _motions(path: Path) -> dict[int, Motion]:
     except (OSError, pa.ArrowException) as error:
         raise _unreadable(path, error, "Parquet with the columns test_no, dt_s and acc_m_s2") from None
     # A time step kept in single precision is that of the decimal it stands for.
-    return {row["test_no"]: along_x(row["acc_m_s2"], float(f"{row['dt_s']:.6g}")) for row in rows}
+    return {row["test_no"]: _along_x(row["acc_m_s2"], float(f"{row['dt_s']:.6g}")) for row in rows}
 
 
-def along_x(acceleration_m_s2: Iterable[float] | NDArray[np.float64], time_step_s: float) -> Motion:
+def _along_x(acceleration_m_s2: Iterable[float] | NDArray[np.float64], time_step_s: float) -> Motion:
     """A motion of the table along one axis."""
     along = np.asarray(acceleration_m_s2, float)
     return Motion(np.outer(along, [1.0, 0.0, 0.0]), time_step_s)

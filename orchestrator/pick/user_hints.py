@@ -59,10 +59,10 @@ class UserHints:
             raise _unusable(f"{shown(content)} is no table of hints", "the page")
         values: dict[str, Any] = {}
         for name, value in content.items():
-            if value is None and name in (*ONE, *_WORDS, "length"):
+            if value is None and name in (*_ONE, *_WORDS, "length"):
                 continue
-            if name in ONE:
-                values[name] = _numbers(value, ONE[name], name)
+            if name in _ONE:
+                values[name] = _numbers(value, _ONE[name], name)
             elif name == "length":
                 values[name] = _length(value)
             elif name == "touch_only" and isinstance(value, bool):
@@ -108,7 +108,7 @@ class UserHints:
         return dataclasses.asdict(self)
 
 
-ONE = {"near": 2, "plane": 5}
+_ONE = {"near": 2, "plane": 5}
 _MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
 """Numbers in each, by name."""
 

@@ -212,7 +212,7 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
     return jobs
 
 
-def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
+def _at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
     """The scene as jobs shake it, settled with their highest friction: a scanned rock is rarely exactly at rest."""
     static, kinetic = frictions(jobs)[-1]
     with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
@@ -221,7 +221,7 @@ def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
 
 
 def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
-    scene, ensemble = at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
+    scene, ensemble = _at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
     records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
     simulated = simulate(scene, ensemble, records, levels, azimuths)

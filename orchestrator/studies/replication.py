@@ -110,7 +110,7 @@ class Study:
 
     def campaigns(self, out: Path) -> dict[str, Campaign]:
         """The two campaigns, on scene and ensemble in the study's folder."""
-        weakest = _nearest_deg(weakest_azimuth_deg(Scene.load(out / "scene")), self.azimuth_deg)
+        weakest = _nearest_deg(_weakest_azimuth_deg(Scene.load(out / "scene")), self.azimuth_deg)
         main = Campaign(
             scene=out / "scene",
             ensemble=out / "ensemble",
@@ -125,7 +125,7 @@ class Study:
         return {MAIN: main, _FRICTION: dataclasses.replace(main, azimuth_deg=(weakest,), friction=lower)}
 
 
-def weakest_azimuth_deg(scene: Scene) -> float:
+def _weakest_azimuth_deg(scene: Scene) -> float:
     """Azimuth of the ground's acceleration with the least quasi-static toppling, as the scene's folder tells it."""
     table = {row["azimuth_deg"]: row["value"] for row in scene.to_json()["quasi_static_toppling_m_s2"]}
     finite = {azimuth: value for azimuth, value in table.items() if value is not None}
@@ -225,7 +225,7 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
     lines = pd.read_csv(out / "figures" / "figure_06_reference_lines.csv")
     scene = Scene.load(out / "scene")
     checked = findings(
-        main, _friction_rows(study, out), weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
+        main, _friction_rows(study, out), _weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
     )
     with new_file(out / "findings.md") as hidden:
         audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())

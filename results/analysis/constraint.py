@@ -61,7 +61,7 @@ class Constraint:
 
     def summary(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
         """Everything, as JSON holds it: SI units, None where a number is not known or has no bound."""
-        summary = single_event(self.rocks, self.confidence)
+        summary = _single_event(self.rocks, self.confidence)
         if self.dated:
             summary["ages_independent"] = sum(len(rock.years) > 1 for rock in self.rocks) > 1
         if site := self.random_rock:
@@ -189,7 +189,7 @@ def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
     )
 
 
-def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
+def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
     """State the intensity that no single event exceeded, at a confidence: without age and hazard.
 
     Returns dict: measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; None

@@ -61,7 +61,7 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
     )
 
 
-def event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
 
     As `curves.events_by_intensity`, for many curves at once: what each says beyond its last point lies at that point.
@@ -92,7 +92,7 @@ def exponents(
 
     Survival is exp of minus it. Over the years that only the older rocks stood, only they could topple.
     """
-    x, rates = event_matrix(curves)
+    x, rates = _event_matrix(curves)
     scaled = np.outer(factors, x)
     found = np.zeros((len(draws.curves), len(factors), len(curves)))
     known: dict[tuple, NDArray[np.float64]] = {}

@@ -42,7 +42,7 @@ _FACTOR_DRAWS = 60
 _LEVELS = 40
 
 
-def scale_factor(
+def _scale_factor(
     rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, confidence: float = 0.95
 ) -> float:
     """Largest factor by which a branch's motions may be multiplied for survival to stay above 1 - confidence.
@@ -57,7 +57,7 @@ def scale_factor(
     return largest_factor(above, precision=1e-4)
 
 
-def scale_factor_interval(
+def _scale_factor_interval(
     rocks: Sequence[FeltRock],
     branch: EventBranch,
     exposure: Exposure,
@@ -79,12 +79,12 @@ def scale_factor_interval(
             motions={name: values[times > 0] for name, values in branch.motions.items()},
         )
         once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
-        found.append(scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
+        found.append(_scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
     low, high = _ends(np.array(found))
     return float(low), float(high)
 
 
-def rates_factor(
+def _rates_factor(
     rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, confidence: float = 0.95
 ) -> float:
     """Largest factor by which a branch's rates may be multiplied for survival to stay above 1 - confidence."""
@@ -151,15 +151,15 @@ class EventUpdate:
         """Factors of a branch, the first of its readings, and their intervals over the others."""
         branch = readings[0]
         felt, *others = [self._felt(one) for one in readings]
-        motions = scale_factor_interval(
+        motions = _scale_factor_interval(
             self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled, others
         )
         with np.errstate(divide="ignore"):
             rates = _ends(math.log(1.0 - self.confidence) / np.log(drawn))
         return {
-            "scale_factor": scale_factor(self.rocks, felt, self.exposure, self.confidence),
+            "scale_factor": _scale_factor(self.rocks, felt, self.exposure, self.confidence),
             "scale_factor_low": motions[0], "scale_factor_high": motions[1],
-            "rate_factor": rates_factor(self.rocks, branch, self.exposure, self.confidence),
+            "rate_factor": _rates_factor(self.rocks, branch, self.exposure, self.confidence),
             "rate_factor_low": rates[0], "rate_factor_high": rates[1],
         }  # fmt: skip
 

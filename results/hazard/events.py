@@ -21,7 +21,7 @@ from toppling.models.shares import effective_number
 from toppling.results.hazard.ages import STOUTER, Exposure, Since
 from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
 
-DRAWS = 200
+_DRAWS = 200
 """Resamples of the events, and of the fragilities with them."""
 
 _AGES = 1
@@ -138,7 +138,7 @@ def bootstrap(
     rocks: Sequence[FeltRock],
     branch: EventBranch,
     exposure: Exposure,
-    draws: int = DRAWS,
+    draws: int = _DRAWS,
     seed: int = 0,
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
@@ -187,7 +187,7 @@ def drawn_rocks(rocks: Sequence[FeltRock], number: int) -> list[FeltRock]:
     ]
 
 
-def effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
+def _effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
     """Kish's number of the events that bear a branch's toppling rate; 0 where none topples."""
     together = np.ones((1, len(rocks)), np.int8)
     part = any_topples(standing_shares(rocks, branch), together)[0] * branch.rate
@@ -217,7 +217,7 @@ def rank_branches(
         survives = survival(rocks, branch, exposure)
         lines.append({
             "name": branch.name, "model": branch.model, "events": len(branch.rate),
-            "effective_events": effective_events(rocks, branch),
+            "effective_events": _effective_events(rocks, branch),
             "toppling_rate": toppling_rate(rocks, branch), "survival": survives,
             "survival_low": low, "survival_high": high, "rejected": survives < 1.0 - confidence,
             "prior_weight": prior,

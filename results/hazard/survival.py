@@ -30,7 +30,7 @@ def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
 
     Over the years that only the older rocks stood, only they could topple. Uncertain ages are averaged over.
     """
-    exponent = np.zeros(age_draws(rocks))
+    exponent = np.zeros(_age_draws(rocks))
     for standing, years in epochs(rocks):
         exponent += years * toppling_rate(standing, hazard)
     return float(np.exp(-exponent).mean())
@@ -46,7 +46,7 @@ def rejected_rate(
     F(x) is 0.
     """
     values = np.atleast_1d(np.asarray(intensity, float))
-    exposure = np.zeros((age_draws(rocks), len(values)))
+    exposure = np.zeros((_age_draws(rocks), len(values)))
     for standing, years in epochs(rocks):
         exposure += np.outer(years, any_topples(standing, values))
     return np.array([greatest_rate(column, 1.0 - confidence) for column in exposure.T])
@@ -63,7 +63,7 @@ def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
     return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
 
 
-def age_draws(rocks: Sequence[Standing]) -> int:
+def _age_draws(rocks: Sequence[Standing]) -> int:
     """Number of draws of the rocks' ages."""
     return max(len(rock.years) for rock in rocks)
 
@@ -91,7 +91,7 @@ def _resized(years: NDArray[np.float64], draws: int) -> NDArray[np.float64]:
 
 def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
     """Find the sets of rocks that stood together, and how long in each draw of their ages."""
-    draws = age_draws(rocks)
+    draws = _age_draws(rocks)
     ages = drawn_ages(rocks, draws).T
     order = np.argsort(-ages, axis=0)
     epochs: dict[tuple[int, ...], NDArray[np.float64]] = {}

@@ -177,7 +177,7 @@ def mean_curve(tree: HazardTree, curves: Statistics) -> HazardCurve:
     return HazardCurve(MEAN, tree.measure, curves.levels[positive], rates, site=tree.site, years=tree.years)
 
 
-def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
+def _intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
     """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
     positive = (rates > 0) & np.isfinite(rates)
     if positive.sum() < 2:
@@ -261,7 +261,7 @@ def changes_table(update: Update) -> pd.DataFrame:
     return pd.DataFrame([
         change_at(rate, update.before, update.after)
         | dict(zip(DRAWN_LEVELS, _drawn_levels(update, means, rate), strict=True))
-        | {"level_kept_mean": math.nan if kept is None else intensity_at(kept.levels, kept.mean, rate)}
+        | {"level_kept_mean": math.nan if kept is None else _intensity_at(kept.levels, kept.mean, rate)}
         for rate in RATES
     ])  # fmt: skip
 
@@ -278,7 +278,7 @@ def change_at(rate: float, before: Statistics, after: Statistics | None) -> dict
         }  # fmt: skip
         for key in ("mean", "p05", "p50", "p95"):
             row[f"level_{name}_{key}"] = (
-                intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
+                _intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
             )
     level = row["level_prior_mean"]
     row["level_change_percent"] = 100.0 * (row["level_posterior_mean"] / level - 1.0)
@@ -299,7 +299,7 @@ def level_interval(
     interval: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> tuple[float, float]:
     """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
-    found = np.array([intensity_at(levels, drawn, rate) for drawn in means])
+    found = np.array([_intensity_at(levels, drawn, rate) for drawn in means])
     if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
     low, high = interval(found)

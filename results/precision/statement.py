@@ -12,7 +12,7 @@ from toppling.results.precision.design import Rounds
 from toppling.results.run_integrity import check_plan_id
 from toppling.results.schema import SHORT_NAMES
 
-SCHEMA_VERSION = 1
+_SCHEMA_VERSION = 1
 
 
 def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
 
 def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id: str) -> None:
     """Write what a run states, one entry a contact."""
-    content = {"schema_version": SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
+    content = {"schema_version": _SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
     write_json(run / STATEMENT_FILE, content)
 
 
@@ -83,11 +83,11 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     content = read_json(path, required=True)
-    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
+    if not isinstance(content, dict) or content.get("schema_version") != _SCHEMA_VERSION:
         raise InputError(
             "is of another layout",
             where=str(path),
-            expected=f"schema version {SCHEMA_VERSION}",
+            expected=f"schema version {_SCHEMA_VERSION}",
             remedy="remove it and go on with the run: it is written again",
         )
     check_plan_id(run, path, content.get("plan_id"))

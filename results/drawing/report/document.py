@@ -114,7 +114,7 @@ def safe(text: object) -> str:
     return html.escape(str(text))
 
 
-def cell_text(value: object) -> str:
+def _cell_text(value: object) -> str:
     """A value as a table prints it; nothing where there is none."""
     if value is None or value is pd.NA or value != value:
         return ""
@@ -124,10 +124,10 @@ def cell_text(value: object) -> str:
 def _cells(names: list[str], row: Iterable[object]) -> str:
     cells = []
     for name, value in zip(names, row, strict=True):
-        kind = "" if cell_text(value) else ' class="empty"'
-        if isinstance(value, int | float) and not isinstance(value, bool) and cell_text(value):
+        kind = "" if _cell_text(value) else ' class="empty"'
+        if isinstance(value, int | float) and not isinstance(value, bool) and _cell_text(value):
             kind = ' class="number"'
-        cells.append(f'<td{kind} data-label="{safe(name)}">{_breakable(cell_text(value))}</td>')
+        cells.append(f'<td{kind} data-label="{safe(name)}">{_breakable(_cell_text(value))}</td>')
     return "".join(cells)
 
 

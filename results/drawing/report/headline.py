@@ -30,7 +30,9 @@ def first_screen(content: Content, document: Document) -> str:
     )
     if unfinished := unfinished_sentence(content):
         sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
-    picture = document.figure(lambda width: _headline_figure(content, width), caption(content), HALF_WIDTH_IN)
+    picture = document.figure(
+        lambda width: _headline_figure(content, width), _caption(content), HALF_WIDTH_IN
+    )
     return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
 
 
@@ -104,7 +106,7 @@ def what_standing_says(content: Content) -> str:
     )
 
 
-def caption(content: Content) -> str:
+def _caption(content: Content) -> str:
     """Self-contained caption of the picture."""
     contact, rock = content.chief, f"the rock {content.run.rock}"
     if contact.headline is None:

@@ -209,7 +209,7 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         )
     summary = fits.summary([one for one, _ in contact.models], [drawn for _, drawn in contact.models])
-    parts = [title, verdict(contact.ranking)]
+    parts = [title, _verdict(contact.ranking)]
     if contact.best is not None:
         curve, drawn = contact.best
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
@@ -247,7 +247,7 @@ def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def verdict(ranking: pd.DataFrame) -> str:
+def _verdict(ranking: pd.DataFrame) -> str:
     """Whether this rock agrees with the study, which says that PGV governs toppling."""
     singles = ranking[~ranking["measures"].str.contains("+", regex=False)].dropna(subset=["log_loss"])
     if not len(singles):

@@ -1,5 +1,7 @@
 """Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say."""
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -22,9 +24,8 @@ _NEAR_HEIGHTS = 1.5
 """A top farther from where the user points than this many of its heights is not meant."""
 _LEAST_LOOP = 3
 """Places of an outline that lie in a plane."""
-_CIRCLES = 4
-_FEWEST_AROUND = 5000
-"""Fewer points around a place show no rock."""
+_CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
+"""Of the cloud's extent, about a place that is named; with fewer points one shows no rock."""
 
 
 def choose(
@@ -121,18 +122,25 @@ def look_around(
     candidates: list[Candidate],
 ) -> tuple[Surfels, list[Candidate]]:
     """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
-    away = np.hypot(*(points_m[:, :2] - near_m).T)
-    reach = 0.5 * float(np.ptp(coarse.points_m[:, :2], axis=0).max())
-    for _ in range(_CIRCLES):
-        reach *= 0.4
-        around = np.flatnonzero(away < reach)
-        if len(around) < _FEWEST_AROUND:
-            break
-        closer = surfels_of(points_m[around])
-        found = find_candidates(points_m[around], closer)
+    for around in circles_around(points_m, near_m, coarse, _CIRCLES):
+        closer = surfels_of(around)
+        found = find_candidates(around, closer)
         if is_near(found, near_m):
             return closer, found
     return coarse, candidates
+
+
+def circles_around(
+    points_m: NDArray[np.float64], near_m: NDArray[np.float64], coarse: Surfels, shares: Sequence[float]
+) -> Iterator[NDArray[np.float64]]:
+    """Points (k, 3) within ever smaller shares of the cloud's extent from a place, while there are enough."""
+    away = np.hypot(*(points_m[:, :2] - near_m).T)
+    extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
+    for share in shares:
+        around = points_m[away < share * extent_m]
+        if len(around) < _FEWEST_AROUND:
+            return
+        yield around
 
 
 def _nearest(

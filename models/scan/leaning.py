@@ -18,6 +18,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg
 from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import CREASE, bend, neighbourhood, surfels_of
+from toppling.models.scan.choice import circles_around
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import ROCK, Segmentation, segment
@@ -31,8 +32,8 @@ _TALL = 0.4
 """Of what is meant: a body of this height may be it."""
 _LEAST_TALL_VOXELS = 20.0
 """Less shows no overhang in its patches."""
-_CIRCLES, _FEWEST_AROUND = (0.2, 0.14, 0.1, 0.07), 5000
-"""Of the cloud's extent, about a place that is named, and points in it."""
+_CIRCLES = (0.2, 0.14, 0.1, 0.07)
+"""Of the cloud's extent, about a place that is named."""
 _FINER = 0.4
 """Of the patches in which a whole cloud is looked through."""
 _TOUCH_VOXELS = 3.0
@@ -102,13 +103,8 @@ def _refuse_near(points_m: Array, near_m: Array | None, origin_m: Array) -> None
         patches = orient(thin(points_m, finer_m)[0], finer_m)
         _refuse(leaning(patches, _TALL * float(np.ptp(coarse.points_m[:, 2]))), origin_m)
         return
-    away = np.hypot(*(points_m[:, :2] - near_m).T)
-    extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
-    for share in _CIRCLES:
-        around = points_m[away < share * extent_m]
-        if len(around) > _FEWEST_AROUND:
-            found = leaning(surfels_of(around))
-            _refuse([each for each in found if _covers(each.places_m, near_m)], origin_m)
+    for around in circles_around(points_m, near_m, coarse, _CIRCLES):
+        _refuse([each for each in leaning(surfels_of(around)) if _covers(each.places_m, near_m)], origin_m)
 
 
 def _covers(places_m: Array, place_m: Array) -> bool:

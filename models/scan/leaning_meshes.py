@@ -1,12 +1,8 @@
 """A rock that leans, brought apart from its pedestal by the user: two meshes that are taken as they are."""
 
-from pathlib import Path
-
 from toppling.models.arrays import Array
-from toppling.models.compiled import Indices
 from toppling.models.errors import InputError
-from toppling.models.files.mesh_files import MESH_FORMATS, read_triangles
-from toppling.models.scan.parts import Part
+from toppling.models.scan.read import Mesh
 from toppling.models.scene import Scene
 
 _ABOVE_SHARE = 0.1
@@ -18,26 +14,18 @@ NOTE = (
 )
 
 
-def leaning_scene(rock: Part | None, pedestal: Part | None) -> Scene | None:
-    """The scene of a closed mesh and of the mesh that it leans on; None where they are something else."""
-    files = [None if part is None else part.file for part in (rock, pedestal)]
-    if not all(file is not None and _may_be_mesh(file) for file in files):
+def leaning_scene(body: Mesh, surface: Mesh) -> Scene | None:
+    """The scene of a closed mesh and of the mesh that it leans on, survey coordinates; None where it does not."""
+    if not _rises_beside(surface, body[0]):
         return None
     try:
-        body, surface = (read_triangles(file) for file in files if file is not None)
-        if not _rises_beside(surface, body[0]):
-            return None
         scene = Scene.from_mesh(body, pedestal=surface)
-        return scene if scene.grounded.leans else None
     except InputError:
         return None
+    return scene if scene.grounded.leans else None
 
 
-def _may_be_mesh(file: Path) -> bool:
-    return file.suffix.lower() in MESH_FORMATS and file.is_file()
-
-
-def _rises_beside(surface: tuple[Array, Indices], rock_m: Array) -> bool:
+def _rises_beside(surface: Mesh, rock_m: Array) -> bool:
     """Whether a pedestal reaches above the foot of a rock's vertices (n, 3), within reach of them.
 
     To find the contacts of large meshes takes a minute: where nothing can hold the rock they are not looked for.

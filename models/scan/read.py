@@ -92,6 +92,7 @@ class Cloud:
     sources: tuple[Source, ...] = ()  # what each of the files said; empty if the points come from none
     # (n,): 0 rock, 1 pedestal, 2 neither, where they were separated before.
     label: NDArray[np.int8] | None = None
+    meshes: tuple["Mesh | None", ...] = ()  # of each file that is one, survey coordinates
 
     @property
     def bounds_m(self) -> NDArray[np.float64]:
@@ -117,8 +118,10 @@ class _Read:
     note: str = ""
 
 
+Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Vertices (k, 3) and triangles (m, 3)."""
 _Mesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
-"""Vertices (k, 3), triangles (m, 3), and the triangle (n,) of each point."""
+"""The same, and the triangle (n,) of each point."""
 
 
 def read_clouds(
@@ -172,7 +175,9 @@ def read_clouds(
         each -= origin  # in place: twenty million points are half a gigabyte
     points = survey[0] if len(survey) == 1 else np.concatenate(survey)
     station = stations[0] if len(stations) == 1 else np.concatenate(stations)
-    return Cloud(points, origin, station, tuple((each.name, each.points) for each in sources), tuple(sources))
+    files = tuple((each.name, each.points) for each in sources)
+    kept = tuple(meshes[k][:2] if k in meshes else None for k in range(len(sources)))
+    return Cloud(points, origin, station, files, tuple(sources), meshes=kept)
 
 
 def _leave_out_buried(

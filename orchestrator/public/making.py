@@ -83,9 +83,9 @@ def scan(
     stage = partial(advance, 1)
 
     advance(0, "reading")
-    result = scan_files.given_leaning(clouds, hints)
+    cloud = scan_files.placed_cloud(clouds, hints)
+    result = scan_files.given_leaning(clouds, hints, cloud)
     if result is None:
-        cloud = scan_files.placed_cloud(clouds, hints)
         try:
             result = survey(cloud, stage, hints.get("near"), hint, bootstrap, inspection)
         except InputError as error:

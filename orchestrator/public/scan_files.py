@@ -56,17 +56,26 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
 
 
-def given_leaning(files: Sequence[Path], hints: CloudHints) -> "Survey | None":
-    """What two meshes became that the user has brought apart, where one leans on the other; else None."""
+def given_leaning(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "Survey | None":
+    """What two meshes became that the user has brought apart, where one leans on the other; else None.
+
+    cloud: of the files, as :func:`placed_cloud` read them.
+    """
     from toppling.models.scan.leaning_meshes import NOTE, leaning_scene
     from toppling.models.scan.parts import files_with, parts_of
     from toppling.models.scan.survey import Survey
 
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
-    placed = any(hints.get(name) for name in ("units", "up", "length", "gcp", "crs"))
-    if None in parts or placed or len(files_with(files, parts)) != len(parts):
+    every = files_with(files, parts)
+    if None in parts or len(every) != len(parts):
         return None
-    scene = leaning_scene(*parts)
+    body, surface = (
+        next(
+            (mesh for path, mesh in zip(every, cloud.meshes, strict=True) if part and part.among(path)), None
+        )
+        for part in parts
+    )
+    scene = leaning_scene(body, surface) if body is not None and surface is not None else None
     return None if scene is None else Survey(scene, np.zeros(0, np.int8), (NOTE,))
 
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
-from scipy.stats import qmc
+from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array
-from toppling.models.frames import horizontal_unit_vector
 from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
 
 DRAWN = 16
@@ -23,15 +21,16 @@ _LEAST_SHARE = 0.1
 """Of the points of an average direction, in one in which the rim was seen."""
 _LOWEST_SHARE = 0.2
 """Of the points in a direction, the lowest, which tell how far the rim is there."""
-_WAVES = 8
-"""Around an outline."""
-_FIRST_SHARE, _SECOND_SHARE, _HIGHER_SHARE = 0.15, 0.15, 0.6
-"""Standard deviation of an outline's waves over its radius: of the mean and the first, of the second, and of a higher
-one times the square of its number. An ellipse whose axes are as 3 to 2 has a second wave of .2."""
-_NOISE_SHARE = 0.05
-"""The same of the radius seen in one direction."""
-_WIDEST_SHARE = 1.6
-"""Of the radius, to which a drawn outline reaches at most."""
+_LEAST_TURN_DEG, _MOST_TURN_DEG = 25.0, 88.0
+"""Between the straight line and an outline at its ends: roughness shows normals that an outline does not have, and of a
+side seen from the front alone a half circle is left."""
+_FULLEST = 2.5
+"""Weight of the fullest drawn outline over that of the circle's arc; of eight known rocks .6 to 2.2."""
+_SAMPLES, _DIRECTIONS = 65, 720
+_HORIZONTAL = 0.3
+"""Horizontal part of a normal below which it tells nothing of an outline."""
+_MOST_NORMALS, _NEIGHBOURS = 3000, 16
+"""Of a foot's points, and of points that a normal is of."""
 SIDE_TANGENT = 3.0
 """Of the side that rises from a drawn outline, over the pedestal."""
 
@@ -42,41 +41,45 @@ class UnseenSide:
 
     middle_m: Array  # (2,): u, v
     ends_m: Array  # (2, 2): last places of the rim that were seen, counter-clockwise over the unseen range
-    radius_m: float
-    mean: Array  # (2 _WAVES + 1,): waves of the likeliest outline, over the radius
-    drawn: Array  # (DRAWN, 2 _WAVES + 1): the same of draws
+    radius_m: float  # half of what is seen of the width
+    radii_m: Array  # (1 + DRAWN, _DIRECTIONS + 1): of the likeliest outline and of draws, by direction
 
     @classmethod
-    def of(cls, low: Array) -> UnseenSide | None:
+    def of(cls, low: Array, normals: Array | None = None) -> UnseenSide | None:
         """From points (n, 3) of the rock near its interface, as u, v, h; None where the rim was seen around.
 
-        A base is taken to be as deep as it is wide, seen from the side that was seen, but for what its waves add.
+        What was not seen turns through the normals that were not seen, as a circle's arc or, in draws, between the
+        straight line and the corner where its tangents meet.
+
+        normals: (k, 3), of the rock's sides; those of the points unless given.
         """
         hull = low[ConvexHull(low[:, :2]).vertices, :2]
-        middle_m, radius_m = hull.mean(axis=0), 0.0
+        ways, middle_m = normals, hull.mean(axis=0)
         # The middle depends on where the range lies, and the range on the middle.
         for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
             range_deg, toward_deg = widest_gap_deg(_shown(low[:, :2] - middle_m))
             if range_deg < least_deg:
                 return None
-            toward = horizontal_unit_vector(toward_deg)[:2]
-            across = hull @ [-toward[1], toward[0]]
-            radius_m = 0.5 * float(np.ptp(across))
-            front = float((hull @ toward).min()) + radius_m
-            middle_m = front * toward + 0.5 * (across.min() + across.max()) * np.array(
-                [-toward[1], toward[0]]
+            turn, away_m = _rim_seen(low, middle_m)
+            from_begin = np.mod(turn - np.deg2rad(toward_deg), 2.0 * np.pi)
+            ends = [from_begin.argmax(), from_begin.argmin()]
+            ends_m = middle_m + away_m[ends, None] * _directions(turn[ends])
+            ways = _normals(low, middle_m) if ways is None else ways
+            corner_m, weight = _corner(ends_m, ways)
+            along, back = _along_and_back(ends_m)
+            across, deepest = hull @ along, _arc(ends_m, corner_m, weight)[_SAMPLES // 2] @ back
+            # Of what is seen and the likeliest outline.
+            middle_m = (
+                0.5 * (deepest + (hull @ back).min()) * back + 0.5 * (across.min() + across.max()) * along
             )
         turn, away_m = _rim_seen(low, middle_m)
-        begin = np.deg2rad(toward_deg)
-        from_begin = np.mod(turn - begin, 2.0 * np.pi)
-        ends = [from_begin.argmax(), from_begin.argmin()]
-        mean, covariance = _conditioned(turn, away_m / radius_m - 1.0)
+        drawn = weight * _FULLEST * (np.arange(DRAWN) + 0.5) / DRAWN
+        arcs = [_arc(ends_m, corner_m, each) - middle_m for each in (weight, *drawn)]
         return cls(
             middle_m,
-            middle_m + away_m[ends, None] * np.column_stack([np.cos(turn[ends]), np.sin(turn[ends])]),
-            radius_m,
-            mean,
-            qmc.MultivariateNormalQMC(mean, covariance, rng=np.random.default_rng([2026, 42])).random(DRAWN),
+            ends_m,
+            0.5 * float(np.ptp(across)),
+            np.array([_radii(arc, turn, away_m) for arc in arcs]),
         )
 
     def share_out(self, places_m: Array, number: int | None = None) -> Array:
@@ -85,14 +88,9 @@ class UnseenSide:
         Where the rim was not seen no outline lies within the straight line between its ends.
         """
         offset = places_m[..., :2] - self.middle_m
-        turn = np.arctan2(offset[..., 1], offset[..., 0])
-        waves = self.mean if number is None else self.drawn[number % DRAWN]
-        radius = np.minimum(1.0 + _features(turn) @ waves, _WIDEST_SHARE) * self.radius_m
-        near, far = np.linalg.norm(self.ends_m - self.middle_m, axis=1)
-        into, wide = self._into(turn)
-        if wide < np.pi:
-            chord = near * far * np.sin(wide) / (near * np.sin(into) + far * np.sin(wide - into))
-            radius = np.where(into < wide, np.maximum(radius, chord), radius)
+        turn = np.mod(np.arctan2(offset[..., 1], offset[..., 0]), 2.0 * np.pi)
+        radii = self.radii_m[0 if number is None else 1 + number % DRAWN]
+        radius = np.interp(turn, np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1), radii)
         return np.asarray(np.linalg.norm(offset, axis=-1) / np.maximum(radius, _LEAST_SHARE * self.radius_m))
 
     def beyond_m(self, places_m: Array, number: int | None = None) -> Array:
@@ -116,7 +114,7 @@ class UnseenSide:
     @property
     def reach_m(self) -> Array:
         """Lowest and highest u, v of all outlines (2, 2)."""
-        return self.middle_m + _WIDEST_SHARE * self.radius_m * np.array([[-1.0, -1.0], [1.0, 1.0]])
+        return self.middle_m + float(self.radii_m.max()) * np.array([[-1.0, -1.0], [1.0, 1.0]])
 
 
 def _shown(ways: Array) -> NDArray[np.int64]:
@@ -137,16 +135,60 @@ def _rim_seen(low: Array, middle_m: Array) -> tuple[Array, Array]:
     return (shown + 0.5) * 2.0 * np.pi / SECTORS - np.pi, np.array(radii)
 
 
-def _features(turn: Array) -> Array:
-    waves = np.arange(1, _WAVES + 1) * turn[..., None]
-    return np.concatenate([np.ones((*turn.shape, 1)), np.cos(waves), np.sin(waves)], axis=-1)
+def _directions(turn: Array) -> Array:
+    return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def _conditioned(turn: Array, seen: Array) -> tuple[Array, Array]:
-    """Mean (m,) and covariance (m, m) of an outline's waves that agree with radii seen in some directions."""
-    number = np.arange(1, _WAVES + 1)
-    std = np.where(number == 1, _FIRST_SHARE, np.where(number == 2, _SECOND_SHARE, _HIGHER_SHARE / number**2))
-    prior = np.concatenate([[_FIRST_SHARE], std, std])
-    features = _features(turn)
-    covariance = np.linalg.inv(features.T @ features / _NOISE_SHARE**2 + np.diag(1.0 / prior**2))
-    return covariance @ features.T @ seen / _NOISE_SHARE**2, 0.5 * (covariance + covariance.T)
+def _along_and_back(ends_m: Array) -> tuple[Array, Array]:
+    """Unit vectors from the first end to the second, and square to it toward what was not seen."""
+    along = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
+    return along, np.array([along[1], -along[0]])
+
+
+def _corner(ends_m: Array, normals: Array) -> tuple[Array, float]:
+    """Where the tangents at both ends meet (2,), and the weight of the arc between them that is a circle's.
+
+    The tangents are square to the first normals that were seen on either side of the straight line's.
+    """
+    along, back = _along_and_back(ends_m)
+    flat = normals[np.linalg.norm(normals[:, :2], axis=1) > _HORIZONTAL]
+    shown = (
+        _shown(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
+    ) * 360.0 / SECTORS - 180.0
+    after = min(shown[shown >= 0.0], default=180.0)
+    before = min(-shown[shown <= 0.0], default=180.0)
+    turns = np.deg2rad(np.clip([before, after], _LEAST_TURN_DEG, _MOST_TURN_DEG))
+    wide_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+    deep_m = wide_m / (1.0 / np.tan(turns)).sum()
+    corner_m = ends_m[0] + deep_m * (back + along / np.tan(turns[0]))
+    return corner_m, float(np.cos(turns.mean()))
+
+
+def _arc(ends_m: Array, corner_m: Array, weight: float) -> Array:
+    """Places (_SAMPLES, 2) of a conic between two ends: a rational Bezier curve of second degree (Farin 2002)."""
+    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    first, between, last = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
+    return np.asarray((first * ends_m[0] + between * corner_m + last * ends_m[1]) / (first + between + last))
+
+
+def _radii(arc_m: Array, turn: Array, away_m: Array) -> Array:
+    """Distances (_DIRECTIONS + 1,) from a middle over a whole turn: of an arc about it, elsewhere of the rim seen."""
+    of_arc = np.arctan2(arc_m[:, 1], arc_m[:, 0])
+    first, last = of_arc[[0, -1]]
+    elsewhere = np.mod(turn - first, 2.0 * np.pi) > np.mod(last - first, 2.0 * np.pi)
+    return np.interp(
+        np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1),
+        np.concatenate([of_arc, turn[elsewhere]]),
+        np.concatenate([np.linalg.norm(arc_m, axis=1), away_m[elsewhere]]),
+        period=2.0 * np.pi,
+    )
+
+
+def _normals(points_m: Array, middle_m: Array) -> Array:
+    """Normals (k, 3) of planes through the neighbourhood of some of the points (n, 3), away from a middle (2,)."""
+    some = points_m[:: max(1, len(points_m) // _MOST_NORMALS)]
+    near = some[cKDTree(some).query(some, min(_NEIGHBOURS, len(some)))[1]]
+    off = near - near.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("kni,knj->kij", off, off))[1][:, :, 0]
+    outward = (normals[:, :2] * (some[:, :2] - middle_m)).sum(axis=1)
+    return np.asarray(normals * np.where(outward < 0.0, -1.0, 1.0)[:, None])

@@ -31,7 +31,7 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
     height_m, rings, ways = np.diff(levels)[0], [], []
     for low_m, high_m in pairwise(levels):
         patches = side[(side[:, 2] >= low_m) & (side[:, 2] < high_m)]
-        around = _unseen(patches)
+        around = _unseen(patches, normals[upright])
         if around is None:
             continue
         turn = np.arange(0.0, 2.0 * np.pi, step_m / around.radius_m)
@@ -48,12 +48,12 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
     return places, _outward(places, way)
 
 
-def _unseen(patches_m: Array) -> UnseenSide | None:
+def _unseen(patches_m: Array, normals: Array) -> UnseenSide | None:
     """How the outline of a level goes on; None where it was seen around, or too little of it."""
     if len(patches_m) < _LEAST_PATCHES:
         return None
     try:
-        return UnseenSide.of(patches_m * [1.0, 1.0, 0.0])
+        return UnseenSide.of(patches_m * [1.0, 1.0, 0.0], normals)
     except QhullError:
         return None
 

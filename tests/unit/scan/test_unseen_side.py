@@ -59,7 +59,15 @@ def test_the_rim_of_a_round_base_goes_on_as_a_circle(unseen_deg):
     assert found.share_out(outline(in_range_deg(unseen_deg))) == pytest.approx(np.ones(9), abs=0.06)
 
 
-@pytest.mark.parametrize("axes", [{"depth_m": 0.5}, {"depth_m": 0.4}, {"width_m": 0.5}])
+@pytest.mark.parametrize("unseen_deg", [120.0, 150.0])
+def test_a_base_less_deep_than_wide_is_not_taken_to_be_as_deep(unseen_deg):
+    found = UnseenSide.of(side(unseen_deg, depth_m=0.25))
+    far = found.middle_m + outline(in_range_deg(unseen_deg)) - CENTRE_M
+    places = found.middle_m + (far - found.middle_m) / found.share_out(far)[:, None]
+    assert np.ptp([CENTRE_M[0] - 0.25, places[:, 0].max()]) == pytest.approx(0.5, rel=0.25)  # .9 wide
+
+
+@pytest.mark.parametrize("axes", [{"depth_m": 0.5}, {"depth_m": 0.4}, {"depth_m": 0.25}, {"width_m": 0.5}])
 @pytest.mark.parametrize("unseen_deg", [120.0, 150.0])
 def test_drawn_rims_lie_on_both_sides_of_the_true_one(axes, unseen_deg):
     found = UnseenSide.of(side(unseen_deg, **axes))
@@ -88,7 +96,9 @@ def test_the_hidden_base_reaches_to_the_rim_that_nobody_saw(unseen_deg):
     under = Underside.of(side(unseen_deg), ground(unseen_deg), HEIGHT_M)
     area_m2 = under.hidden.sum() * under.grid.cell_m**2
     assert area_m2 == pytest.approx(np.pi * 0.45**2, rel=0.08)  # a cell of the rim is 4 %
-    assert under.widest.sum() > 1.1 * under.hidden.sum()
+    corner_m2 = 0.45**2 * (np.tan(np.deg2rad(0.5 * min(unseen_deg, 150.0))) - np.deg2rad(0.5 * unseen_deg))
+    more_m2 = under.widest.sum() * under.grid.cell_m**2 - area_m2
+    assert 0.25 * corner_m2 < more_m2 < corner_m2  # between tangents at the ends of what was seen
 
 
 def test_no_rim_goes_on_where_the_pedestal_beyond_it_was_seen():

@@ -198,7 +198,10 @@ def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interfa
     """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
     places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
-    taken = np.where(part.in_closing, upper - lower, 0.0) * part.cell_m2
+    closes = part.in_closing
+    if base.passage is not None:
+        closes &= ~base.passage.ravel()[base.grid.index(places)]
+    taken = np.where(closes, upper - lower, 0.0) * part.cell_m2
     com = interface.flat(rock.com_m[None])[0]
     arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
     return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
+from toppling.models.scan.doubt import SECTORS, sectors
 from toppling.models.scan.edge import Edge
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
@@ -48,6 +49,9 @@ _STRAYS = 0.02
 """Share of the lowest places of what hangs that may be strays."""
 _LIT_ENDS_SHARE = 0.7
 """Of the way to a rim that nobody saw: pedestal that was seen farther out lies beside the rock and not below it."""
+_PASSED_SHARE, _FEET_AROUND_SHARE, _PASSAGE_CELLS = 0.5, 0.5, 2
+"""One sees through between feet where the pedestal shows below so much of the hidden part, and low parts of the rock in
+at most such a share of the directions around it; cells beside what shows."""
 _WIDEST_SPACING_CELLS = 4.0
 """Points farther apart than this are strays: no ray went through between them."""
 
@@ -62,6 +66,9 @@ class Base:
     below_m: NDArray[np.float64] | None = None  # of what hangs beyond the pedestal's edge, from below
     unseen_below: NDArray[np.bool_] | None = None  # what is unseen of that
     side: UnseenSide | None = None  # over which the rim was not seen
+    passage: NDArray[np.bool_] | None = (
+        None  # (shape): what of the hidden part one sees through, between feet
+    )
 
 
 def near_the_interface(
@@ -167,7 +174,18 @@ class Underside:
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
         sheet = np.where(self.hidden, sheet_m, side - away)
         height = np.where(sheet < _RESTING_PER_HEIGHT * height_m, 0.0, sheet)
-        return Base(self.grid, height, self.hidden, side=self.side)
+        return Base(self.grid, height, self.hidden, side=self.side, passage=self._passage())
+
+    def _passage(self) -> NDArray[np.bool_] | None:
+        """Cells (shape) between feet, below which the pedestal was seen; None where the rim was seen around."""
+        lit = self.hidden & (self.hole_depth == 0.0)
+        nodes = self.grid.nodes_m
+        if self.outline is not None or lit.sum() < _PASSED_SHARE * self.hidden.sum() or not lit.any():
+            return None
+        around = np.unique(sectors(nodes[self.seen] - nodes[self.hidden].mean(axis=0)))
+        if len(around) > _FEET_AROUND_SHARE * SECTORS:
+            return None
+        return self.hidden & ndimage.binary_dilation(lit, iterations=_PASSAGE_CELLS)
 
 
 def hidden_base(

@@ -64,8 +64,9 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
         above |= interface.edge.outside_m(flat) > 0.0
     above &= _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
-    within = base.grid.nodes_m[base.hidden]
-    sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m]) + interface.rise(within)
+    closes = base.hidden if base.passage is None else base.hidden & ~base.passage
+    within = base.grid.nodes_m[closes]
+    sunk = np.column_stack([within, base.height_m[closes] - surfels.voxel_m]) + interface.rise(within)
     if base.below_m is not None and base.unseen_below is not None:
         hangs = np.dstack([base.grid.nodes_m, base.below_m - surfels.voxel_m])[base.unseen_below]
         sunk = np.vstack([sunk, hangs])

@@ -1,9 +1,24 @@
-"""Text in tables for spreadsheets: what a spreadsheet would take for a formula stays text."""
+"""Text in tables: what is a number, and what a spreadsheet would take for a formula and stays text."""
 
 from typing import Any
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """With which a cell begins that a spreadsheet calculates, or that hides one that does."""
+
+
+def is_numeral(text: str) -> bool:
+    """Whether a text is a number as Python writes it.
+
+    Examples
+    --------
+    >>> [is_numeral(text) for text in ("-1.5e3", "", "1.5 m")]
+    [True, False, False]
+    """
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def plain(value: Any) -> Any:
@@ -14,13 +29,9 @@ def plain(value: Any) -> Any:
     >>> [plain(cell) for cell in ("=HYPERLINK(A1)", "-1.5", "St. Gallen", -2)]
     ["'=HYPERLINK(A1)", '-1.5', 'St. Gallen', -2]
     """
-    if not isinstance(value, str) or not value.startswith(_FORMULA):
+    if not isinstance(value, str) or not value.startswith(_FORMULA) or is_numeral(value):
         return value
-    try:
-        float(value)
-    except ValueError:
-        return f"'{value}"
-    return value
+    return f"'{value}"
 
 
 def plain_frame(frame: Any) -> Any:

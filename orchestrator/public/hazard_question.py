@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toppling.models.errors import InputError, UsageError
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.measures import COMPARED
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
@@ -13,15 +14,6 @@ from toppling.results.hazard.tree import HazardTree
 
 DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
 """The measure of a constraint, where hazard and rocks have several: the first of these, then of `COMPARED`."""
-
-
-def is_number(text: str) -> bool:
-    """Whether a text is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
@@ -36,7 +28,7 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
         if not sign or Path(text).exists():
             paths.append(Path(text))
             continue
-        share = float(weight) if is_number(weight) else math.nan
+        share = float(weight) if is_numeral(weight) else math.nan
         if not 0 < share < math.inf:
             raise UsageError(
                 f"the weight of {path} is {weight!r}",

@@ -4,7 +4,7 @@ import math
 
 import click
 
-from toppling.orchestrator.public.hazard_question import is_number
+from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.sites import SITE_REACH_KM
 
 HAZARD_HELP = (
@@ -25,7 +25,7 @@ class SiteCommand(click.Command):
         """Hand a name on as --site-name, which the help does not show."""
         named = list(args)
         for index, word in enumerate(args[:-1]):
-            if word == "--site" and not is_number(args[index + 1]):
+            if word == "--site" and not is_numeral(args[index + 1]):
                 named[index] = "--site-name"
         return super().parse_args(ctx, named)
 
@@ -39,7 +39,7 @@ def years_of(values: str | None) -> float | None:
         return None
     if values.lower() in ("rate", "rates"):
         return 0.0
-    years = float(values) if is_number(values) else math.nan
+    years = float(values) if is_numeral(values) else math.nan
     if not 0 < years < math.inf:
         msg = f"--values is {values!r}: give 'rate', or the years that probabilities are over"
         raise click.UsageError(msg)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
 from toppling.results.hazard.measures import LONGEST_NAME, measure_with_unit
 from toppling.results.hazard.readers.statement import (
@@ -67,7 +68,7 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
     """Numbers of the columns of levels and of values; others, where a header says what these two are, are left."""
     if len(header) < 2:
         refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
-    if _is_number(header[0]):
+    if is_numeral(header[0]):
         refuse(path, f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
     measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
@@ -158,11 +159,3 @@ def _per_year(per_kyr: float) -> float:
 
 def _rate_of_return(years: float) -> float:
     return 1.0 / years if years > 0 else math.nan
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -19,6 +19,7 @@ from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
+    DIRECTION_BINS,
     DURATION,
     LEVEL,
     PGV,
@@ -68,7 +69,7 @@ class Bins:
     duration_s: float = 5.0
     pgv_below_m_s: float | None = None
     duration_below_s: float | None = None
-    directions: int = 8
+    directions: int = DIRECTION_BINS
 
     def planes(self, jobs: pd.DataFrame) -> dict[str, Plane]:
         """The maps' planes with these bins."""

@@ -10,7 +10,7 @@ from scipy.stats import binomtest, spearmanr
 
 from toppling.models.frames import apart_deg
 from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
-from toppling.results.analysis.fragility import PLANES, effective_records, wilson
+from toppling.results.analysis.fragility import DIRECTION_BINS, PLANES, effective_records, wilson
 from toppling.results.analysis.friction import (
     compare_cells,
     compare_jobs,
@@ -60,7 +60,7 @@ def findings(
     frictions_run: pd.DataFrame,
     weakest_azimuth_deg: float,
     lines: pd.DataFrame,
-    directions: int = 8,
+    directions: int = DIRECTION_BINS,
 ) -> list[Finding]:
     """Check the study's list.
 

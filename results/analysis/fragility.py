@@ -20,6 +20,9 @@ from statsmodels.stats.proportion import proportion_confint
 THIN_RECORDS = 10
 """Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
 
+DIRECTION_BINS = 8
+"""Bins around the circle that the study counts by direction in."""
+
 CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_kinetic", "restitution")
 """Jobs that differ in these answer different questions, and are never pooled."""
 
@@ -94,7 +97,7 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     return {name: extended(plane) for name, plane in PLANES.items()}
 
 
-def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np.float64]:
+def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> NDArray[np.float64]:
     """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
 
     Parameters
@@ -192,7 +195,7 @@ def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[fl
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
-def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> pd.DataFrame:
+def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = DIRECTION_BINS) -> pd.DataFrame:
     """`cells` of each direction bin of the vector PGA, whose centre is `direction_deg`."""
     known = frame[frame["pga_azimuth_deg"].notna()]
     directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
@@ -220,7 +223,7 @@ class DirectionCells:
     unplaced: int
 
     @classmethod
-    def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = 8) -> "DirectionCells":
+    def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = DIRECTION_BINS) -> "DirectionCells":
         """Count the jobs of a run."""
         known = frame[frame["pga_azimuth_deg"].notna()]
         by_bin = known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))

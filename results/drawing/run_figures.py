@@ -15,6 +15,7 @@ from toppling.results.analysis.audit_statistics import Audit, audit_table
 from toppling.results.analysis.directions import sector_share, topple_rose
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.fragility import (
+    DIRECTION_BINS,
     DirectionCells,
     Plane,
     beyond,
@@ -43,7 +44,7 @@ def write_maps(
     frame: pd.DataFrame,
     folder: Path,
     planes: Iterable[Plane],
-    directions: int = 8,
+    directions: int = DIRECTION_BINS,
     reference: pd.DataFrame | None = None,
     run: Completeness | None = None,
 ) -> Iterator[Path]:

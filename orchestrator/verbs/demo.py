@@ -77,10 +77,8 @@ def make_scene(out: Path) -> None:
     import numpy as np
 
     from toppling.models.files.mesh_files import write_ply
-    from toppling.models.scan.read import read_clouds
-    from toppling.models.scan.survey import save_survey, survey
     from toppling.models.scan.virtual import demo_scan
-    from toppling.results.drawing.scene_figures import draw_scene
+    from toppling.orchestrator.public.making import scan
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(_SEED)
@@ -89,12 +87,11 @@ def make_scene(out: Path) -> None:
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
-    cloud = read_clouds(files)
-    result = survey(cloud, lambda stage: _say(f"scan: {stage}"))
-    save_survey(result, out / "scene", lambda folder: draw_scene(result.scene, folder / "scene.png"))
-    rock, pedestal = result.scene.rock, result.scene.pedestal
+    made = scan(files, out / "scene", bootstrap=0, advance=lambda _, stage: _say(f"scan: {stage}"))
+    rock, pedestal = made.scene.rock, made.scene.pedestal
+    points = sum(len(station.points_m) for station in stations)
     _say(
-        f"scan: {len(cloud.points_m)} points gave a rock of {rock.volume_m3:.0f} m³, "
+        f"scan: {points} points gave a rock of {rock.volume_m3:.0f} m³, "
         f"{rock.height_m:.1f} m high, on a pedestal that dips {pedestal.slope_deg:.1f}° "
         f"toward azimuth {pedestal.downhill_azimuth_deg:.0f}°"
     )

@@ -177,10 +177,11 @@ def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str
 
         make_scene(out)
         return
-    from toppling.models.scan.read import read_clouds
-    from toppling.models.scan.survey import save_survey, survey
+    from toppling.orchestrator.public.making import scan as scanned
 
-    save_survey(survey(read_clouds(list(scan)), lambda stage: say(f"scan: {stage}")), out / "scene")
+    made = scanned(scan, out / "scene", bootstrap=0, advance=lambda _, stage: say(f"scan: {stage}"))
+    for note in made.notes:
+        say(f"scan: {note}")
 
 
 def _have_records(out: Path, records: Path | None, metadata: Path | None, count: int, say: Any) -> None:

@@ -13,5 +13,6 @@ def test_the_demo_runs_from_a_wheel(unpacked, tmp_path):
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=500, check=False
     )
     assert told.returncode == 0, told.stderr[-2000:]
+    assert (tmp_path / "demo" / "scene" / "hints.toml").exists()  # as `toppling scan` leaves it
     assert (tmp_path / "demo" / "run" / "results.parquet").exists()
     assert list((tmp_path / "demo" / "fragility").rglob("*.png"))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from toppling.models.errors import InputError
+from toppling.models.lengths import in_degrees
 
 TEXT = "utf-8-sig"
 """Encoding of text files: spreadsheets begin UTF-8 with a mark, which is no part of the first number or name."""
@@ -141,8 +142,11 @@ def _check_metres(names: Sequence[str], where: str) -> None:
 
 
 def _not_understood(names: Sequence[str], columns: int, where: str) -> InputError:
+    told = f"the header names its columns {', '.join(names)}"
+    if {"lat", "lon"} <= {name[:3] for name in names}:
+        return in_degrees(told, where)
     return InputError(
-        f"the header names its columns {', '.join(names)}",
+        told,
         where=where,
         expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in _AXES.items())
         + f"; and as many names as columns ({columns})",

@@ -26,6 +26,8 @@ _OPEN_SHARE = 0.05
 """Of its area: with less left over, a mesh is closed and does not show by its opening where up is."""
 _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
+_TURNED_OVER = 0.5
+"""A surface of ground and rock that faces downward by more than this, cosine to up, is turned over."""
 _COMMENT_BYTES = 65_536
 
 
@@ -38,11 +40,15 @@ def is_mesh(path: Path) -> bool:
 
 
 def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices (n, 3) in the file's own axes and unit, and triangles (m, 3).
+    """Vertices (n, 3) of triangles in the file's own axes and unit, and triangles (m, 3).
 
     Raises InputError as of `read_triangles`.
     """
     vertices, faces = read_triangles(path)
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    if not used.all():  # such as what is left at 0, 0, 0 of a model that was cut
+        vertices, faces = vertices[used], (np.cumsum(used) - 1)[faces]
     if path.suffix.lower() in UPWARD_Y:
         vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
     return vertices, faces
@@ -78,15 +84,22 @@ def check_frame(
             remedy=f"give {' '.join(option for _, option in told)}; --up z and --units m keep it as it is, and control "
             "points (--gcp) say both",
         )
-    if placement.says_scale and placement.says_up:
+    if placement.by.startswith("--gcp"):
         facing = _facing(vertices @ placement.turn.T, faces)
-        if facing is not None and facing[2] < -0.5:
+        if facing is not None and facing[2] < -_TURNED_OVER:
             raise InputError(
                 f"its surface faces downward once it is placed by {placement.by.partition(':')[0]}",
                 where=str(path),
                 expected="ground and rock that face upward",
-                remedy="check which way is up; control points whose east and north are exchanged turn a model over",
+                remedy="check the control points: east and north exchanged turn a model over; or its triangles are "
+                "turned inside out: mend them in the program that made it",
             )
+
+
+def facing_up(vertices: Array, faces: NDArray[np.int64], placement: Placement) -> NDArray[np.int64]:
+    """Triangles (m, 3) of an open surface turned so that it faces toward what the user says is up."""
+    facing = _facing(vertices @ placement.turn.T, faces)
+    return faces[:, ::-1] if facing is not None and facing[2] < -_TURNED_OVER else faces
 
 
 def _facing(vertices: Array, faces: NDArray[np.int64]) -> Array | None:
@@ -106,6 +119,11 @@ def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[st
     off = _angle_deg(facing, AXES[usual])
     if off < _TILTED_DEG:
         return None
+    if off > 180.0 - _NEAR_AXIS_DEG:
+        return (
+            f"it looks -{usual} up, or inside out: its surface faces -{usual} in the mean, not {usual}",
+            f"--up -{usual} if it is upside down, --up {usual} if its triangles are turned inside out",
+        )
     axis = min(AXES, key=lambda name: _angle_deg(facing, AXES[name]))
     if _angle_deg(facing, AXES[axis]) < _NEAR_AXIS_DEG:
         return f"it looks {axis} up: its surface faces {axis} in the mean, not {usual}", f"--up {axis}"

@@ -38,11 +38,19 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
             expected="points of a rock and its pedestal",
             remedy="export the cloud again",
         )
-    level = np.abs(points[:, :2]).max(axis=0)
-    if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
+    level = np.sort(np.abs(points[:, :2]).max(axis=0))  # latitude is the smaller one, or comes first
+    if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
     step = single_precision_step(points) * scale[0]
     if step > _COARSEST_STEP_M:
+        if not (points % 1.0).any():
+            raise InputError(
+                f"coordinates are whole numbers: they come in steps of {scale[0]:.3g} m",
+                where=str(path),
+                expected=f"steps of at most {_COARSEST_STEP_M} m",
+                remedy="export again with more decimals, or with a smaller scale (LAS); if the numbers are in a "
+                "smaller unit, name it by --units",
+            )
         raise InputError(
             f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
             where=str(path),

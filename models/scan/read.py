@@ -17,6 +17,7 @@ from toppling.models.scan.buried import exposed
 from toppling.models.scan.meshes import (
     UPWARD_Y,
     check_frame,
+    facing_up,
     is_mesh,
     mesh_as_in_file,
     outward,
@@ -320,6 +321,8 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
     check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given or bool(unit or system))
     if path.suffix.lower() in UPWARD_Y and not said.placement.says_up:
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
+    if said.placement.says_up:
+        faces = facing_up(vertices, faces, said.placement)
     points, triangle = points_on(vertices, faces)
     station = np.zeros(len(points), np.int32)
     mesh = (vertices, faces, triangle)
@@ -343,9 +346,9 @@ def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[s
 
 
 def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
-    read = read_vertices(path)
+    read = {name.lower(): values for name, values in read_vertices(path).items()}
     if not {"x", "y", "z"} <= read.keys():
-        return np.empty((0, 3)), np.empty(0, np.int32)
+        raise _unreadable(f"its vertices have {', '.join(read) or 'nothing'}, and not x, y and z", path)
     points = np.column_stack([read[axis].astype(float) for axis in "xyz"])
     station = next(
         (read[key] for key in ("station", "point_source_id") if key in read), np.zeros(len(points))

@@ -179,8 +179,8 @@ def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str
         return
     from toppling.orchestrator.public.making import scan as scanned
 
-    made = scanned(scan, out / "scene", bootstrap=0, advance=lambda _, stage: say(f"scan: {stage}"))
-    for note in made.notes:
+    found = scanned(scan, out / "scene", bootstrap=0, advance=lambda _, stage: say(f"scan: {stage}"))
+    for note in found.notes:
         say(f"scan: {note}")
 
 

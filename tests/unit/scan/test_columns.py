@@ -53,6 +53,12 @@ def test_names_may_be_parted_by_blanks(tmp_path, points):
     np.testing.assert_allclose(read(path), points, atol=1e-3)
 
 
+def test_a_header_that_names_latitude_and_longitude_says_degrees(tmp_path, points):
+    path = written(tmp_path / "cloud.csv", "Latitude,Longitude,Ellipsoidal height", points)
+    with pytest.raises(InputError, match="in degrees"):
+        read(path)
+
+
 @pytest.mark.parametrize(
     "header", ["lat,lon,height,id", "intensity,r,g,b", "x,y,intensity,time", "id,no,x,y,z"]
 )

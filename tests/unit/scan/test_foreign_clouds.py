@@ -11,6 +11,7 @@ from pye57 import libe57
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.steps import coordinate_steps, step_note
 
@@ -312,3 +313,37 @@ def test_files_of_other_programs_are_read_in_metres(name, points):
     assert points is None or len(cloud.points_m) == points
     # The demo's cloud: a rock of 14 m amidst some 50 m of slope.
     assert 15.0 < np.ptp(cloud.points_m[:, 2]) < 60.0
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_degrees_are_told_whichever_of_them_comes_first(tmp_path, order):
+    metres = np.random.default_rng(2).uniform(0.0, 10.0, (1500, 3))
+    degrees = np.column_stack([-118.9 + metres[:, 0] / 92_000, 34.1 + metres[:, 1] / 111_000])[:, order]
+    np.savetxt(tmp_path / "cloud.xyz", np.column_stack([degrees, metres[:, 2] + 445.2]), fmt="%.9f")
+    with pytest.raises(InputError, match="in degrees"):
+        read(tmp_path / "cloud.xyz")
+
+
+def test_whole_numbers_are_not_taken_for_single_precision(tmp_path):
+    np.savetxt(tmp_path / "cloud.xyz", POINTS_M.round(), fmt="%.0f")
+    with pytest.raises(InputError, match="whole numbers") as refused:
+        read(tmp_path / "cloud.xyz")
+    assert "smaller scale" in refused.value.remedy
+
+
+def test_a_ply_may_name_its_axes_in_capitals(tmp_path):
+    write_ply(tmp_path / "cloud.ply", POINTS_M, np.empty((0, 3), np.int64))
+    whole = (tmp_path / "cloud.ply").read_bytes()
+    for axis in "xyz":
+        whole = whole.replace(f"double {axis}\n".encode(), f"double {axis.upper()}\n".encode())
+    (tmp_path / "cloud.ply").write_bytes(whole)
+    np.testing.assert_allclose(read(tmp_path / "cloud.ply"), POINTS_M)
+
+
+def test_a_ply_without_coordinates_tells_what_it_has(tmp_path):
+    head = (
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 5000\nproperty float intensity\nend_header\n"
+    )
+    (tmp_path / "cloud.ply").write_bytes(head + np.zeros(5000, "<f4").tobytes())
+    with pytest.raises(InputError, match="its vertices have intensity, and not x, y and z"):
+        read(tmp_path / "cloud.ply")

@@ -6,6 +6,7 @@ import trimesh
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan import meshes
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.placement import Placement, placement_of
@@ -115,6 +116,26 @@ def test_an_open_mesh_shows_which_axis_is_up(tmp_path, axis):
         read_clouds([path])
     assert f"--up {axis}" in refused.value.remedy
     np.testing.assert_allclose(bounds(read_clouds([path], None, placement_of(up=axis)))[1, 2], 1.6, atol=0.05)
+
+
+def test_a_mesh_turned_inside_out_is_read_as_the_one_it_is_of_once_up_is_said(tmp_path):
+    inside_out = site()
+    inside_out.faces = inside_out.faces[:, ::-1]
+    path, right = exported(tmp_path / "out.ply", inside_out), exported(tmp_path / "site.ply")
+    with pytest.raises(InputError, match="inside out") as refused:
+        read_clouds([path])
+    assert "--up z if its triangles are turned inside out" in refused.value.remedy
+    placed = read_clouds([path], None, placement_of(up="z", length=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)))
+    assert len(placed.points_m) == pytest.approx(len(read_clouds([right]).points_m), rel=0.01)
+    np.testing.assert_allclose(bounds(placed), METRES, atol=0.05)
+
+
+def test_vertices_that_no_triangle_has_say_nothing_of_a_mesh(tmp_path):
+    mesh = site()
+    mesh.vertices = mesh.vertices + np.array([331250.0, 3777310.0, 480.0])
+    write_ply(tmp_path / "cut.ply", np.vstack([np.zeros((2, 3)), mesh.vertices]), mesh.faces + 2)
+    cloud = read_clouds([tmp_path / "cut.ply"])
+    np.testing.assert_allclose(bounds(cloud) - np.array([331250.0, 3777310.0, 480.0]), METRES, atol=0.05)
 
 
 def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path):

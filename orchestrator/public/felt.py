@@ -133,9 +133,7 @@ def felt_by_both(
     return FeltRock(name, surface, 0, drawn_surfaces(drawn, measures) if drawn else [])
 
 
-def joined(
-    first: HazardTree, second: HazardTree, correlation: float | None, sigma: float = SIGMA
-) -> EventSet:
+def joined(first: HazardTree, second: HazardTree, correlation: float | None) -> EventSet:
     """Trees of two measures at one site as a set of events, branch by branch.
 
     Raises InputError if the trees have different branches, or no correlation is known or given.
@@ -153,7 +151,7 @@ def joined(
             what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
             where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation",
         )  # fmt: skip
-    scatter = sigma * math.sqrt(1.0 - rho**2)
+    scatter = SIGMA * math.sqrt(1.0 - rho**2)
     branches, misfit = _joined(first, second, scatter)
     notes: tuple[str, ...] = (
         f"joint rate of {first.measure} and {second.measure} from their curves: given the one, ln of the other "

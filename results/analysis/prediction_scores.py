@@ -23,6 +23,7 @@ from toppling.models.shares import jeffreys_mean
 
 _CALLED_FROM = 0.5
 """Probability from which on a rock is called overturned."""
+_BINS = 6
 _SAMPLES = 500
 """Of resampled records, for intervals of 95 %."""
 _SURE = 1e-3
@@ -80,13 +81,11 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
     }
 
 
-def intervals(
-    overturned: Truths, probability: Array, group: NDArray[Any], seed: int = 0
-) -> dict[str, list[float | None]]:
+def intervals(overturned: Truths, probability: Array, group: NDArray[Any]) -> dict[str, list[float | None]]:
     """Intervals of 95 % of the scores, by resampling records; none of tests of one record."""
     if len(np.unique(group)) < 2:
         return {}
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     of_group = [np.flatnonzero(group == name) for name in np.unique(group)]
     drawn = []
     for _ in range(_SAMPLES):
@@ -116,9 +115,9 @@ def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
     return _quantiles(drawn, 0.05, 0.95)
 
 
-def calibration(overturned: Truths, probability: Array, bins: int = 6) -> pd.DataFrame:
+def calibration(overturned: Truths, probability: Array) -> pd.DataFrame:
     """Shares that overturned, where probabilities are alike: one row a bin of equal width that holds any test."""
-    number = np.clip((probability * bins).astype(int), 0, bins - 1)
+    number = np.clip((probability * _BINS).astype(int), 0, _BINS - 1)
     frame = pd.DataFrame({"bin": number, "probability": probability, "overturned": overturned})
     grouped = frame.groupby("bin")
     return grouped.agg(

@@ -19,6 +19,7 @@ from toppling.results.analysis.lognormal import expanded_interval
 from toppling.results.analysis.regression import NEAR_TIE, fit
 from toppling.results.analysis.resampling import LEAST_RECORDS
 
+_BINS = 10
 _FOLDS = 5
 
 
@@ -57,7 +58,7 @@ def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
 
 
 def compare_measures(
-    frame: pd.DataFrame, measures: Sequence[Sequence[str]] | None = None, samples: int = 500, seed: int = 0
+    frame: pd.DataFrame, measures: Sequence[Sequence[str]] | None = None, samples: int = 500
 ) -> pd.DataFrame:
     """Rank intensity measures by how well they predict records that were not fitted to.
 
@@ -88,7 +89,7 @@ def compare_measures(
     if not len(ranked) or math.isnan(ranked["log_loss"][0]):
         return ranked
     codes, records = pd.factorize(frame["record_id"])
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     draws = random.multinomial(len(records), np.full(len(records), 1 / len(records)), samples)
     weight = draws @ np.bincount(codes)
     for place, name in enumerate(ranked["measures"]):
@@ -101,7 +102,7 @@ def compare_measures(
     return ranked
 
 
-def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd.DataFrame:
+def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
     """Predicted against observed share of toppling, in bins of equally many jobs.
 
     Returns
@@ -110,7 +111,7 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd
         One row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
     """
     known = predicted.notna()
-    table = _binned_shares(frame[known], predicted[known], bins)
+    table = _binned_shares(frame[known], predicted[known], _BINS)
     return table.rename(columns={"value": "predicted", "probability": "observed"})
 
 

@@ -18,7 +18,7 @@ from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, st
 _FENCE = 3.0
 """Interquartile ranges above the third quartile, beyond which a value would stretch an axis."""
 
-_MOST_NAMED = 3
+_MOST_NAMED, _LONGEST_NAME = 3, 22
 
 _INSET_IN = 0.04
 """By which a triangle stands inside the edge that it marks."""
@@ -128,8 +128,8 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
     axes.legend(frameon=False)
 
 
-def _shortened(name: str, most: int = 22) -> str:
-    return name if len(name) <= most else name[: most - 1] + "…"
+def _shortened(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
 
 
 def _unknown(known: NDArray[np.bool_]) -> str:

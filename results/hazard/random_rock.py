@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.draws import Draws, draws_of
+from toppling.results.hazard.draws import draws_of
 from toppling.results.hazard.survival import Standing
 
 
@@ -25,7 +25,7 @@ class RandomRock:
     median_interval: tuple[float, float] | None
 
 
-def random_rock(rocks: Sequence[Standing], draws: Draws | None = None) -> RandomRock | None:
+def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
     """Fragility of a random rock from several; None from fewer than two, or where one never topples."""
     curves = [rock.curve for rock in rocks]
     if len(curves) < 2 or not all(math.isfinite(curve.median) for curve in curves):
@@ -34,7 +34,7 @@ def random_rock(rocks: Sequence[Standing], draws: Draws | None = None) -> Random
     within = math.sqrt(np.mean([curve.beta**2 for curve in curves]))
     between = float(np.std(logs, ddof=1))
     curve = Lognormal(curves[0].measure, math.exp(logs.mean()), math.hypot(within, between))
-    known = draws or draws_of(rocks)
+    known = draws_of(rocks)
     if known is None or "fragility" not in known.carries:
         return RandomRock(curve, within, between, None)
     medians = np.array([math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known.curves])

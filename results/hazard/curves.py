@@ -67,13 +67,6 @@ class HazardCurve:
         logarithm = np.interp(np.log(intensity), np.log(self.intensity), np.log(self.annual_rate))
         return np.exp(logarithm)
 
-    def intensity_at(self, annual_rate: float) -> float:
-        """Intensity that is exceeded at an annual rate, interpolated on logarithms; null outside the curve."""
-        if not self.annual_rate[-1] <= annual_rate <= self.annual_rate[0]:
-            return math.nan
-        falling, x = -np.log(self.annual_rate), np.log(self.intensity)
-        return float(np.exp(np.interp(-math.log(annual_rate), falling, x)))
-
     @property
     def levels(self) -> NDArray[np.float64]:
         """All levels of the file, with those that bear no rate."""

@@ -137,13 +137,6 @@ def test_levels_are_letters_of_the_path_and_those_without_a_choice_are_left_out(
     assert level_choices(["", ""]) == {}
 
 
-def test_intensity_at_a_rate_is_between_the_points_on_logarithms():
-    x = np.array([1.0, 10.0])
-    one = HazardCurve("a", "pga_m_s2", x, 1e-2 * x**-2.0)
-    assert one.intensity_at(1e-3) == pytest.approx(math.sqrt(10))
-    assert math.isnan(one.intensity_at(1.0))
-
-
 @samples
 def test_fractiles_without_branches_are_told_before_and_unknown_after():
     tree = chosen_tree(read_hazard(SAMPLES / "oq_lt36"), "sa_1s_m_s2", (0.5, -0.5), "oq_lt36")

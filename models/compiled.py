@@ -165,8 +165,29 @@ class _InnerLibrary(numba.core.codegen.JITCodeLibrary):
         self._finalized = True
 
 
+class _QuickFlags(numba.core.compiler.Flags):
+    """Numba's flags, which it asks for at every operation that it types, compared by those alone that are set.
+
+    Theirs look up all forty with each comparison, and again for a hash of their names: a sixth of all compiling.
+    """
+
+    _HASH = hash(numba.core.compiler.Flags())
+
+    def __hash__(self) -> int:
+        return self._HASH
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is _QuickFlags and self._values == other._values:
+            return True
+        return super().__eq__(other)
+
+
 class _Compiler(numba.core.compiler.Compiler):
     """Puts code in libraries of these two kinds."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags = _QuickFlags(self.state.flags)
 
     def define_pipelines(self) -> list:
         state = self.state

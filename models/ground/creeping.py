@@ -61,7 +61,8 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
     least_cosine = math.cos(0.5 * _TIPPED_RAD)
     for _ in range(_MOST_POSES):
         if _gives_way(sim, pose, push, (1.0 + _PRECISION) * best) < still:
-            best, peak[:] = _held_m_s2(sim, pose, push, best, most_m_s2), pose
+            best = _held_m_s2(sim, pose, push, best, most_m_s2)
+            copy(pose, peak)
             if best > most_m_s2:
                 return np.inf
         elif (
@@ -72,7 +73,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
         pushed = 1.02 * best + 500.0 * still
         way, step_s = 0.0, sim.step_s
         for _ in range(20):
-            trial[:] = pose
+            copy(pose, trial)
             way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
             if way > 2.0 * _TIPPING_SHARE * sim.size_m:
                 step_s *= 0.5
@@ -80,7 +81,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
                 step_s *= 1.5
             else:
                 break
-        pose[:] = trial
+        copy(trial, pose)
         for _ in range(_SETTLED_IN):
             _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
         cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])

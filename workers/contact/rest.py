@@ -111,7 +111,12 @@ def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array,
         x, y = b[0] - a[0], b[1] - a[1]
         far = math.sqrt(x * x + y * y)
         # w . f > 0 where the force f on the centre of mass holds the rock down on the edge.
-        moments[k] = y * a[2] / far, -x * a[2] / far, (a[1] * x - a[0] * y) / far
+        # One by one: for a whole row Numba compiles a message about shapes, for seconds.
+        moments[k, 0], moments[k, 1], moments[k, 2] = (
+            y * a[2] / far,
+            -x * a[2] / far,
+            (a[1] * x - a[0] * y) / far,
+        )
         longest = max(longest, math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2))
     for n in range(first, end):
         x, y, z = forces_m_s2[n]

@@ -177,9 +177,9 @@ class _QuickFlags(numba.core.compiler.Flags):
         return self._HASH
 
     def __eq__(self, other: object) -> bool:
-        if type(other) is _QuickFlags and self._values == other._values:
-            return True
-        return super().__eq__(other)
+        if not isinstance(other, numba.core.compiler.Flags):
+            return False
+        return bool(self._values == other._values or self.values() == other.values())
 
 
 class _Compiler(numba.core.compiler.Compiler):

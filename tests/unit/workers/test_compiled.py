@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 from numba.core.runtime import _nrt_python, rtsys
 
 from toppling import Motion, Scene, shake
-from toppling.models.compiled import COMPILED_ROOMS, _VerifiedFile, private_folder
+from toppling.models.compiled import COMPILED_ROOMS, FOLDER, _QuickFlags, _VerifiedFile, private_folder
 from toppling.models.contact import ContactProperties
+from toppling.workers.shake import compile_once
 
 SHAKE = """
 import numpy as np
@@ -181,6 +183,28 @@ def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they
     kept = [path.name for path in tmp_path.rglob("*.nbc")]
     assert len(kept) == 1
     assert "twice" in kept[0]
+
+
+def test_flags_that_are_compared_quickly_are_equal_where_numbas_own_are():
+    own = [Flags() for _ in range(3)]
+    own[1].nrt, own[2].nrt = False, True  # the first of these as by default
+    quick = [_QuickFlags(each).copy() for each in own]
+    for i in range(3):
+        for j in range(3):
+            assert (
+                (quick[i] == quick[j]) == (quick[i] == own[j]) == (own[i] == quick[j]) == (own[i] == own[j])
+            )
+            assert own[i] != own[j] or hash(quick[i]) == hash(own[j])
+    assert quick[0] == quick[1] != quick[2]
+
+
+@pytest.mark.skipif(FOLDER is None, reason="nothing is kept")
+def test_no_compiled_function_brings_along_the_text_of_an_error_about_shapes():
+    """It comes with the assignment of a whole row, and takes seconds to compile."""
+    compile_once()
+    kept = [path.read_bytes() for path in FOLDER.rglob("*.nbc")]
+    assert len(kept) > 2
+    assert not any(b"shape_context" in each for each in kept)
 
 
 def test_numba_is_imported_in_one_module_only():

@@ -36,8 +36,8 @@ from toppling.models.shares import effective_number
 
 DRAWS = 48
 """Kept in the scene."""
-CANDIDATES = 9
-"""Draws of each prior, of which the likelier are kept."""
+CANDIDATES = 81
+"""Draws of each kind, over all its priors, of which the likelier are kept."""
 MORE_ROUNDS, _ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""
 LEVEL = 0.9
@@ -238,14 +238,15 @@ def _standing_draws(
     random: np.random.Generator,
 ) -> list[Candidate]:
     """Candidates of each prior of the kinds that are asked for, on which the rock stands, with its centre of mass."""
-    offsets_m = random.normal(size=(DRAWS if asked == (FLAT,) else CANDIDATES, 3)) * com_std_m
+    offsets_m = random.normal(size=(max(CANDIDATES, DRAWS), 3)) * com_std_m
     projected_com = interface.projected_m(closed.com_m + offsets_m)
     gaps = []
     for kind, priors in ((ROUGH, reliefs(part.width_m)), (ROUNDED, bowls(part.width_m))):
         if kind in asked:
-            gaps += draw_gaps(part.observed, projected_com, priors, random, kind)
+            each = projected_com[: CANDIDATES // len(priors)]
+            gaps += draw_gaps(part.observed, each, priors, random, kind)
     if FLAT in asked:
-        gaps += flat_draws(part, base, len(offsets_m))
+        gaps += flat_draws(part, base, DRAWS)
     found = []
     for gap in gaps:
         com_m = closed.com_m + offsets_m[gap.number] + mass_moved_m(part, base, gap.gap_m, closed, interface)

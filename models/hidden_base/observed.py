@@ -31,15 +31,8 @@ _STD_PER_SPACING, _STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
 rocks .16 to .22; where the side may go down to the pedestal, it ends anywhere within a spacing."""
 _LEAST_STD_PER_SPACING = 0.05
 """Of the gap below a level underside, which does not go on downward."""
-_END_PER_SPACING, _STEEPNESS_POWER = 0.4, 3.0
-"""How far a side goes on along itself below its lowest seen point, over the points' spacing, and the power of its
-steepness with which: on five known rocks .3 to .5 of it where upright, .1 where it leans by 45 degrees."""
-_SHARED_PER_END = 0.8
-"""What of the error of these ends a whole rim shares, over what each has."""
 _SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
-_LEVEL_SIDE = 1e-3
-"""Horizontal part of the normal of a side that goes nowhere down."""
 _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 UNSEEN_STD_SHARE = 0.3
@@ -189,26 +182,24 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         )
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
-    end_std, off_m, step = _ends(rim, hangs, low)
-    step *= to_its_end[:, None]
+    end_std, off_m = _errors(rim, hangs, low)
     std = np.hypot(end_std, off_m)
-    common = _SHARED_PER_END * np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0
+    shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
     half_unseen = np.maximum(UNSEEN_STD_SHARE * gap, std)
     return Rim(
-        rim[:, :2] + step[:, :2],
-        np.where(to_its_end, gap + step[:, 2], 0.5 * gap),
+        rim[:, :2],
+        np.where(to_its_end, gap, 0.5 * gap),
         np.where(to_its_end, std, half_unseen),
-        np.where(to_its_end, common, half_unseen),
+        np.where(to_its_end, shared, half_unseen),
         to_its_end.astype(np.intp),
     )
 
 
-def _ends(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Array]:
+def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array]:
     """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
 
-    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray. Third, the way (k, 3)
-    from the place down along its side to where that ends, m: not below the pedestal.
+    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray.
     """
     away, nearest = cKDTree(low).query(rim, _OF_SIDE)
     apart_m = rim[:, None, :2] - rim[None, :, :2]
@@ -221,12 +212,7 @@ def _ends(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Array]:
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
     end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
-    way = _END_PER_SPACING * spacing * steepness**_STEEPNESS_POWER
-    way = np.minimum(way, hangs / np.maximum(steepness, _LEVEL_SIDE))
-    down = np.column_stack(
-        [normal[:, :2] * normal[:, 2:] / np.maximum(steepness, _LEVEL_SIDE)[:, None], -steepness]
-    )
-    return end_std, np.abs(((rim - middle) * normal).sum(axis=1)), way[:, None] * down
+    return end_std, np.abs(((rim - middle) * normal).sum(axis=1))
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:

@@ -12,12 +12,12 @@ HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
-def rings(radii_m, heights_m, uneven=0.2):
+def rings(radii_m, heights_m):
     """Points on rings round the origin, about a pitch apart along each."""
     random, points = np.random.default_rng(1), []
     for radius, height in zip(radii_m, heights_m, strict=True):
         turn = np.arange(0.0, 2.0 * np.pi, PITCH_M / radius)
-        away = radius + uneven * random.uniform(-1.0, 1.0, len(turn)) * PITCH_M
+        away = radius + random.uniform(-0.2, 0.2, len(turn)) * PITCH_M
         points.append(np.column_stack([away * np.cos(turn), away * np.sin(turn), np.full(len(turn), height)]))
     return np.vstack(points)
 
@@ -38,24 +38,10 @@ def wall():
     return rings(np.full(len(heights), RADIUS_M), heights)
 
 
-def test_a_steep_side_ends_a_part_of_the_spacing_below_its_lowest_point_and_not_below_the_pedestal(wall):
+def test_a_steep_side_is_seen_down_to_its_lowest_point_and_may_end_a_part_of_the_spacing_below(wall):
     observed = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
-    below_m = RIM_M - observed.gap_m
-    assert np.all((below_m > 0.25 * PITCH_M) & (below_m < 0.75 * PITCH_M))
-    at_ground = seen_at_the_rim(wall - [0.0, 0.0, RIM_M - 0.1 * PITCH_M], ground_from(RADIUS_M - 0.02))
-    np.testing.assert_allclose(at_ground.gap_m, 0.0, atol=1e-9)
+    np.testing.assert_allclose(observed.gap_m, RIM_M, atol=1e-9)
     assert np.all((observed.std_m > 0.1 * PITCH_M) & (observed.std_m < 0.5 * PITCH_M))
-
-
-@pytest.mark.parametrize("flare", [-0.3, 0.3])
-def test_a_side_that_leans_goes_on_along_itself_to_its_end(flare):
-    """A rock that widens upward has its edge inward of its lowest point, one that widens downward outward of it."""
-    heights = np.arange(RIM_M, 0.12, PITCH_M)
-    side = rings(RADIUS_M + flare * (heights - RIM_M), heights, uneven=0.0)
-    observed = seen_at_the_rim(side, ground_from(RADIUS_M - 0.03))
-    outward_m = np.linalg.norm(observed.places_m[observed.known], axis=1) - RADIUS_M
-    assert np.median(outward_m) == pytest.approx(flare * np.median(observed.gap_m - RIM_M), rel=0.1)
-    assert flare * np.median(outward_m) < 0.0
 
 
 def test_a_steep_side_that_may_reach_the_pedestal_ends_anywhere_within_a_spacing(wall):

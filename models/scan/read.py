@@ -56,7 +56,7 @@ class Source:
 
     name: str
     points: int  # that stay
-    left_out: int = 0  # points that were not finite
+    left_out: int = 0  # points that were not finite, or copies of others
     # Of horizontal coordinates and of heights, as the file has them.
     metres_per_unit: tuple[float, float] = (1.0, 1.0)
     unit_by: str = ""  # who says so: empty if nobody does, and metres are assumed
@@ -65,6 +65,14 @@ class Source:
     step_m: float = 0.0  # widest step in which its coordinates come, 0 if none shows
     note: str = ""  # what the user should know of it; may be empty
     placed_by: str = ""  # what its coordinates were scaled, turned or shifted by; may be empty
+
+    def with_less(self, copies: int) -> "Source":
+        """The same without points that are copies of others, which are told."""
+        if not copies:
+            return self
+        told = f"{copies} points are copies of others and were left out"
+        note = f"{self.note}; {told}" if self.note else told
+        return replace(self, points=self.points - copies, left_out=self.left_out + copies, note=note)
 
     def to_json(self) -> dict[str, Any]:
         """The same for `scene.json`, without what is empty."""

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.frames import shifted_and_turned
+from toppling.models.scan.copies import copies, without
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 
@@ -45,7 +46,7 @@ class _Thinned:
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """A cloud with its stations registered, which no hint changes."""
+    """A cloud with its stations registered and without copies of points, which no hint changes."""
 
     cloud: Cloud
     report: dict[str, Any]  # how the stations fit
@@ -53,7 +54,7 @@ class Registered:
 
 
 def registered(cloud: Cloud) -> Registered:
-    """Register the stations of a cloud.
+    """Register the stations of a cloud, with copies of points in place: tiles overlap by them alone.
 
     Raises
     ------
@@ -61,9 +62,10 @@ def registered(cloud: Cloud) -> Registered:
         If stations do not overlap, or do not fit.
     """
     check_overlap(cloud)
+    again = copies(cloud.points_m)
     fitted, report = register(cloud)
     check_fit(fitted, report)
-    return Registered(fitted, report, cloud.bounds_m)
+    return Registered(without(fitted, again), report, cloud.bounds_m)
 
 
 def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:

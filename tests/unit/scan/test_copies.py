@@ -1,0 +1,109 @@
+"""Points that a cloud holds more than once say no more than once."""
+
+import laspy
+import numpy as np
+import pytest
+
+from toppling.models.files.mesh_files import write_ply
+from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.copies import copies, without
+from toppling.models.scan.read import Cloud, read_clouds
+from toppling.models.scan.register import registered
+from toppling.models.scan.survey import work_out
+
+RESOLUTION = 0.03
+"""Point spacing in rock heights: coarse, to be quick."""
+
+
+def write_las(path, points_m):
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, 1e-4)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points_m.T
+    las.write(path)
+
+
+def write_xyz(path, points_m):
+    np.savetxt(path, points_m, fmt="%.6f")
+
+
+def write_cloud(path, points_m):
+    write_ply(path, points_m, np.empty((0, 3), np.int64))
+
+
+WRITERS = {"las": write_las, "ply": write_cloud, "xyz": write_xyz}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("times", [2, 23])
+def test_points_told_many_times_are_read_once(tmp_path, suffix, times):
+    rng = np.random.default_rng(times)
+    once = rng.uniform(0.0, 12.0, (1500, 3)).round(3)
+    WRITERS[suffix](tmp_path / f"cloud.{suffix}", rng.permutation(np.repeat(once, times, axis=0)))
+    fitted = registered(read_clouds([tmp_path / f"cloud.{suffix}"])).cloud
+    assert fitted.files == ((f"cloud.{suffix}", 1500),)
+    assert fitted.sources[0].left_out == 1500 * (times - 1)
+    assert fitted.sources[0].note == f"{1500 * (times - 1)} points are copies of others and were left out"
+    found = np.unique((fitted.points_m + fitted.origin_m).round(3), axis=0)
+    np.testing.assert_allclose(found, np.unique(once, axis=0), atol=1e-9)
+
+
+def test_no_two_different_points_are_taken_for_copies():
+    grid = np.stack(np.meshgrid(*[np.arange(60) * 2.0**-7] * 3), axis=-1).reshape(-1, 3)
+    assert copies(np.vstack([grid, -grid[grid.all(axis=1)]])) is None
+    assert copies(np.vstack([grid, grid, grid])).sum() == 2 * len(grid)
+
+
+def test_steps_as_wide_as_the_spacing_take_no_points_away():
+    rng = np.random.default_rng(3)
+    sheet = np.column_stack([rng.uniform(0.0, 1.0, (10_000, 2)).round(2), np.zeros(10_000)])
+    assert 0.2 < 1.0 - len(np.unique(sheet, axis=0)) / 10_000 < 0.4
+    assert copies(sheet) is None
+
+
+def test_the_first_of_several_copies_keeps_its_file_and_label():
+    points = np.random.default_rng(1).uniform(0.0, 1.0, (40, 3))
+    twice = np.vstack([points, points])
+    label = np.repeat(np.array([0, 1], np.int8), 40)
+    station = label.astype(np.int32)
+    cloud = Cloud(twice, np.zeros(3), station, (("rock", 40), ("all", 40)), label=label)
+    left = without(cloud, copies(twice))
+    assert left.files == (("rock", 40), ("all", 0))
+    assert not left.label.any()
+    assert not left.station.any()
+    np.testing.assert_array_equal(left.points_m, points)
+
+
+@pytest.fixture(scope="module")
+def stump(tmp_path_factory):
+    """Points of a stump on a slope, and what a scan makes of them."""
+    truth = virtual.on_slope(
+        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
+        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1),
+        6.0,
+        250.0,
+    )
+    seen = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=RESOLUTION)
+    points_m = np.concatenate([station.points_m for station in seen])
+    file = tmp_path_factory.mktemp("whole") / "once.ply"
+    write_cloud(file, points_m)
+    return points_m, work_out(read_clouds([file]))[0]
+
+
+def test_a_scan_merged_with_itself_gives_the_same_rock(stump, tmp_path):
+    points_m, once = stump
+    write_cloud(tmp_path / "often.ply", np.tile(points_m, (23, 1)))
+    often, _, notes = work_out(read_clouds([tmp_path / "often.ply"]))
+    assert often.closed.rock.volume_m3 == pytest.approx(once.closed.rock.volume_m3, rel=1e-9)
+    assert sum("copies of others" in note for note in notes) == 1
+
+
+def test_tiles_that_overlap_give_the_rock_of_the_whole(stump, tmp_path):
+    points_m, once = stump
+    write_cloud(tmp_path / "west.ply", points_m[points_m[:, 0] < 0.6])
+    write_cloud(tmp_path / "east.ply", points_m[points_m[:, 0] > -0.6])
+    tiled = work_out(read_clouds([tmp_path / "west.ply", tmp_path / "east.ply"]))[0]
+    rock, whole = tiled.closed.rock, once.closed.rock
+    assert rock.volume_m3 == pytest.approx(whole.volume_m3, rel=0.01)
+    apart_m = rock.com_m + tiled.origin_m - whole.com_m - once.origin_m
+    assert np.linalg.norm(apart_m) < 0.005 * whole.height_m

@@ -153,6 +153,8 @@ class Underside:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
             lit_there = (_hole_depth(grid, lit) == 0.0) & ends
             hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~lit_there)
+        if _stands_on_feet(grid, seen, hidden):
+            hidden |= seat & _feet(grid, seen, lit)
         outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
@@ -179,11 +181,9 @@ class Underside:
     def _passage(self) -> NDArray[np.bool_] | None:
         """Cells (shape) between feet, below which the pedestal was seen; None where the rim was seen around."""
         lit = self.hidden & (self.hole_depth == 0.0)
-        nodes = self.grid.nodes_m
         if self.outline is not None or lit.sum() < _PASSED_SHARE * self.hidden.sum() or not lit.any():
             return None
-        around = np.unique(sectors(nodes[self.seen] - nodes[self.hidden].mean(axis=0)))
-        if len(around) > _FEET_AROUND_SHARE * SECTORS:
+        if not _stands_on_feet(self.grid, self.seen, self.hidden):
             return None
         return self.hidden & ndimage.binary_dilation(lit, iterations=_PASSAGE_CELLS)
 
@@ -289,6 +289,22 @@ def _gone_on(
     for number in range(DRAWN):
         share = np.minimum(share, side.share_out(nodes, number))
     return hidden, hidden | _largest(hidden | (free & (share < 1.0) & side.in_range(nodes)))
+
+
+def _stands_on_feet(grid: Grid, seen: NDArray[np.bool_], hidden: NDArray[np.bool_]) -> bool:
+    """Whether the rock lies low in few of the directions around its hidden part."""
+    if not hidden.any() or not seen.any():
+        return False
+    around = np.unique(sectors(grid.nodes_m[seen] - grid.nodes_m[hidden].mean(axis=0)))
+    return len(around) <= _FEET_AROUND_SHARE * SECTORS
+
+
+def _feet(grid: Grid, seen: NDArray[np.bool_], lit: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Cells between what was seen of a rock's feet where the pedestal was not: those of each foot."""
+    nodes = grid.nodes_m
+    hull = ConvexHull(nodes[seen]).equations
+    inside = (nodes @ hull[:, :2].T + hull[:, 2] <= 0.0).all(axis=-1)
+    return inside & ~seen & (_hole_depth(grid, lit) > 0.0)
 
 
 def _lowest_of_rim(

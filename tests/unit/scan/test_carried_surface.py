@@ -139,11 +139,11 @@ def test_sheet_survives_its_document():
     assert np.array_equal(Sheet.of(sheet.to_json()).at(places), sheet.at(places))
 
 
-def held_in_truth_m_s2(height_at, azimuths_deg):
+def held_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):
     """Friction cones on the true outline of the base, which lies in the surface."""
     truth = truth_on(height_at)
     rock = truth.rock
-    base = rock.vertices_m[np.abs(rock.vertices_m[:, 2] - height_at(*rock.vertices_m[:, :2].T)) < 1e-9]
+    base = rock.vertices_m[np.abs(rock.vertices_m[:, 2] - height_at(*rock.vertices_m[:, :2].T)) < 1e-7]
     normals, arms, step = [], [], 1e-5
     for aside in (-1e-4, 1e-4):  # on a crease along both normals
         x, y = base[:, 0] + aside, base[:, 1]
@@ -201,3 +201,16 @@ def test_scan_over_a_surface_holds_the_truth(height_at, settles_deg, tmp_path):
         assert base.grounded.stands(resting)
         settled = Rotation.from_quat(resting[3:]) * Rotation.from_quat(touching[3:]).inv()
         assert np.rad2deg(settled.magnitude()) <= settles_deg + 1e-6
+
+
+@pytest.mark.slow
+def test_scan_of_a_block_on_four_feet_in_a_groove_holds_the_truth():
+    height_at = ledges(30, 30)
+    truth = on_four_feet(height_at)
+    stations = virtual.scan_around(truth, 1, resolution_per_height=0.009)
+    scene = survey(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0]).scene
+    assert scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.06)
+    stated = scene.report["unseen_base"]["toppling"]
+    true = held_in_truth_m_s2(height_at, [each["azimuth_deg"] for each in stated], on_four_feet)
+    holds = [each["low_m_s2"] <= t <= each["high_m_s2"] for each, t in zip(stated, true, strict=True)]
+    assert np.mean(holds) >= 0.9

@@ -19,7 +19,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan
 from toppling.orchestrator.pool import assets, pool_of
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.stands import check_stands
+from toppling.orchestrator.stands import Settlings
 from toppling.workers.job import Assets, JobSpec, run_job
 
 _TIMED_JOBS = 48
@@ -141,7 +141,7 @@ def estimate_atlas(planned: Plan) -> TimeEstimate | None:
         scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
         alone = plan(campaign, scene, ensemble)
         with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
-            check_stands(campaign, scene)
+            Settlings.of(campaign, scene).checked()
             if (estimated := estimate(alone, scene, ensemble)) is not None:
                 found.append((estimated, len(alone)))
     if not found:

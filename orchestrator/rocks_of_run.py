@@ -38,8 +38,7 @@ def scene_entries(plan: Plan) -> dict[str, Any]:
     largest = [one.settlings.largest for one in plan.scenes]
     settling = [one and one.to_json() for one in largest]
     if not plan.campaign.sites:
-        for problem in plan.scenes[0].settlings.problems:
-            raise problem
+        plan.scenes[0].settlings.checked()
         return {"settling": settling[0]}
     entries = [
         _scene_entry(one) | {"jobs": jobs, "settling": settles}

@@ -47,16 +47,11 @@ class Settlings:
         stands = [one for one in self.with_friction.values() if isinstance(one, Settling)]
         return max(stands, key=lambda one: one.tilt_deg, default=None)
 
+    def checked(self) -> Settling | None:
+        """The largest; a rock that does not stand with every friction is refused, else every job would find it out.
 
-def check_stands(campaign: Campaign, scene: Scene) -> Settling | None:
-    """Make sure that the rock stands by itself with every friction of the campaign, and say how far it settles.
-
-    Otherwise every job would find it out again. Where the campaign has realisations, only the nominal one is looked at.
-
-    Returns Settling: with the friction with which it tilts most.
-    Raises InputError if it does not.
-    """
-    found = Settlings.of(campaign, scene)
-    for problem in found.problems:
-        raise problem
-    return found.largest
+        Raises InputError if it does not stand.
+        """
+        for problem in self.problems:
+            raise problem
+        return self.largest

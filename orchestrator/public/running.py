@@ -22,7 +22,7 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import scene_entries
-from toppling.orchestrator.stands import check_stands
+from toppling.orchestrator.stands import Settlings
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.reader import Run, open_run
 
@@ -73,7 +73,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
         problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
         return Planned(chosen, planned, None, problems)
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
-    settling = check_stands(chosen, scene)
+    settling = Settlings.of(chosen, scene).checked()
     warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
     return Planned(chosen, planned, settling, warnings + shaking_warnings(chosen, ensemble))
 

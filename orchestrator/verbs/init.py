@@ -54,7 +54,7 @@ def init(
     from toppling.orchestrator.campaign_template import CampaignTemplate, even_azimuths_deg, levels_between
     from toppling.orchestrator.pilot import RECORDS, levels_to_try, statics_of, try_out
     from toppling.orchestrator.progress import bar, duration
-    from toppling.orchestrator.stands import check_stands
+    from toppling.orchestrator.stands import Settlings
 
     refuse_existing(out)
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
@@ -63,7 +63,7 @@ def init(
     axes = {"pga_m_s2": [1.0], "azimuth_deg": turned, "friction": list(frictions), "preset": preset}
     chosen = Campaign.of({"scene": str(scene), "ensemble": str(ensemble), **axes}, Path())
     with bar("letting the rock stand"):
-        check_stands(chosen, rock)
+        Settlings.of(chosen, rock).checked()
         contact = ContactProperties.of(max(frictions))
         statics = statics_of(rock.with_contact(contact))
     _check_least(statics.least_m_s2, scene)

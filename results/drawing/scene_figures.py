@@ -12,6 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.bearings import WINDS
@@ -109,13 +110,14 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     light = frame @ np.array([-0.4, 0.55, 0.75])  # from the upper left of every view, as a reader expects
     corner = np.concatenate([surface.vertices_m[surface.faces] @ frame for surface in surfaces])
     painted = np.concatenate([shades(surface, light) for surface in surfaces])
-    order = far_to_near(corner, len(rock.faces), scene.pedestal)
+    shown = _faces_eye(corner)
+    shown[len(rock.faces) :] = True  # of a pedestal, which is open, one may see the inside
+    corner, painted, of_rock = corner[shown], painted[shown], int(shown[: len(rock.faces)].sum())
+    order = far_to_near(corner, of_rock, scene.pedestal)
     axes.add_collection(
-        PolyCollection(
-            list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.3
-        )
+        PolyCollection(corner[order][:, :, :2], facecolors=painted[order], edgecolors="face", linewidths=0.3)
     )
-    seen_through = corner if not scene.pedestal.is_plane else corner[: len(rock.faces)]
+    seen_through = corner if not scene.pedestal.is_plane else corner[:of_rock]
     for line, dashes, colour in interface_lines(scene):
         _draw_line(axes, line @ frame, seen_through, _ON_SURFACE * scene.rock.height_m, dashes, colour)
     # The same scale in all views, about the rock: a wide pedestal would make it small.
@@ -134,6 +136,11 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
         f"{wind_of(azimuth_deg + 90.0)} →", (0.98, 0.02), xycoords="axes fraction", ha="right", va="bottom", size=7,
         path_effects=[withStroke(linewidth=2, foreground="white")],
     )  # fmt: skip
+
+
+def _faces_eye(corners: Array) -> NDArray[np.bool_]:
+    """Which triangles (n, 3, 3), third axis toward the eye, show it their outer side."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0)
 
 
 def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
@@ -189,9 +196,14 @@ def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
-    projected = scene.rock.vertices_m[scene.rock.faces][:, :, :2]
+    projected = scene.rock.vertices_m[scene.rock.faces]
     axes.add_collection(
-        PolyCollection(list(projected), facecolors=_SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
+        PolyCollection(
+            projected[_faces_eye(projected)][:, :, :2],
+            facecolors=_SHADOW_COLOUR,
+            edgecolors="face",
+            linewidths=0.3,
+        )
     )
     for line, dashes, colour in interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)

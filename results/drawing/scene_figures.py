@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -114,9 +114,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     shown[len(rock.faces) :] = True  # of a pedestal, which is open, one may see the inside
     corner, painted, of_rock = corner[shown], painted[shown], int(shown[: len(rock.faces)].sum())
     order = far_to_near(corner, of_rock, scene.pedestal)
-    axes.add_collection(
-        PolyCollection(corner[order][:, :, :2], facecolors=painted[order], edgecolors="face", linewidths=0.3)
-    )
+    axes.add_collection(_triangles(corner[order], painted[order]))
     seen_through = corner if not scene.pedestal.is_plane else corner[:of_rock]
     for line, dashes, colour in interface_lines(scene):
         _draw_line(axes, line @ frame, seen_through, _ON_SURFACE * scene.rock.height_m, dashes, colour)
@@ -136,6 +134,13 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
         f"{wind_of(azimuth_deg + 90.0)} →", (0.98, 0.02), xycoords="axes fraction", ha="right", va="bottom", size=7,
         path_effects=[withStroke(linewidth=2, foreground="white")],
     )  # fmt: skip
+
+
+def _triangles(corners: Array, colours: Array | str) -> PolyCollection:
+    """Triangles (n, 3, 3) as they are seen along the third axis, in the order in which they are painted."""
+    # Of an array Matplotlib makes paths faster than of the sequence that its types ask for.
+    flat = cast("list[Array]", corners[:, :, :2])
+    return PolyCollection(flat, facecolors=colours, edgecolors="face", linewidths=0.3)
 
 
 def _faces_eye(corners: Array) -> NDArray[np.bool_]:
@@ -197,14 +202,7 @@ def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
-    axes.add_collection(
-        PolyCollection(
-            projected[_faces_eye(projected)][:, :, :2],
-            facecolors=_SHADOW_COLOUR,
-            edgecolors="face",
-            linewidths=0.3,
-        )
-    )
+    axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR))
     for line, dashes, colour in interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
     axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3)

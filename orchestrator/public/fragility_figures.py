@@ -4,7 +4,6 @@ import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -166,13 +165,15 @@ def fragility(
     maps = sum(1 + plane.by_direction for plane in planes.values())
     each = 3 * maps + 4 + bool(within) + (10 + FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
+
+    def audits_over(measure: str) -> dict[str, Audit]:
+        return audits_of(opened, measure)
+
     drawing = itertools.chain(
         write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
         write_directions(jobs, quasi_static, folder, within, done),
         write_friction(jobs, folder, planes["pga_pgv"], done),
-        write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
-        if fit
-        else (),
+        write_fits(jobs, folder, opened.name, samples, audits_over, advance, done) if fit else (),
         write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))

@@ -129,7 +129,7 @@ class Audit:
         )
 
 
-def audits_of(run: Run) -> dict[str, Audit]:
+def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     """What the audits of a run say, by who did its jobs again, the reference first; empty where none was."""
     folder = run.path / AUDIT_FOLDER
     places = [place for place in folder.iterdir() if place.is_dir()] if folder.is_dir() else []
@@ -138,7 +138,7 @@ def audits_of(run: Run) -> dict[str, Audit]:
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_place(run.path, place)
         repeated = _repeated(place)
-        audit = compare(place.name, _drawn_from(rows, place), repeated) if len(repeated) else None
+        audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
@@ -162,11 +162,12 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
     return {**reference, "engines": others}
 
 
-def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame) -> Audit | None:
+def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
     """Compare answers with those to a random sample of the same jobs done again.
 
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
     repeated: rows of the same jobs done again.
+    measure: the intensity whose median is asked for.
     Returns Audit or None: None of fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
@@ -192,7 +193,7 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame) -> Audit | None
         flips_to_standing=down,
         flips_share=Estimate((up + down) / len(place), float(low[0]), float(high[0])),
         share_shift=_share_shift(known, place, differs),
-        median_shift_percent=median_shift_percent(known, place, differs, "pga_m_s2"),
+        median_shift_percent=median_shift_percent(known, place, differs, measure),
         sign_test_p=float(binomtest(up, up + down).pvalue) if up + down else 1.0,
         tilt_log_ratio=_tilt_log_ratio(both.loc[place][~(ours | theirs)]),
     )

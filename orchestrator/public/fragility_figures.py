@@ -165,15 +165,13 @@ def fragility(
     maps = sum(1 + plane.by_direction for plane in planes.values())
     each = 3 * maps + 4 + bool(within) + (10 + FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
-
-    def audits_over(measure: str) -> dict[str, Audit]:
-        return audits_of(opened, measure)
-
     drawing = itertools.chain(
         write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
         write_directions(jobs, quasi_static, folder, within, done),
         write_friction(jobs, folder, planes["pga_pgv"], done),
-        write_fits(jobs, folder, opened.name, samples, audits_over, advance, done) if fit else (),
+        write_fits(jobs, folder, opened.name, samples, lambda over: audits_of(opened, over), advance, done)
+        if fit
+        else (),
         write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))

@@ -152,7 +152,10 @@ def _touching(pose: _Pose, tolerance: float) -> Array:
 
 
 def _edge_moments(ring: Array, com: Array, force: Array) -> Array:
-    """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring."""
+    """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring.
+
+    As of `support.moment_arms`, in the plane: a path asks thousands of times, and general products took half of it.
+    """
     edge, away = _edges(ring), com[:2] - ring
     twice_area = away[:, 0] * edge[:, 1] - away[:, 1] * edge[:, 0]
     moment = com[2] * (edge[:, 0] * force[1] - edge[:, 1] * force[0]) + twice_area * force[2]

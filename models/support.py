@@ -36,7 +36,7 @@ def planar_hull(points: Array, width_m: float) -> NDArray[np.intp] | None:
     """Order (k, 2) points into their counter-clockwise convex hull; None where they lie on one line."""
     if np.ptp(points @ _narrow_direction(points)) <= width_m:
         return None
-    if len(points) == 3:  # a hundred times as fast as Qhull
+    if len(points) == 3:  # most supports of a path: Qhull took a sixth of it
         (x, y), (u, v) = points[1] - points[0], points[2] - points[0]
         twice_area = x * v - y * u
         if abs(twice_area) <= _ON_A_LINE * (x * x + y * y + u * u + v * v):

@@ -27,6 +27,7 @@ side seen from the front alone a half circle is left."""
 _FULLEST = 2.5
 """Weight of the fullest drawn outline over that of the circle's arc; of eight known rocks .6 to 2.2."""
 _SAMPLES, _DIRECTIONS = 65, 720
+"""Places of an arc, and directions in which an outline's radius is kept."""
 _HORIZONTAL = 0.3
 """Horizontal part of a normal below which it tells nothing of an outline."""
 _MOST_NORMALS, _NEIGHBOURS = 3000, 16

@@ -10,7 +10,14 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toppling.models.arrays import Array
 from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
-from toppling.results.drawing.painted_mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
+from toppling.results.drawing.painted_mesh import (
+    faces_eye,
+    far_to_near,
+    shades,
+    smooth_surface,
+    surfaces_of,
+    view_frame,
+)
 from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
 from toppling.results.replayed_job import Replay, tilt_deg
 
@@ -99,9 +106,9 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
     corners, painted = [], []
     for surface in (rock, pedestal):
         corner = surface.vertices_m[surface.faces] @ view.frame
-        side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2]
-        corners.append(corner[side > 0])
-        painted.append(shades(surface, light)[side > 0])
+        shown = faces_eye(corner)
+        corners.append(corner[shown])
+        painted.append(shades(surface, light)[shown])
     triangles, colours = np.concatenate(corners), np.concatenate(painted)
     order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
     size = _OVERSAMPLING * WIDTH

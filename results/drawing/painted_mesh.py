@@ -67,6 +67,11 @@ def shades(surface: Surface, light: Array) -> Array:
     return lit[:, None] * np.array(to_rgb(surface.colour))
 
 
+def faces_eye(corners: Array) -> NDArray[np.bool_]:
+    """Which triangles (n, 3, 3), third axis toward the eye, show it their outer side."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0)
+
+
 def far_to_near(corners: Array, of_rock: int, pedestal: Pedestal) -> NDArray[np.intp]:
     """Order in which triangles (n, 3, 3), third axis toward the eye, are painted: those of the rock come first."""
     depth = corners[:, :, 2].mean(axis=1)

@@ -12,13 +12,19 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
-from toppling.results.drawing.painted_mesh import far_to_near, hidden, shades, surfaces_of, view_frame
+from toppling.results.drawing.painted_mesh import (
+    faces_eye,
+    far_to_near,
+    hidden,
+    shades,
+    surfaces_of,
+    view_frame,
+)
 from toppling.results.drawing.roses import emptiest_deg, mark_winds
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
@@ -110,7 +116,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     light = frame @ np.array([-0.4, 0.55, 0.75])  # from the upper left of every view, as a reader expects
     corner = np.concatenate([surface.vertices_m[surface.faces] @ frame for surface in surfaces])
     painted = np.concatenate([shades(surface, light) for surface in surfaces])
-    shown = _faces_eye(corner)
+    shown = faces_eye(corner)
     shown[len(rock.faces) :] = True  # of a pedestal, which is open, one may see the inside
     corner, painted, of_rock = corner[shown], painted[shown], int(shown[: len(rock.faces)].sum())
     order = far_to_near(corner, of_rock, scene.pedestal)
@@ -141,11 +147,6 @@ def _triangles(corners: Array, colours: Array | str) -> PolyCollection:
     # Of an array Matplotlib makes paths faster than of the sequence that its types ask for.
     flat = cast("list[Array]", corners[:, :, :2])
     return PolyCollection(flat, facecolors=colours, edgecolors="face", linewidths=0.3)
-
-
-def _faces_eye(corners: Array) -> NDArray[np.bool_]:
-    """Which triangles (n, 3, 3), third axis toward the eye, show it their outer side."""
-    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0)
 
 
 def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
@@ -202,7 +203,7 @@ def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
-    axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR))
+    axes.add_collection(_triangles(projected[faces_eye(projected)], _SHADOW_COLOUR))
     for line, dashes, colour in interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
     axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3)

@@ -3,9 +3,10 @@
 import laspy
 import numpy as np
 import pytest
+from virtual_rocks import stump_on_a_slope
 
 from toppling.models.files.mesh_files import write_ply
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.copies import copies, without
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.register import registered
@@ -77,12 +78,7 @@ def test_the_first_of_several_copies_keeps_its_file_and_label():
 @pytest.fixture(scope="module")
 def stump(tmp_path_factory):
     """Points of a stump on a slope, and what a scan makes of them."""
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1),
-        6.0,
-        250.0,
-    )
+    truth = stump_on_a_slope()
     seen = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=RESOLUTION)
     points_m = np.concatenate([station.points_m for station in seen])
     file = tmp_path_factory.mktemp("whole") / "once.ply"

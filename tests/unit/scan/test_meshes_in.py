@@ -126,7 +126,7 @@ def test_a_mesh_turned_inside_out_is_read_as_the_one_it_is_of_once_up_is_said(tm
         read_clouds([path])
     assert "--up z if its triangles are turned inside out" in refused.value.remedy
     placed = read_clouds([path], None, placement_of(up="z", length=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)))
-    assert len(placed.points_m) == pytest.approx(len(read_clouds([right]).points_m), rel=0.01)
+    assert len(placed.points_m) == pytest.approx(len(read_clouds([right]).points_m), abs=10)
     np.testing.assert_allclose(bounds(placed), METRES, atol=0.05)
 
 
@@ -239,13 +239,3 @@ def test_triangles_that_do_not_say_which_side_is_out_lose_nothing(tmp_path):
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
     cloud = read_clouds([exported(tmp_path / "site.ply", mesh)], None, placement_of(up="z"))
     assert len(cloud.points_m) == 20_000
-
-
-def test_a_mesh_that_is_inside_out_is_seen_as_the_right_one_once_up_is_said(tmp_path):
-    right, wrong = site(), site()
-    wrong.faces = wrong.faces[:, ::-1]
-    seen, turned = (
-        read_clouds([exported(tmp_path / f"{name}.ply", mesh)], None, placement_of(up="z"))
-        for name, mesh in (("right", right), ("wrong", wrong))
-    )
-    assert len(turned.points_m) == pytest.approx(len(seen.points_m), abs=10)

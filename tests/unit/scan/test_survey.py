@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from virtual_rocks import stump_on_a_slope
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, write_json
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
@@ -26,12 +27,7 @@ RESOLUTION = 0.02
 @pytest.fixture(scope="module")
 def stump():
     """A stump on a slope: truth, cloud, the truth's labels, and what the survey made of it."""
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1),
-        6.0,
-        250.0,
-    )
+    truth = stump_on_a_slope()
     cloud, label = virtual.cloud_of(
         virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=RESOLUTION),
         virtual.DEMO_ORIGIN_M,

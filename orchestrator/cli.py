@@ -78,6 +78,8 @@ class LazyGroup(Verbs):
             return super().invoke(ctx)
         except UsageError as error:
             raise click.UsageError(str(error)) from None
+        except click.exceptions.Exit:  # a RuntimeError too, and the end of every --help
+            raise
         except RuntimeError as error:
             from toppling.orchestrator.context import RunError
 

@@ -1,8 +1,6 @@
 """What a worker does: load the run's scene and ensemble once, then shake one job after another."""
 
-import ast
 import asyncio
-import hashlib
 import logging
 import os
 import platform
@@ -20,11 +18,10 @@ from typing import Any, Protocol, TypeVar
 import pyarrow as pa
 from distributed import Worker, get_worker
 
-import toppling.models
-import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.code_identity import code
 from toppling.orchestrator.delivery import WORKER, NotKeptError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.orchestrator.processor import one_blas_thread, processor
@@ -47,69 +44,6 @@ class _Identified(Protocol):
 
 
 Asset = TypeVar("Asset", bound=_Identified)
-
-
-def _code() -> str:
-    """Hash of the code of all that decides an answer: releases tell it too, but not what was changed by hand.
-
-    Comments and docstrings decide nothing, and their change must not strand the runs that go on.
-    """
-    source = hashlib.blake2b(digest_size=8)
-    for path in deciding_files():
-        source.update(decisive(path.read_bytes()).encode())
-    return source.hexdigest()
-
-
-def deciding_files() -> list[Path]:
-    """The modules of which a shake is made: all of `workers`, and what they, scenes and ensembles import of `models`.
-
-    How a scan becomes a scene decides the scene, not its shakes.
-    """
-    models = Path(toppling.models.__path__[0])
-    found: set[Path] = set()
-    left = [
-        *Path(toppling.workers.__path__[0]).rglob("*.py"),
-        models / "scene.py",
-        models / "motions/ensemble.py",
-    ]
-    while left:
-        path = left.pop()
-        if path in found or not path.is_file() or path.parent == models / "scan":
-            continue
-        found.add(path)
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
-                names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
-                left += [models.joinpath(*str(name).split(".")[2:]).with_suffix(".py") for name in names]
-    return sorted(found)
-
-
-def decisive(source: bytes) -> str:
-    """A module's syntax without comments, layout and strings that stand alone, as docstrings do.
-
-    Examples
-    --------
-    >>> decisive(b"x = 1  # why") == decisive(b"x = (1)")
-    True
-    """
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [one for one in body if not _stands_alone(one)]  # type: ignore[attr-defined]
-    return ast.dump(tree)
-
-
-def _stands_alone(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
-
-
-CODE = _code()
-"""As this process has loaded it."""
 
 
 class UnfitWorkerError(RuntimeError):
@@ -149,7 +83,7 @@ def versions(*engines: str) -> tuple[tuple[str, str], ...]:
     return (
         *packages,
         ("physics", PHYSICS_VERSION),
-        ("code", CODE),
+        ("code", code()),
         ("python", ".".join(platform.python_version_tuple()[:2])),
     )
 

@@ -48,7 +48,8 @@ if not hasattr(task, "genuine_run_job"):
 
     task.run_job = run_job
 
-task.CODE = os.environ.get(OTHER_CODE_VARIABLE, task.CODE)
+if OTHER_CODE_VARIABLE in os.environ:
+    task.code = lambda: os.environ[OTHER_CODE_VARIABLE]
 
 if STILLBORN_VARIABLE in os.environ:
     os.kill(os.getpid(), signal.SIGKILL)

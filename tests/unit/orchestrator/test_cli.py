@@ -29,6 +29,16 @@ def test_the_list_of_verbs_imports_none():
     assert all(line in " ".join(told.split()) for line in VERBS.values())
 
 
+def test_the_help_of_a_verb_imports_no_cluster():
+    program = (
+        "import sys; from toppling.orchestrator.cli import cli\n"
+        "try: cli(['scan', '--help'], prog_name='toppling')\n"
+        "finally: assert 'distributed' not in sys.modules"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert told.startswith("Usage: toppling scan")
+
+
 @pytest.mark.parametrize(
     ("statuses", "told"),
     [("crashed,ok", "'ok' is none of"), ("diverged", "crashed, timeout, failed"), ("", "'' is none of")],

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import toppling.models
-from toppling.orchestrator import task
-from toppling.orchestrator.task import deciding_files, decisive
+from toppling.orchestrator import code_identity
+from toppling.orchestrator.code_identity import code, deciding_files, decisive
 
 MODULE = b'''"""What it knows."""
 import math
@@ -56,10 +56,20 @@ def test_a_function_of_a_docstring_alone_is_read_too():
     assert decisive(b'def f():\n    """Nothing."""\n') == decisive(b'def f():\n    """Something."""\n')
 
 
-def test_the_identity_of_the_code_is_that_of_this_process_and_quickly_told():
+def test_the_identity_of_the_code_is_quickly_told():
     began = time.process_time()
-    assert task._code() == task.CODE
+    assert code.__wrapped__() == code()
     assert time.process_time() - began < 5.0
+
+
+def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(monkeypatch):
+    found = {path: path.read_bytes() for path in code_identity._SOURCES}
+    edited = next(path for path in found if path.name == "shake.py")
+    before = code.__wrapped__()
+    monkeypatch.setattr(Path, "read_bytes", lambda path: b"x = 1" if path == edited else found[path])
+    assert code.__wrapped__() == before
+    monkeypatch.setitem(code_identity._SOURCES, edited, b"x = 1")
+    assert code.__wrapped__() != before
 
 
 LOADED = """

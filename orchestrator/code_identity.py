@@ -1,0 +1,77 @@
+"""Tells versions of the code that decides answers apart: releases do, but not what was changed by hand."""
+
+import ast
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import toppling.models
+import toppling.workers
+
+_MODELS, _WORKERS = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
+
+_SOURCES = {path: path.read_bytes() for room in (_MODELS, _WORKERS) for path in room.rglob("*.py")}
+"""As this process finds them when it begins: a file that is edited later is not what it has loaded."""
+
+
+@cache
+def code() -> str:
+    """Hash of the code of all that decides an answer.
+
+    Comments and docstrings decide nothing, and their change must not strand the runs that go on.
+    """
+    found, digest = _deciding(), hashlib.blake2b(digest_size=8)
+    for path in sorted(found):
+        digest.update(_without_words(found[path]).encode())
+    return digest.hexdigest()
+
+
+def deciding_files() -> list[Path]:
+    """The modules of which a shake is made: all of `workers`, and what they, scenes and ensembles import of `models`.
+
+    How a scan becomes a scene decides the scene, not its shakes.
+    """
+    return sorted(_deciding())
+
+
+def _deciding() -> dict[Path, ast.Module]:
+    left = [path for path in _SOURCES if path.is_relative_to(_WORKERS)]
+    left += [_MODELS / "scene.py", _MODELS / "motions/ensemble.py"]
+    found: dict[Path, ast.Module] = {}
+    while left:
+        path = left.pop()
+        if path in found or path not in _SOURCES or path.parent == _MODELS / "scan":
+            continue
+        found[path] = ast.parse(_SOURCES[path])
+        for node in ast.walk(found[path]):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
+                names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
+                left += [_MODELS.joinpath(*str(name).split(".")[2:]).with_suffix(".py") for name in names]
+    return found
+
+
+def decisive(source: bytes) -> str:
+    """A module's syntax without comments, layout and strings that stand alone, as docstrings do.
+
+    Examples
+    --------
+    >>> decisive(b"x = 1  # why") == decisive(b"x = (1)")
+    True
+    """
+    return _without_words(ast.parse(source))
+
+
+def _without_words(tree: ast.Module) -> str:
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not _stands_alone(one)]  # type: ignore[attr-defined]
+    return ast.dump(tree)
+
+
+def _stands_alone(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )

@@ -52,9 +52,8 @@ def _hash() -> str:
     processor = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
     digest.update(repr(processor).encode())
     for room in COMPILED_ROOMS:
-        digest.update(bytes(room))  # Numba finds code again only for files at the same place
         for path in sorted(room.rglob("*.py")):
-            digest.update(path.read_bytes())
+            digest.update(bytes(path.relative_to(room)) + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -135,6 +134,29 @@ class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
         return False
 
 
+class _OfModule(numba.core.caching.UserWideCacheLocator):
+    """Keeps a function's code in a folder that its module names: Numba's own is named by where its source lies.
+
+    So a checkout, a wheel and an image's copy of one program compile once together.
+    """
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        super().__init__(function, file)
+        self._cache_path = str(FOLDER / function.__module__) if FOLDER else ""
+
+
+class _Implementation(numba.core.caching.CompileResultCacheImpl):
+    _locator_classes = (_OfModule,)
+
+
+class _Cache(numba.core.caching.FunctionCache):
+    _impl_class = _Implementation
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file.__class__ = _VerifiedFile
+
+
 _ENVIRONMENTS: dict[str, object] = {}
 """Of inner functions, by their variable's name: what Numba's code prints with."""
 
@@ -207,15 +229,9 @@ def compiled(function: Callable[..., Any] | None = None, *, allocates: bool = Fa
     """Decorate a function that Python calls; `allocates`: see :func:`inner`."""
     if function is None:
         return functools.partial(compiled, allocates=allocates)
-    # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
-    config = numba.core.config
-    before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
-    try:
-        dispatcher = _compile(function, cache=FOLDER is not None, _nrt=allocates)
-    finally:
-        config.CACHE_DIR = before
-    if FOLDER is not None and not config.DISABLE_JIT:
-        dispatcher._cache._cache_file.__class__ = _VerifiedFile
+    dispatcher = _compile(function, _nrt=allocates)
+    if FOLDER is not None and not numba.core.config.DISABLE_JIT:
+        dispatcher._cache = _Cache(function)
     return dispatcher
 
 

@@ -185,6 +185,24 @@ def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they
     assert "twice" in kept[0]
 
 
+def test_code_is_found_again_wherever_its_source_lies(tmp_path):
+    """A checkout and an unpacked wheel of one program compile once together."""
+    kept = []
+    for place in ("checkout", "wheel"):
+        (tmp_path / place).mkdir()
+        program = tmp_path / place / "program.py"
+        program.write_text(INNER)
+        subprocess.run(
+            [sys.executable, program],
+            env={**os.environ, "TOPPLING_CACHE": str(tmp_path / "cache")},
+            capture_output=True,
+            check=True,
+        )
+        kept.append({path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nb?")})
+    assert len(kept[0]) == 2  # the code and its index
+    assert kept[0] == kept[1]
+
+
 def test_flags_that_are_compared_quickly_are_equal_where_numbas_own_are():
     own = [Flags() for _ in range(3)]
     own[1].nrt, own[2].nrt = False, True  # the first of these as by default

@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.refits import refitted
 from toppling.results.analysis.reflected import reflected
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
 
@@ -43,14 +45,21 @@ def bootstrap(
     random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
     steep = _SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
+    drawn = np.array([
+        np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))[codes]
+        for _ in fitted_again
+    ]).reshape(-1, len(codes))  # fmt: skip
+    share, trials = groups["share"].to_numpy(float), groups["trials"].to_numpy(float)
+    quick = refitted(design, share, trials, fitted.link, fitted.coefficients, drawn)
     found = []
-    for number in range(len(fitted_again)):
+    for number, once in enumerate(quick):
         advance()
-        drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
-        again = regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
+        again: NDArray[np.float64] | None = once
+        if np.isnan(once).any():
+            again = regress(design, groups, fitted.link, drawn[number], start=fitted.coefficients)
         if again is None or is_flat(again):
             continue
-        if np.abs(again[1:]).max() > steep and groups_separable(design, groups, drawn[codes] > 0):
+        if np.abs(again[1:]).max() > steep and groups_separable(design, groups, drawn[number] > 0):
             continue
         fitted_again[number] = True
         found.append(again)

@@ -82,6 +82,7 @@ def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
             target = stem.with_name(stem.name + suffix)
             with new_file(target) as hidden:
                 figure.savefig(hidden, format=suffix[1:], metadata=metadata, bbox_inches=box)
+            figure.set_layout_engine("none")  # what has its place keeps it, and half of the drawing is saved
             written.append(target)
     return written
 

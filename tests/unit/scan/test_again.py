@@ -46,32 +46,23 @@ def bearable(scene):
     return row["median_m_s2"] / 9.81
 
 
-def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(clouds):
-    ratio = bearable(clouds / "rock")
-    later = [
-        "scan",
-        "--again",
-        str(clouds / "rock"),
-        "--out",
-        str(clouds / "later"),
-        "--pull",
-        "N50E",
-        f"{ratio}",
-    ]
-    done = CliRunner().invoke(main, later)
+@pytest.fixture(scope="module")
+def later(clouds):
+    """The scene with a pull that was said later."""
+    again = ["scan", "--again", str(clouds / "rock"), "--out", str(clouds / "later")]
+    done = CliRunner().invoke(main, [*again, "--pull", "N50E", f"{bearable(clouds / 'rock')}"])
     assert done.exit_code == 0, done.output
+    return clouds / "later"
+
+
+def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(clouds, later):
     start = ["scan", str(clouds / "cloud.xyz"), "--out", str(clouds / "start"), "--bootstrap", "0"]
-    done = CliRunner().invoke(main, [*start, "--hints", str(clouds / "later" / HINTS)])
+    done = CliRunner().invoke(main, [*start, "--hints", str(later / HINTS)])
     assert done.exit_code == 0, done.output
-    one, other = described(clouds / "later"), described(clouds / "start")
+    one, other = described(later), described(clouds / "start")
     assert one["id"] == other["id"] != described(clouds / "rock")["id"]
     assert one["report"]["unseen_base"] == other["report"]["unseen_base"]
-    assert read_hints(clouds / "later" / HINTS) == read_hints(clouds / "start" / HINTS)
-    # In place, the former scene is replaced whole.
-    done = CliRunner().invoke(main, ["scan", "--again", str(clouds / "start"), "--pull", "40", f"{ratio}"])
-    assert done.exit_code == 0, done.output
-    assert described(clouds / "start")["id"] == one["id"]
-    assert not [each.name for each in clouds.iterdir() if each.name.startswith(".")]
+    assert read_hints(later / HINTS) == read_hints(clouds / "start" / HINTS)
 
 
 def test_a_refused_hint_leaves_the_scene_as_it_was(clouds):
@@ -104,12 +95,9 @@ def test_what_was_kept_is_read_only_whole(clouds, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def other(clouds):
+def other(clouds, later):
     """Files of another scene, each whole."""
-    ratio = bearable(clouds / "rock")
-    hinted = ["--out", str(clouds / "other"), "--pull", "N50E", f"{ratio}"]
-    done = CliRunner().invoke(main, ["scan", "--again", str(clouds / "rock"), *hinted])
-    assert done.exit_code == 0, done.output
+    shutil.copytree(later, clouds / "other")
     np.savez_compressed(clouds / "other" / LABELS, label=np.zeros(9, np.int8))
     seal_archive(clouds / "other" / LABELS)
     block = Scene.block(0.2, 0.3, 0.5).save(clouds / "block")
@@ -134,12 +122,16 @@ def test_a_file_of_another_scene_is_refused_by_name(clouds, other, tmp_path, nam
     assert {each.name: each.read_bytes() for each in mixed.iterdir()} == before
 
 
-def test_hints_of_another_scan_say_nothing_of_this_one(clouds, tmp_path):
+def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replaced_whole(
+    clouds, later, tmp_path
+):
     mixed = shutil.copytree(clouds / "rock", tmp_path / "mixed")
     (mixed / HINTS).write_text('near = [1.0, 2.0]\nunits = "mm"\n')
-    done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "N50E", f"{bearable(mixed)}"])
+    done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "40", f"{bearable(mixed)}"])
     assert done.exit_code == 0, done.output
     assert set(read_hints(mixed / HINTS)) == {"pull"}
+    assert described(mixed)["id"] == described(later)["id"]
+    assert [each.name for each in tmp_path.iterdir()] == ["mixed"]  # nothing is left beside it, hidden or not
 
 
 @pytest.mark.parametrize("forged", ["no told", "vertices", "huge", "text"])

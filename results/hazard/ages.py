@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
 
@@ -219,7 +219,7 @@ def _of_words(text: str) -> NDArray[np.float64]:
         return _normal(mean, deviation, 0.0, levels)
     if "*/" in text:
         median, factor = map(float, text.split("*/"))
-        return median * np.exp(math.log(factor) * norm.ppf(levels)) if factor > 1 else np.array([math.nan])
+        return median * np.exp(math.log(factor) * ndtri(levels)) if factor > 1 else np.array([math.nan])
     if ".." in text:
         low, high = map(float, text.split(".."))
         return low + levels * (high - low) if high >= low else np.array([math.nan])
@@ -232,8 +232,10 @@ def _levels(count: int) -> NDArray[np.float64]:
 
 def _normal(mean: float, deviation: float, least: float, levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quantiles of a normal variable that is cut below."""
-    floor = norm.cdf(least, mean, deviation)
-    return norm.ppf(floor + levels * (1 - floor), mean, deviation)
+    if not deviation > 0:
+        return np.array([math.nan])
+    floor = ndtr((least - mean) / deviation)
+    return mean + deviation * ndtri(floor + levels * (1 - floor))
 
 
 def _of_file(path: Path) -> NDArray[np.float64]:

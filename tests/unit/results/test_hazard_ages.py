@@ -19,7 +19,7 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
     one = tmp_path / "one.csv"
     one.write_text("\ufeffyears,weight\n1000,2\n")
     assert set(parse_age(str(one))) == {1000.0}
-    for nonsense in ("old", "-5", "0..10x", "1+-"):
+    for nonsense in ("old", "-5", "0..10x", "1+-", "8000+-0", "8000+--300"):
         with pytest.raises(InputError, match="no age"):
             parse_age(nonsense)
 

@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup system-libraries demo study test end-to-end test-all lint format lock site gallery packages clean
+.PHONY: help setup system-libraries demo study test end-to-end test-all lint compiled format lock site gallery packages clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
 
 setup: system-libraries $(STAMP)  ## make .venv with the command toppling, from the lock file
 
+# Python compiles what is imported when it is: pip would compile all of 2 GB.
 $(STAMP): requirements.lock pyproject.toml
 	@if command -v $(PYTHON) >/dev/null; then $(PYTHON) -m venv $(VENV); \
 	elif command -v uv >/dev/null; then \
@@ -19,7 +20,7 @@ $(STAMP): requirements.lock pyproject.toml
 	else \
 		echo "make setup: $(PYTHON) not found. PyBullet has wheels for CPython 3.11 only: install it, install uv (which fetches it), or name it with 'make PYTHON=/path/to/python3.11 setup'." >&2; exit 1; \
 	fi
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
@@ -53,6 +54,9 @@ lint: setup packages  ## ruff and the type check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	MYPYPATH=build/typing:benchmarks $(BIN)/mypy build/typing benchmarks
+
+compiled: setup  ## compile the inner loop for this machine, which the first test would wait for
+	$(BIN)/python -c "from toppling.workers.shake import compile_everything; compile_everything()"
 
 format: setup  ## let ruff rewrite what it can
 	$(BIN)/ruff check --fix .

@@ -32,8 +32,9 @@ from toppling.models.hidden_base.over_surface import bases_on_surface
 from toppling.models.hidden_base.underside import Base, Underside, hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.half_samples import bias_floors
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
+from toppling.models.scan.measure import ObservedRock, toppling
 
 
 def base_unseen(

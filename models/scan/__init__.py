@@ -3,7 +3,7 @@
 from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
-    "candidates", "close", "control_points", "crevice", "doubt", "edge", "hints_file", "interface", "interface_hint",
-    "leaning_meshes", "measure", "parts", "placement", "read", "reference", "register", "segment", "sheet", "survey",
-    "view", "virtual", "worked_out",
+    "candidates", "close", "control_points", "crevice", "doubt", "edge", "half_samples", "hints_file", "interface",
+    "interface_hint", "leaning_meshes", "measure", "parts", "placement", "read", "reference", "register", "segment",
+    "sheet", "survey", "view", "virtual", "worked_out",
 ]  # fmt: skip

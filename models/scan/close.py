@@ -28,7 +28,8 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 
-_POISSON_DEPTH = 7
+POISSON_DEPTH, COARSE_DEPTH = 7, 6
+"""Levels of the octree: of a scene's rock, and of rocks that only tell how numbers spread."""
 _POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
 _SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
@@ -50,8 +51,16 @@ class ClosedRock:
     invented_share: float
 
 
-def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface: Interface) -> ClosedRock:
+def close_rock(
+    surfels: Surfels,
+    rock: NDArray[np.bool_],
+    base: Base,
+    interface: Interface,
+    depth: int = POISSON_DEPTH,
+) -> ClosedRock:
     """Close the rock with its base.
+
+    depth: levels of the octree.
 
     Raises
     ------
@@ -75,7 +84,7 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
     if base.side is not None:
         unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
-    body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]))
+    body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     if interface.sheet is None:
         room = _above(base, flat, height)
@@ -202,13 +211,13 @@ def _body_over(
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 
 
-def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64]) -> manifold3d.Manifold:
+def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64], depth: int) -> manifold3d.Manifold:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
     for scale in _POISSON_SCALES:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-                cloud, depth=_POISSON_DEPTH, scale=scale, n_threads=1
+                cloud, depth=depth, scale=scale, n_threads=1
             )
         vertices, faces = _capped(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
         body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))

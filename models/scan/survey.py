@@ -28,6 +28,7 @@ from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crev
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
+from toppling.models.scan.half_samples import uncertainty
 from toppling.models.scan.hanging import (
     beside_hanging,
     check_above,
@@ -44,7 +45,6 @@ from toppling.models.scan.measure import (
     close_standing,
     confidence,
     outside_support_m,
-    uncertainty,
 )
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud

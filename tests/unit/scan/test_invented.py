@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.measure import bias_floors, cap_share, invention_warning
+from toppling.models.scan.half_samples import adds_nothing, bias_floors, cap_share, invention_warning
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -51,6 +51,14 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
     assert partly["com_per_height"] == pytest.approx(0.2 * 0.367, abs=0.001)
 
 
+def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_floor():
+    small, large = (np.array([0.1, 0.4]), np.array([1.0, 1.0])), (np.array([0.1, 0.5]), np.array([1.0, 1.0]))
+    without_floor = (np.array(0.01), np.array(0.0))
+    assert adds_nothing({"volume": small, "height": small})
+    assert not adds_nothing({"volume": small, "height": large})
+    assert not adds_nothing({"volume": small, "height": without_floor})
+
+
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
     found = Survey(with_invented(0.41), np.zeros(0, np.int8))
@@ -74,7 +82,7 @@ def one_sided():
         120.0,
     )
     seen = virtual.scan_around(truth, 1, stations=6, resolution_per_height=0.02, clutter=False)[:3]
-    return truth, survey(virtual.cloud_of(seen, np.zeros(3))[0], bootstrap=3).scene
+    return truth, survey(virtual.cloud_of(seen, np.zeros(3))[0], bootstrap=8).scene
 
 
 @pytest.mark.slow
@@ -82,6 +90,7 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     truth, found = one_sided
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
     assert found.report["surface"]["invented_share"] > 0.4
+    assert spread["realisations"] == spread["closed"] == 4  # of 8: more would tell nothing beside the floors
     # The error is half of the volume, and half samples say a few per cent: two standard deviations must hold it.
     off = abs(rock.volume_m3 - true.volume_m3)
     assert 0.3 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]

@@ -1,0 +1,298 @@
+"""How the numbers of a closed rock spread: half samples of what was seen, and what no half sample tells."""
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.hidden_base.underside import hidden_base
+from toppling.models.rock import Rock
+from toppling.models.scan.close import COARSE_DEPTH, close_rock
+from toppling.models.scan.crevice import refitted
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import AZIMUTHS_DEG, ObservedRock, toppling
+from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scene import Scene
+
+_SECTORS = 36
+_BESIDE_BAND_PER_HEIGHT = 0.1
+"""Points this far above or below the interface are enough to fit it anew."""
+
+# What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
+# base. Errors against known rocks bound it (benchmarks/reports/scan.md): seven virtual shapes and two scans of others.
+_COM_BIAS_PER_HEIGHT = 0.001
+_VOLUME_BIAS_SHARE = 0.003
+_INERTIA_BIAS_SHARE = 0.003
+_TOPPLING_BIAS_SHARE = 0.02
+
+# What no station saw, no half sample knows either. A smooth closing can miss, or add, as much as a cap with the
+# invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume. Nineteen scans of four shapes by two to four
+# stations on one side, 25 to 72 % invented, were off by 0.03 to 1.2 of it in volume (0.63 rms), and by 0.2 to 1.6 in
+# inertia (0.84 rms).
+_INVENTED_COM_PER_HEIGHT = 0.2
+"""Shift of the centre of mass in each coordinate over height and such a cap's share; those scans: up to 0.24."""
+_LEAST_CLOSED = 3
+"""Fewer half samples give no spread."""
+_ENOUGH = 4
+"""So many half samples are enough where their spreads add next to nothing to the floors."""
+_ADDS_NOTHING = 1.0 / 3.0
+"""A spread of this share of its floor: joined they are 1.05 of it."""
+_MUCH_INVENTED = 0.15
+"""From this share of the surface on, volume and centre of mass are guesses."""
+
+
+def cap_share(surface_share: float) -> float:
+    """Share of a ball's volume in a cap with a share of its surface."""
+    return surface_share**2 * (3.0 - 2.0 * surface_share)
+
+
+def bias_floors(invented_share: float) -> dict[str, float]:
+    """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
+    cap = cap_share(invented_share)
+    return {
+        "com_per_height": float(np.hypot(_COM_BIAS_PER_HEIGHT, _INVENTED_COM_PER_HEIGHT * cap)),
+        "volume_share": float(np.hypot(_VOLUME_BIAS_SHARE, cap)),
+        "inertia_share": float(np.hypot(_INERTIA_BIAS_SHARE, cap)),
+        "toppling_share": _TOPPLING_BIAS_SHARE,
+    }
+
+
+def uncertainty(
+    observed: ObservedRock,
+    interface: Interface,
+    core: float,
+    invented_share: float,
+    realisations: int,
+    each: Callable[[], None],
+) -> dict[str, Any]:
+    """Spread of the numbers over half samples of what was seen (McCarthy 1969).
+
+    Each realisation keeps half of the points (noise and density), half of the directions around the contact for the
+    interface's fit (its choice), and draws how wide the feet are in their holes. The spread of an estimate over half
+    samples is that of the estimate itself.
+
+    Parameters
+    ----------
+    observed : ObservedRock
+    interface : Interface
+    core : float
+        Of the feet on which the rock stands.
+    invented_share : float
+        Of the rock's surface: neither seen nor closed at the interface.
+    realisations : int
+        At most; 0 for none, which gives nothing.
+    each : callable
+        Called after each.
+
+    Where those of four tell next to nothing beside the floors, no more are drawn.
+
+    Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor, measured on
+    known rocks: 0.1 % of the rock's height in each coordinate of the centre of mass, 0.3 % of volume and inertia,
+    2 % of the toppling acceleration. The floors grow with what is invented (`cap_share`): by that share of volume and
+    inertia, by a fifth of it of the height in the centre of mass, and by what this shift does to the toppling. An
+    invented top counts in the height by as much as it rises above what was seen.
+
+    Returns
+    -------
+    dict
+        Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
+        than three realisations close, and none of an interface that is given, ends below
+        the rock or carries a surface: its error nobody drew.
+    """
+    if not realisations:
+        return {}
+    closed, tried = _half_samples(observed, interface, core, invented_share, realisations, each)
+    given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
+    found: dict[str, Any] = {
+        "method": f"half samples{given}",
+        "realisations": tried,
+        "closed": len(closed),
+    }
+    if len(closed) < _LEAST_CLOSED:
+        return found
+    return found | _told(closed, _spreads(observed, invented_share, closed), invented_share)
+
+
+@dataclass(frozen=True, eq=False)
+class _HalfSample:
+    """A rock closed from half of what was seen, its interface, and what topples it by azimuth (`AZIMUTHS_DEG`)."""
+
+    rock: Rock
+    interface: Interface
+    limits_m_s2: NDArray[np.float64]
+
+    @classmethod
+    def drawn(
+        cls,
+        observed: ObservedRock,
+        interface: Interface,
+        core: float,
+        beside: "_Beside",
+        rng: np.random.Generator,
+    ) -> "_HalfSample":
+        """Close a half sample; InputError if it leaves too little."""
+        kept_plane = observed.hint is not None or not interface.is_bare
+        plane = interface if kept_plane else _half_fitted(beside, interface, rng)
+        drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
+        low, lit = plane.over(_half(observed.low_m, rng)), plane.over(_half(observed.lit_m, rng))
+        base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane)
+        kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
+        rock = close_rock(observed.surfels, kept, base, plane, COARSE_DEPTH).rock
+        return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))
+
+
+def _half_samples(
+    observed: ObservedRock,
+    interface: Interface,
+    core: float,
+    invented_share: float,
+    realisations: int,
+    each: Callable[[], None],
+) -> tuple[list[_HalfSample], int]:
+    """Half samples that closed, and how many were tried: fewer where more would tell nothing."""
+    beside = _Beside.of(observed, interface)
+    closed: list[_HalfSample] = []
+    for number in range(realisations):
+        if len(closed) >= _ENOUGH and adds_nothing(_spreads(observed, invented_share, closed)):
+            for _ in range(number, realisations):
+                each()
+            return closed, number
+        rng = np.random.default_rng([2017, number])
+        with contextlib.suppress(InputError):  # counted: a half sample may leave too little
+            closed.append(_HalfSample.drawn(observed, interface, core, beside, rng))
+        each()
+    return closed, realisations
+
+
+Spreads = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""By a number's name in the report: its standard deviation over half samples, and the floor of what they share."""
+
+
+def adds_nothing(spreads: Spreads) -> bool:
+    """Whether each number's spread over half samples, rms of its parts, is small beside its floor."""
+    return all(
+        bool(np.linalg.norm(spread) <= _ADDS_NOTHING * np.linalg.norm(floor))
+        for spread, floor in spreads.values()
+    )
+
+
+def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSample]) -> Spreads:
+    rocks, floor = [each.rock for each in closed], bias_floors(invented_share)
+    height = float(np.mean([rock.height_m for rock in rocks]))
+    volume = np.array([rock.volume_m3 for rock in rocks])
+    inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
+    radius = np.sqrt(np.diag(inertia.mean(axis=0)))
+    highest = (
+        float(observed.surfels.points_m[observed.patches, 2].max()) + observed.surfels.voxel_m
+    )  # of what was seen
+    top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
+    tipped = _tipped(closed, invented_share)
+    limits = np.array([each.limits_m_s2 for each in closed])
+    finite = np.where(np.isfinite(limits), limits, np.nan)
+    alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
+    # tan(alpha) = a / g: d alpha = sin(alpha) cos(alpha) da / a = cos(alpha)^2 da / g
+    angle = np.deg2rad(alpha.mean(axis=0))
+    return {
+        "volume_std_m3": (_std(volume), np.asarray(floor["volume_share"] * volume.mean())),
+        "com_std_m": (_std([rock.com_m for rock in rocks]), np.full(3, floor["com_per_height"] * height)),
+        "inertia_per_mass_std_m2": (_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
+        "height_std_m": (_std([rock.height_m for rock in rocks]), np.asarray(max(top - highest, 0.0))),
+        "quasi_static_toppling_m_s2": (
+            np.nanstd(finite, axis=0, ddof=1),
+            np.hypot(_TOPPLING_BIAS_SHARE * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped),
+        ),
+        "slenderness": (
+            _std(alpha),
+            np.rad2deg(
+                np.hypot(0.5 * _TOPPLING_BIAS_SHARE * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
+            ),
+        ),
+    }
+
+
+def _tipped(closed: list[_HalfSample], invented_share: float) -> float:
+    """Part of the error of a / g that comes from what is invented.
+
+    a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
+    """
+    height = float(np.mean([each.rock.height_m for each in closed]))
+    raised = [each.interface.flat(each.rock.com_m[None])[0, 2] for each in closed]
+    return _INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
+
+
+def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) -> dict[str, Any]:
+    """Standard deviations joined with their floors, as the report has them."""
+    planes = [each.interface for each in closed]
+    normals = np.array([plane.normal for plane in planes])
+    tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
+    tilt_std = float(np.sqrt((tilt**2).sum() / (len(tilt) - 1)))
+    joined = {name: np.hypot(spread, floor).tolist() for name, (spread, floor) in spreads.items()}
+    limits, angles = joined.pop("quasi_static_toppling_m_s2"), joined.pop("slenderness")
+    return {
+        "bias": bias_floors(invented_share) | {"toppling_over_gravity": _tipped(closed, invented_share)},
+        **joined,
+        **({"interface_normal_std_deg": tilt_std} if len(set(planes)) > 1 else {}),
+        "quasi_static_toppling_m_s2": [
+            {"azimuth_deg": float(a), "std": std} for a, std in zip(AZIMUTHS_DEG, limits, strict=True)
+        ],
+        "slenderness": [
+            {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": std}
+            for a, std in zip(AZIMUTHS_DEG, angles, strict=True)
+        ],
+    }
+
+
+def invention_warning(scene: Scene) -> str | None:
+    """Say that much of the rock was not seen, if so, and what follows; nothing for a rock that was seen."""
+    share = scene.report.get("surface", {}).get("invented_share", 0.0)
+    if share <= _MUCH_INVENTED:
+        return None
+    return (
+        f"warning: {share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and "
+        f"inertia are guesses, the volume by about ±{cap_share(share):.0%}: scan the rock from the other sides"
+    )
+
+
+def _half(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    return points[rng.random(len(points)) < 0.5]
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Points on both sides of the interface, from which it is fitted, and the direction in which each lies."""
+
+    points_m: NDArray[np.float64]
+    label: NDArray[np.int8]
+    sector: NDArray[np.int64]
+    height_m: float
+
+    @classmethod
+    def of(cls, observed: ObservedRock, interface: Interface) -> "_Beside":
+        band = _BESIDE_BAND_PER_HEIGHT * observed.height_m
+        flat_rock, flat_pedestal = interface.flat(observed.rock_m), interface.flat(observed.pedestal_m)
+        rock, pedestal = np.abs(flat_rock[:, 2]) < band, np.abs(flat_pedestal[:, 2]) < band
+        low = flat_rock[rock, :2]
+        centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
+        offset = np.concatenate([low, flat_pedestal[pedestal, :2]]) - centre
+        turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+        return cls(
+            np.concatenate([observed.rock_m[rock], observed.pedestal_m[pedestal]]),
+            np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
+            np.floor(turn * _SECTORS).astype(int) % _SECTORS,
+            observed.height_m,
+        )
+
+
+def _half_fitted(beside: _Beside, interface: Interface, rng: np.random.Generator) -> Interface:
+    """Interface through the pedestal in half of the directions around the contact."""
+    kept = np.isin(beside.sector, rng.choice(_SECTORS, _SECTORS // 2, replace=False)) | (beside.label == ROCK)
+    return refitted(beside.points_m[kept], beside.label[kept], interface, beside.height_m)
+
+
+def _std(values: Any) -> NDArray[np.float64]:
+    return np.std(np.asarray(values, float), axis=0, ddof=1)

@@ -1,4 +1,4 @@
-"""What no cloud of a rock has: too few points, degrees, single precision far from zero, beams without a return."""
+"""What no cloud of a rock has: too few points, degrees, coordinates in single precision or about the Earth's centre."""
 
 from pathlib import Path
 
@@ -15,6 +15,13 @@ _COARSEST_STEP_M = 0.01
 """Coordinates stored in steps wider than this have lost the crevice."""
 _DEGREES_PER_HEIGHT = 1e-3
 """Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
+
+_EARTH_AXES_M = np.array([6378137.0, 6378137.0, 6356752.3])
+"""Half axes of the ellipsoid WGS 84."""
+_FROM_ELLIPSOID_M = 12_000.0
+"""Dry land lies nearer to it."""
+_NO_HEIGHT_M = 9_000.0
+"""No height of a survey is larger: z is none."""
 
 
 def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
@@ -76,3 +83,30 @@ def check_returns(points: NDArray[np.float64], path: Path) -> None:
             expected="points that a beam came back from",
             remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
         )
+
+
+def is_geocentric(points_m: NDArray[np.float64]) -> bool:
+    """Whether points (n, 3), metres, lie on the Earth about its centre: z points to the pole, and is no height."""
+    place = _middle(points_m)
+    from_ellipsoid_m = (np.linalg.norm(place / _EARTH_AXES_M) - 1.0) * _EARTH_AXES_M[0]
+    return bool(abs(place[2]) > _NO_HEIGHT_M and abs(from_ellipsoid_m) < _FROM_ELLIPSOID_M)
+
+
+def _middle(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median place of some of the points: all of twenty million would take a second."""
+    return np.nanmedian(points_m[:: max(1, len(points_m) // 10_000)], axis=0)
+
+
+def check_axes(points_m: NDArray[np.float64], path: Path) -> None:
+    """Refuse points (n, 3), metres, about the Earth's centre: raises InputError with the way upward."""
+    if not is_geocentric(points_m):
+        return
+    up = _middle(points_m) / _EARTH_AXES_M**2
+    way = ",".join(f"{each:.6f}" for each in up / np.linalg.norm(up))
+    raise InputError(
+        "coordinates are about the Earth's centre (geocentric, as EPSG:4978): z points to the pole, not upward",
+        where=str(path),
+        expected="x east, y north and z up",
+        remedy="export in a projected coordinate system, such as UTM, with heights; or give "
+        f"--up={way}, the way upward there: x and y of the scene are then level, but not east and north",
+    )

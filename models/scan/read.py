@@ -25,7 +25,7 @@ from toppling.models.scan.meshes import (
     remarks_of,
 )
 from toppling.models.scan.placement import Placement
-from toppling.models.scan.plausible import check_points, check_returns
+from toppling.models.scan.plausible import check_axes, check_points, check_returns
 from toppling.models.scan.reference import Reference, names_a_system
 from toppling.models.scan.steps import coordinate_steps
 from toppling.models.scan.text import read_text
@@ -243,6 +243,8 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64
         points *= (scale[0], scale[0], scale[1])
     check_returns(points, path)
     placement = said.placement
+    if not placement.says_up:
+        check_axes(points, path)
     points = placement.apply(points) if placement.by else points
     notes = [f"{left_out} points are not finite and were left out"] if left_out else []
     notes += [each for each in (read.note, note, placement.by and f"placed by {placement.by}") if each]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.scan.header import named_columns
+from toppling.models.scan.plausible import is_geocentric
 
 _EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
@@ -74,7 +75,6 @@ class Text:
 
     points: NDArray[np.float64]
     remarks: tuple[str, ...]
-    says_metres: bool
     note: str = ""
 
 
@@ -89,7 +89,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
         head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
     if skip is None:
-        return Text(np.empty((0, 3)), (), False)
+        return Text(np.empty((0, 3)), ())
     with path.open(encoding=encoding, errors="replace") as lines:
         layout = _settled([*islice(lines, skip, skip + _LOOKED_AT)], path)
     titles = list(filter(_no_count, head[:skip]))
@@ -113,7 +113,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
     note = (
         "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
     )
-    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), named is not None, note)
+    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), note)
 
 
 def _rows(path: Path, encoding: str, skip: int, layout: Layout, counts: list[int]) -> Iterator[str]:
@@ -282,7 +282,7 @@ def _is_number(word: str) -> bool:
 
 def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
     """Refuse what looks like northing before easting: the scene would be mirrored."""
-    if not len(points):
+    if not len(points) or is_geocentric(points):
         return
     x, y = np.abs(np.nanmedian(points[:, :2], axis=0))
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:

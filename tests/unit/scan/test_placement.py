@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.errors import InputError
 from toppling.models.scan.control_points import fit_control_points, similarity
 from toppling.models.scan.placement import AXES, placement_of, upward
+from toppling.models.scan.read import read_clouds
 
 TURN = Rotation.from_euler("zyx", [40.0, -70.0, 15.0], degrees=True).as_matrix()
 SCALE, SHIFT_M = 0.0123, np.array([331000.0, 3777000.0, 480.0])
@@ -164,3 +165,35 @@ def test_surveyed_coordinates_in_feet_become_metres(tmp_path):
     path = written(tmp_path / "gcp.csv", SURVEYED_M / 0.3048)
     placed = placement_of(gcp=path, metres_per_unit=(0.3048, 0.3048))
     np.testing.assert_allclose(placed.apply(MODEL), SURVEYED_M, atol=2e-6)
+
+
+def geocentric_m(points_m, latitude_deg, longitude_deg, height_m):
+    """Points, east, north and up of a place on WGS 84, in axes of the Earth's centre."""
+    latitude, longitude = np.deg2rad([latitude_deg, longitude_deg])
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    up = np.array(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+    )
+    half_axes_m = np.array([6378137.0, 6378137.0, 6356752.3142])
+    place = half_axes_m**2 * up / np.linalg.norm(half_axes_m * up) + height_m * up
+    return points_m @ np.array([east, np.cross(up, east), up]) + place
+
+
+@pytest.mark.parametrize("place", [(34.1, -117.3, 900.0), (-45.0, 170.0, 0.0), (78.2, 15.6, -30.0)])
+def test_geocentric_axes_are_named_with_the_way_upward_that_places_them(tmp_path, place):
+    points = np.random.default_rng(45).uniform(-2.0, 2.0, (2000, 3))
+    path = tmp_path / "geocentric.xyz"
+    np.savetxt(path, geocentric_m(points, *place), fmt="%.4f")
+    with pytest.raises(InputError, match="Earth's centre") as refused:
+        read_clouds([path])
+    way = str(refused.value).split("--up=")[1].split(", the way")[0]
+    height_m = read_clouds([path], placement=placement_of(up=way)).points_m[:, 2]
+    assert height_m - height_m.mean() == pytest.approx(points[:, 2] - points[:, 2].mean(), abs=1e-3)
+
+
+def test_a_grid_whose_northing_is_as_long_as_the_earths_radius_is_not_geocentric(tmp_path):
+    points = np.random.default_rng(45).uniform(-2.0, 2.0, (2000, 3))
+    points += np.array([500_000.0, 6_358_000.0, 120.0])
+    path = tmp_path / "utm.xyz"
+    np.savetxt(path, points, fmt="%.4f")
+    assert read_clouds([path]).bounds_m[0] == pytest.approx(points.min(axis=0), abs=1e-3)

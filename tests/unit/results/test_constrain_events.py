@@ -33,18 +33,26 @@ def told_by(*arguments):
 
 @pytest.fixture
 def rocks(tmp_path):
+    return two_rocks(tmp_path)
+
+
+def two_rocks(folder):
     names = ("first", "second")
     medians = (PGA.median, 0.8 * PGA.median)
     return [
-        write_curves(tmp_path / f"{name}.json", [Lognormal("pga_m_s2", median, 0.3)])
+        write_curves(folder / f"{name}.json", [Lognormal("pga_m_s2", median, 0.3)])
         for name, median in zip(names, medians, strict=True)
     ]
 
 
 @pytest.fixture
 def events(tmp_path):
+    return two_branches(tmp_path)
+
+
+def two_branches(place):
     """Two branches of 100 years at two sites: the second branch's motions are twice the first's."""
-    folder = tmp_path / "calculation"
+    folder = place / "calculation"
     folder.mkdir()
     random = np.random.default_rng(0)
     fields, catalogue = ["event_id,gmv_PGA,custom_site_id"], ["event_id,rup_id,rlz_id,year,ses_id"]
@@ -66,10 +74,17 @@ def events(tmp_path):
     return folder
 
 
-def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(rocks, events, tmp_path):
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def at_two_sites(tmp_path_factory):
+    """What is said of two rocks at two sites, and the folder that it is written to."""
+    folder = tmp_path_factory.mktemp("sites")
     sites = ["--site", "1.0", "2.0", "--site", "1.2", "2.0"]
-    told = told_by(*rocks, "--hazard", events, *sites, "--age", "300", "--out", out)
+    asked = ["--hazard", two_branches(folder), *sites, "--age", "300"]
+    return told_by(*two_rocks(folder), *asked, "--out", folder / "out"), folder / "out"
+
+
+def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
+    told, out = at_two_sites
     assert [rock["site"] for rock in told["rocks"]] == ["aa", "bb"]
     first, second = told["branches"]
     assert (first["name"], second["name"]) == ("A~weak", "A~strong")
@@ -95,10 +110,8 @@ def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(rocks, events, tm
     }  # fmt: skip
 
 
-def test_the_page_of_an_event_set_begins_with_the_answer_at_each_site(rocks, events, tmp_path):
-    out = tmp_path / "out"
-    sites = ["--site", "1.0", "2.0", "--site", "1.2", "2.0"]
-    told = told_by(*rocks, "--hazard", events, *sites, "--age", "300", "--out", out)
+def test_the_page_of_an_event_set_begins_with_the_answer_at_each_site(at_two_sites):
+    told, out = at_two_sites
     page = (out / "constraint.html").read_text(encoding="utf-8")
     head = page[page.index("<h1>") : page.index("<nav>")]
     for site in ("aa", "bb"):
@@ -296,8 +309,8 @@ def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
     path = write_curves(
         rocks[0].parent / "part.csv", [replace(PGA, basis=Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602))]
     )
-    asked = ["--hazard", events, "--site", "aa", "--age", "300", "--out", path.parent / "out"]
-    (warning,) = told_by(path, *asked)["warnings"]
+    asked = ["--hazard", events, "--site", "aa", "--age", "300"]
+    (warning,) = told_by(path, *asked, "--out", path.parent / "out")["warnings"]
     assert "2,718 of 4,320 jobs have not run" in warning
     assert "2,718 of 4,320 jobs have not run" in (path.parent / "out" / "constraint.html").read_text(
         encoding="utf-8"

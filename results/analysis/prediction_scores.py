@@ -15,7 +15,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
-from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
 from sklearn.model_selection import LeaveOneGroupOut
 
 from toppling.models.arrays import Array
@@ -57,20 +56,20 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
         and confusion, a dict of counts.
     """
     called = probability >= _CALLED_FROM
-    (stood_right, stood_wrong), (fell_wrong, fell_right) = confusion_matrix(
-        overturned, called, labels=[False, True]
-    )
+    fell_right, fell_wrong = (overturned & called).sum(), (overturned & ~called).sum()
+    stood_wrong, stood_right = (~overturned & called).sum(), (~overturned & ~called).sum()
+    unsure = _unsure(probability)
     fell, stood = fell_right + fell_wrong, stood_right + stood_wrong
     recall = fell_right / fell if fell else np.nan
     specificity = stood_right / stood if stood else np.nan
     return {
         "n": len(overturned),
-        "accuracy": _number(accuracy_score(overturned, called)),
+        "accuracy": _number((overturned == called).mean()),
         "balanced_accuracy": _number(0.5 * (recall + specificity)),
         "recall": _number(recall),
         "specificity": _number(specificity),
-        "brier": _number(brier_score_loss(overturned, probability)),
-        "log_loss": _number(log_loss(overturned, _unsure(probability), labels=[False, True])),
+        "brier": _number(((probability - overturned) ** 2).mean()),
+        "log_loss": _number(-np.log(np.where(overturned, unsure, 1.0 - unsure)).mean()),
         "calibration_slope": _number(_calibration_slope(overturned, probability)),
         "confusion": {
             "overturned_called_overturned": int(fell_right),

@@ -50,6 +50,8 @@ with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the dir
 _TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
 """Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
 rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
+_TWO_STANDS = 0.1
+"""Of the rock's height: a smaller part that comes down so far stands there itself, and may be what is meant."""
 _BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
 _IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
@@ -228,7 +230,8 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
         f"rest, along {joint.creased_share:.0%} of the way around: it may be two blocks that touch, one leaning on the "
         "other; volume and weight are then those of both"
     )
-    if joint.creased_share >= _TWO_REFUSED and joint.part >= _TWO_PART and not separated:
+    both = joint.part >= _TWO_PART or joint.lowest_m < _TWO_STANDS * observed.height_m
+    if joint.creased_share >= _TWO_REFUSED and both and not separated:
         raise InputError(
             what,
             where="the rock",

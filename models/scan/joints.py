@@ -28,6 +28,7 @@ class Joint:
 
     creased_share: float  # of the cut: 1 where a crease goes all around
     part: float  # share of the patches in the smaller part
+    lowest_m: float  # of the smaller part over the interface
     way: Array  # (2,): toward its middle from that of the other, along the interface's u and v
 
 
@@ -35,7 +36,8 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
     """The cut between two sides of a rock that runs through creases most; None where nothing comes apart."""
     patches = _coarser(observed)
     edges = neighbourhood(patches.points_m, patches.voxel_m)
-    flat = interface.flat(patches.points_m)[:, :2]
+    over = interface.flat(patches.points_m)
+    flat = over[:, :2]
     found = None
     for way in horizontal_unit_vector(np.array(_WAYS_DEG))[:, :2]:
         along = flat @ way
@@ -49,7 +51,9 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
             if found is None or share > found.creased_share:
                 smaller = part if size < 0.5 else ~part
                 middles = [flat[each].mean(axis=0) for each in (smaller, ~smaller)]
-                found = Joint(share, min(size, 1.0 - size), middles[0] - middles[1])
+                found = Joint(
+                    share, min(size, 1.0 - size), float(over[smaller, 2].min()), middles[0] - middles[1]
+                )
     return found
 
 

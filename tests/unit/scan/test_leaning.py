@@ -1,13 +1,17 @@
 """A rock that leans is refused by that name, where it is held and what to do; one that stands beside a wall is not."""
 
+import contextlib
+
 import numpy as np
 import pytest
+import test_freedom as patches
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.leaning import leaning, leans, upright_split
 from toppling.models.scan.segment import PEDESTAL
 from toppling.models.scan.surfels import Surfels
@@ -92,6 +96,18 @@ def test_a_block_past_its_balance_on_a_wall_leans_toward_it_by_what_its_weight_h
 @pytest.mark.parametrize(("lean_deg", "gap_m"), [(0.0, 0.05), (0.0, 0.0), (10.0, 0.0), (25.0, 0.06)])
 def test_a_block_that_its_foot_carries_or_that_nothing_touches_does_not_lean(lean_deg, gap_m):
     assert not list(leaning(beside_a_wall(lean_deg, OF_WALL_M, gap_m)))
+
+
+@pytest.mark.parametrize(("lowest_m", "stands"), [(0.0, True), (0.3, False)])
+def test_a_slim_block_beside_a_boulder_is_refused_where_it_stands_itself(lowest_m, stands):
+    slim = patches.box((0.38, -0.06, lowest_m), (0.5, 0.06, 0.8 + lowest_m))
+    both = patches.together(patches.ball_at((0.0, 0.0, 0.4)), slim)
+    observed = patches.seen_of(both, patches.ground(0.62))
+    joint = weakest_joint(observed, patches.LEVEL)
+    assert joint.creased_share > 0.82
+    assert joint.part < 0.2
+    with pytest.raises(InputError, match="two blocks that touch") if stands else contextlib.nullcontext():
+        patches.doubted(observed)
 
 
 def scanned_m(lean_deg, holder, gap_m=0.0):

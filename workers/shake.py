@@ -12,6 +12,7 @@ import trimesh
 
 from toppling.models.compiled import ROLLING, SURFACE
 from toppling.models.errors import InputError
+from toppling.models.ground.curved import tipped_over_m
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
@@ -142,7 +143,7 @@ def compile_everything() -> None:
 
 def _compile_surfaces() -> None:
     """As :func:`compile_once`, for shakes on surfaces."""
-    ensure_compiled(lambda: _small_shake(_block_in_groove()), SURFACE)
+    ensure_compiled(_use_surfaces, SURFACE)
 
 
 def _compile_rolling() -> None:
@@ -154,6 +155,14 @@ def _egg() -> Scene:
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.3)
     lower = np.where(ball.vertices[:, 2:] > 0.0, 1.0, 0.6)
     return Scene.from_mesh((np.hstack([ball.vertices[:, :2], lower * ball.vertices[:, 2:]]), ball.faces))
+
+
+def _use_surfaces() -> None:
+    scene = _block_in_groove()
+    _small_shake(scene)
+    body = scene.grounded
+    along, _, up = body.scene_from_support
+    tipped_over_m(body.curved, body.resting_pose, up, along, 1.0, 1.0, 1.0)  # no dome, but compiled
 
 
 def _block_in_groove() -> Scene:

@@ -14,6 +14,8 @@ from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
 from toppling.models.ground.creeping import largest_held_m_s2, settle
+from toppling.models.ground.curved import NO_CURVED, CurvedGround, untouched
+from toppling.models.ground.dome import curved_ground
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
 from toppling.models.ground.pairs import Pairs, no_pairs
@@ -83,14 +85,15 @@ class GroundedBody:
         return float(np.linalg.norm(self.rock.vertices_m, axis=1).max())
 
     @cached_property
-    def _room(self) -> tuple[Pairs, np.ndarray]:
-        return no_pairs(PAIRS), np.zeros(MOST, CONTACT)
+    def _room(self) -> Pairs:
+        return no_pairs(PAIRS)
 
-    def contacts(self, pose: Array, margin_m: float, leaning: float = LEANING) -> np.ndarray:
-        """Contacts (records of CONTACT) in a pose (7,); margin and leaning as of :func:`contacts_in`."""
-        pairs, out = self._room
-        count = contacts_at(self.rock, self.ground, np.ascontiguousarray(pose), margin_m, leaning, pairs, out)
-        return out[:count].copy()
+    def contacts(
+        self, pose: Array, margin_m: float, leaning: float = LEANING, most: int = MOST
+    ) -> np.ndarray:
+        """Contacts (records of CONTACT) in a pose (7,), the nearest; margin and leaning as of :func:`contacts_in`."""
+        room, out = (self.rock, self.ground, np.ascontiguousarray(pose)), np.empty(most, CONTACT)
+        return out[: contacts_at(*room, margin_m, leaning, self._room, out)]
 
     def wrenches(self, pose: Array) -> Array:
         """What the contacts that may carry in a pose can give, as :func:`equilibrium.wrenches`."""
@@ -106,12 +109,29 @@ class GroundedBody:
         """Whether its contacts can hold the rock in a pose."""
         return bool(are_held(self.wrenches(pose), self.load_m_s2()[None], self.size_m)[0])
 
-    def clockless(self, pose: Array, step_s: float) -> Grounded:
+    @property
+    def curved(self) -> CurvedGround:
+        """The smooth dome on which a flat base rolls, with nothing looked up yet: answers depend on no other shake."""
+        return untouched(self._dome)
+
+    @property
+    def rolls_on_dome(self) -> bool:
+        """Whether the ground is a smooth dome below a flat base."""
+        return len(self._dome.coefficients) > 0
+
+    @cached_property
+    def _dome(self) -> CurvedGround:
+        pose = self.resting_pose
+        placed = pose[:3], Rotation.from_quat(pose[3:]).as_matrix()
+        return curved_ground(self.rock, self.ground, placed, self.size_m)
+
+    def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, NO_ROLLING, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
-            np.zeros(6, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
-            self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
+            self.rock, self.ground, NO_ROLLING, curved, no_pairs(PAIRS), np.zeros(MOST, CONTACT),
+            np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m, self.farthest_m,
+            (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
+            np.array([pose]), np.zeros((1, 6)),
             work_room(),
         )  # fmt: skip
 
@@ -194,7 +214,7 @@ class GroundedBody:
         step_s = _QUASI_STATIC_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         # Once off the wall, a rock that leaned gathers speed: that it would stand upright as well is no answer.
         followed_m = 0.0 if self.leans else _FOLLOWED_SHARE * self.size_m
-        sim = self.clockless(self.resting_pose, step_s)
+        sim = self.clockless(self.resting_pose, step_s, self.curved)
         return largest_held_m_s2(sim, push, 30.0 * self.gravity_m_s2, followed_m)
 
     @classmethod

@@ -13,6 +13,9 @@ from toppling.models.ground.body import FOUND_WITHIN, GroundedBody
 _LOOKED_AT_SHARE = 0.03
 """Of the rock's height: what is nearer to a rock at rest it touches when it tilts a little."""
 
+_MOST_LOOKED_AT = 1 << 14
+"""Contacts: below a flat base on a fine mesh the nearest few hundred all lie in one plane."""
+
 FLAT_SHARE = 0.01
 """Of the rock's height: contacts so near the interface plane lie in it."""
 
@@ -59,8 +62,10 @@ def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
     height_m : float
         Of the rock.
     """
+    if body.rolls_on_dome:
+        return GroundKind(False, "its flat base rolls on a smooth dome")
     pose = body.touching(body.pose)
-    near = body.contacts(pose, _LOOKED_AT_SHARE * height_m, leaning=1.0)
+    near = body.contacts(pose, _LOOKED_AT_SHARE * height_m, leaning=1.0, most=_MOST_LOOKED_AT)
     off_deg = np.degrees(np.arccos(np.clip(near["normal"][:, 2], -1.0, 1.0)))
     off_m = np.abs(near["place_m"][:, 2])
     if off_m.max(initial=0.0) > FLAT_SHARE * height_m:

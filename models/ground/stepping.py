@@ -17,6 +17,7 @@ from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.models.ground.carrying import SolverRoom, Touching, solver_room
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
+from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import REACH, Pairs, moved_m, refresh
@@ -75,10 +76,12 @@ class Grounded(NamedTuple):
     rock: ContactMesh  # body axes
     ground: ContactMesh
     rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
+    curved: CurvedGround  # below a flat base
     pairs: Pairs
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
-    counts: Indices  # contacts; poses after the first; steps; substeps; sweeps; steps of an engine
+    # (7,): contacts; poses after the first; steps; substeps; sweeps; steps of an engine; those taken at once beyond one
+    counts: Indices
     inertia_m2: Array
     size_m: float
     farthest_m: float  # from the centre of mass
@@ -89,6 +92,7 @@ class Grounded(NamedTuple):
     excitation: Array  # (samples, 6) of :func:`excitation.excitation`
     sample_s: float
     step_s: float
+    at_once: int  # steps, at most: those of a rock that does nothing but roll
     time_s: Array
     pose: Array
     velocity: Array
@@ -97,11 +101,11 @@ class Grounded(NamedTuple):
 
 @inner
 def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
-    """Move by one step, which is cut at its impacts."""
-    gone = 0.0
+    """Move by as many steps as are taken at once, cut at impacts."""
+    gone, step_s = 0.0, _step_s(sim)
     for impact in range(_MOST_IMPACTS + 1):
-        left = sim.step_s - gone
-        if left <= 1e-9 * sim.step_s:
+        left = step_s - gone
+        if left <= 1e-9 * step_s:
             return
         cut = np.inf
         for early in _CUT_TOO_EARLY:
@@ -117,6 +121,12 @@ def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
         sim.counts[3] += 1
         if cut < np.inf:
             _impact(sim, pose, velocity)
+
+
+@inner
+def _step_s(sim: Grounded) -> float:
+    """Time of the steps that are taken at once."""
+    return (1 + sim.counts[6]) * sim.step_s
 
 
 @inner
@@ -159,7 +169,7 @@ def advance(
             rate = _rate(one, free)
             at_end = one.gap_m + 0.5 * step_s * rate
             if at_end < 0.0 and -rate > sim.resolved_m_s:
-                soon = max(step_s + at_end / -rate, 1e-6 * sim.step_s)
+                soon = max(step_s + at_end / -rate, 1e-6 * _step_s(sim))
                 if soon < closes:
                     closes, lands = soon, i
         if closes < (1.0 - early) * step_s:
@@ -222,7 +232,7 @@ def _warm(sim: Grounded, count: int, step_s: float) -> None:
         one = sim.trial[i]
         for k in range(sim.counts[0]):
             if sim.contacts[k].key == one.key:
-                share = step_s / sim.step_s
+                share = step_s / _step_s(sim)
                 for axis in range(3):
                     one.impulse[axis] = share * sim.contacts[k].impulse[axis]
 
@@ -247,7 +257,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 @inner
 def _touching(sim: Grounded, count: int, velocity: Array) -> Touching:
     """The first contacts, and the velocity that they are to change."""
-    enough_m_s = _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
+    enough_m_s = _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * _step_s(sim)
     return Touching(sim.trial, count, sim.friction, sim.work.inverse, velocity, enough_m_s, sim.work.solver)
 
 
@@ -298,6 +308,10 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
     if len(sim.rolling.corners) > 0:
         return rolling_contacts(sim.rolling, pose, margin, sim.pairs.turn, sim.trial)
+    if len(sim.curved.coefficients) > 0:
+        count = curved_contacts(sim.curved, pose, margin, sim.pairs.turn, sim.trial)
+        if count >= 0:
+            return count
     _look(sim, pose, margin)
     return contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
 

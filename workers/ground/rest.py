@@ -12,6 +12,7 @@ from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.creeping import settle
+from toppling.models.ground.curved import tipped_over_m
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.kept import kept
 from toppling.workers import quaternion as quat
@@ -22,8 +23,14 @@ TOUCHING_SHARE = 1e-3
 _SURE_SHARE = 0.9
 """Of friction: with as much a rock is held that certainly rests."""
 
+_MANY_CONTACTS = 24
+"""With more, as on a finely meshed dome, a programme over all costs more than the steps."""
+
 _SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
 """In which a rock that is let down from its present pose must come to stand."""
+
+_SETTLING_STEP, _ROLLING_STEP = 0.05, 0.3
+"""Over sqrt(R / g), of a rock that is let down: one that rolls on a smooth dome comes to rest where it has no slope."""
 
 _UNMOVED_SHARE = 0.02
 """Of R: way of a rock that has hardly moved."""
@@ -39,12 +46,21 @@ def holds(body: GroundedBody, pose: Array, loads_m_s2: Array) -> bool:
     """
     if (loads_m_s2[:, 2] >= 0.0).any():
         return False
-    near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
+    near = _outermost_contacts(body.contacts(pose, TOUCHING_SHARE * body.size_m))
     columns = wrenches(near["arm_m"], near["normal"], _SURE_SHARE * body.friction[0])
     leaning = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) / -loads_m_s2[:, 2]
     if not are_held(columns, loads_m_s2[leaning.argmax()][None], body.size_m).all():
         return False
     return bool(are_held(columns, _outermost(loads_m_s2), body.size_m).all())
+
+
+def _outermost_contacts(near: np.ndarray) -> np.ndarray:
+    """Of many contacts the outermost in some directions: what these hold, all hold."""
+    if len(near) <= _MANY_CONTACTS:
+        return near
+    angle = 2.0 * np.pi * np.arange(_MANY_CONTACTS) / _MANY_CONTACTS
+    ways = np.column_stack([np.cos(angle), np.sin(angle)])
+    return near[np.unique((ways @ near["place_m"][:, :2].T).argmax(axis=1))]
 
 
 def _outermost(loads_m_s2: Array) -> Array:
@@ -60,7 +76,8 @@ def _outermost(loads_m_s2: Array) -> Array:
 
 def let_down(body: GroundedBody, pose: Array) -> Array | None:
     """The pose in which a rock comes to stand from another one without gathering speed; None if it does not soon."""
-    sim = body.clockless(pose, 0.05 * math.sqrt(body.size_m / body.gravity_m_s2))
+    step = _ROLLING_STEP if body.rolls_on_dome else _SETTLING_STEP
+    sim = body.clockless(pose, step * math.sqrt(body.size_m / body.gravity_m_s2), body.curved)
     load = body.load_m_s2()
     for _ in range(_SETTLING_ROUNDS):
         if holds(body, sim.pose[0], load[None]):
@@ -108,6 +125,9 @@ def _least_j_kg(body: GroundedBody, rest: Array) -> float:
 def _highest_m(body: GroundedBody, rest: Array, outward: Array) -> float:
     """Greatest height of the centre of mass of a rock tipped in a direction until it sinks; infinite if it does not."""
     up = body.scene_from_support[2]
+    if body.rolls_on_dome:
+        turn_rad, most_rad = math.radians(_TILT_STEP_DEG), math.radians(_FARTHEST_DEG)
+        return tipped_over_m(body.curved, rest, up, outward, turn_rad, most_rad, TOUCHING_SHARE * body.size_m)
     turn = Rotation.from_rotvec(math.radians(_TILT_STEP_DEG) * np.cross(up, outward))
     pose, highest = rest, float(rest[:3] @ up)
     for _ in range(int(_FARTHEST_DEG / _TILT_STEP_DEG)):

@@ -8,19 +8,18 @@ import numpy as np
 
 from toppling.models.compiled import Array, compiled
 from toppling.models.ground.contacts import CONTACT, MOST
+from toppling.models.ground.curved import NO_CURVED
 from toppling.models.ground.mesh import NO_MESH
 from toppling.models.ground.pairs import no_pairs
 from toppling.models.ground.rolling import rolling_surface
 from toppling.models.ground.stepping import Grounded, step, work_room
 from toppling.workers import quaternion as quat
+from toppling.workers.ground.stepping import steps_at_once
 from toppling.workers.history import ROOM, StateHistory
 from toppling.workers.observation import Watch, calls_for_look
 from toppling.workers.problem import Problem
 from toppling.workers.simulation import Simulation, append, copy
 from toppling.workers.termination import unwatched
-
-_LONG_STEPS = 4
-"""Steps that a rock which does nothing but roll takes at once: its swings last hundreds of them."""
 
 
 class RollingIntegrator:
@@ -37,11 +36,12 @@ class RollingIntegrator:
         self._rock = Grounded(
             rock=NO_MESH,
             ground=NO_MESH,
+            curved=NO_CURVED,
             rolling=rolling_surface(patches, problem.scene.rock.com_m, scene_from_body),
             pairs=no_pairs(1),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
-            counts=np.zeros(6, np.int64),
+            counts=np.zeros(7, np.int64),
             inertia_m2=contact.principal_inertia_m2,
             size_m=contact.half_diagonal_m,
             farthest_m=float(np.linalg.norm(patches.vertices_m - problem.scene.rock.com_m, axis=1).max()),
@@ -52,6 +52,7 @@ class RollingIntegrator:
             excitation=sim.ground,
             sample_s=problem.motion.time_step_s,
             step_s=problem.time_step_s,
+            at_once=steps_at_once(problem),
             time_s=np.zeros(0),
             pose=np.zeros((0, 7)),
             velocity=np.zeros((0, 6)),
@@ -62,9 +63,7 @@ class RollingIntegrator:
         """Go on by this many steps, and again until a look is called for; the pose in which the last of them began."""
         history, watch = self.history, watch or unwatched(self._problem)
         history.sim.state["since"], history.sim.state["goal"] = history.last, history.grid + steps
-        times = max(min(_LONG_STEPS, int(self._problem.options.longest_step_s / self._rock.step_s)), 1)
-        longer = self._rock._replace(step_s=times * self._rock.step_s)
-        while not roll(history.sim, self._rock, longer, watch, steps):
+        while not roll(history.sim, self._rock, watch, steps):
             history.make_room()
         return int(history.sim.state["since"][0])
 
@@ -80,13 +79,9 @@ def rolled_back(seat: Array, pose: Array) -> Array:
 
 
 @compiled
-def roll(sim: Simulation, rock: Grounded, longer: Grounded, watch: Watch, steps: int) -> bool:
-    """Go on to the goal, and by so many steps again until a look is called for; false where arrays are full.
-
-    The rock is given twice, the second time with a step that it takes while it only rolls.
-    """
+def roll(sim: Simulation, rock: Grounded, watch: Watch, steps: int) -> bool:
+    """Go on to the goal, and by so many steps again until a look is called for; false where arrays are full."""
     state, step_s = sim.state[0], sim.fixed[0].step_s
-    times = int(longer.step_s / step_s + 0.5)
     while True:
         while state.grid < state.goal:
             if state.last + ROOM > len(sim.time_s):
@@ -96,16 +91,10 @@ def roll(sim: Simulation, rock: Grounded, longer: Grounded, watch: Watch, steps:
             new = append(sim, step_s, step_s)
             copy(sim.pose[last], sim.pose[new])
             copy(sim.velocity[last], sim.velocity[new])
-            begin_s = state.grid * step_s
-            if only_rolls:
-                step(longer, begin_s, sim.pose[new], sim.velocity[new])
-            else:
-                step(rock, begin_s, sim.pose[new], sim.velocity[new])
-            state.grid, state.rests, state.steps = (
-                state.grid + (times if only_rolls else 1),
-                0,
-                rock.counts[3],
-            )
+            times = rock.at_once if only_rolls else 1
+            rock.counts[6] = times - 1
+            step(rock, state.grid * step_s, sim.pose[new], sim.velocity[new])
+            state.grid, state.rests, state.steps = state.grid + times, 0, rock.counts[3]
             sim.time_s[new] = sim.velocity_time_s[new] = state.grid * step_s
         if calls_for_look(sim, watch, state.since):
             return True

@@ -21,7 +21,7 @@ from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
 from toppling.workers.engines.protocol import Engine, GroundSteps
 from toppling.workers.ground.rest import TOUCHING_SHARE, energy_j_kg, holds, least_overturning_j_kg, let_down
-from toppling.workers.ground.stepping import GroundWatch
+from toppling.workers.ground.stepping import GroundWatch, steps_at_once
 from toppling.workers.observation import travel_m
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
@@ -65,10 +65,11 @@ class GroundShaking:
             rock=body.rock,
             ground=body.ground,
             rolling=NO_ROLLING,
+            curved=body.curved,
             pairs=no_pairs(PAIRS),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
-            counts=np.zeros(6, np.int64),
+            counts=np.zeros(7, np.int64),
             inertia_m2=body.inertia_m2,
             size_m=body.size_m,
             farthest_m=body.farthest_m,
@@ -79,6 +80,7 @@ class GroundShaking:
             excitation=excitation(acceleration, motion.time_step_s),
             sample_s=motion.time_step_s,
             step_s=problem.time_step_s,
+            at_once=steps_at_once(problem),
             time_s=np.zeros(_ROOM),
             pose=np.zeros((_ROOM, 7)),
             velocity=np.zeros((_ROOM, 6)),

@@ -6,10 +6,12 @@ import math
 from typing import NamedTuple
 
 from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.ground.curved import only_rolls
 from toppling.models.ground.rigid import square
 from toppling.models.ground.stepping import Grounded, step
 from toppling.models.ground.vectors import copy, dot, minus
 from toppling.workers.observation import travel_m
+from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body
 
 
@@ -27,6 +29,15 @@ class GroundWatch(NamedTuple):
     deepest_m: Array  # (1,): deepest contact at the end of a block, written here
 
 
+_LONG_STEPS = 4
+"""Steps that a rock which does nothing but roll takes at once: its swings last hundreds of them."""
+
+
+def steps_at_once(problem: Problem) -> int:
+    """Those that a rock may take at once while it does nothing but roll."""
+    return max(min(_LONG_STEPS, int(problem.options.longest_step_s / problem.time_step_s)), 1)
+
+
 @compiled
 def take_steps(sim: Grounded, block: int, watch: GroundWatch) -> int:
     """Go on by blocks of so many steps until one calls for a look, or there is no room for another.
@@ -42,8 +53,10 @@ def take_steps(sim: Grounded, block: int, watch: GroundWatch) -> int:
             last = sim.counts[1]
             copy(sim.pose[last], sim.pose[last + 1])
             copy(sim.velocity[last], sim.velocity[last + 1])
+            at_once = sim.at_once if only_rolls(sim.curved, sim.contacts, sim.counts[0]) else 1
+            sim.counts[6] = at_once - 1
             step(sim, sim.counts[2] * sim.step_s, sim.pose[last + 1], sim.velocity[last + 1])
-            sim.counts[1], sim.counts[2] = last + 1, sim.counts[2] + 1
+            sim.counts[1], sim.counts[2] = last + 1, sim.counts[2] + at_once
             sim.time_s[last + 1] = sim.counts[2] * sim.step_s
         for k in range(sim.counts[0]):
             watch.deepest_m[0] = max(watch.deepest_m[0], -sim.contacts[k].gap_m)

@@ -1,0 +1,171 @@
+"""A flat base that rolls on a smooth dome: against the equations of its motion, and the triangles of the dome."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.workers.shake import shake
+
+G = 9.81
+HALF_WIDTH_M, HALF_HEIGHT_M, RADIUS_M = 0.2, 0.5, 1.2
+STILL = Motion(np.zeros((1200, 3)), 0.005)
+
+
+def dome(height_at, edge_m, reach_m=0.6):
+    """A height field of square cells, halved."""
+    ticks = np.arange(-reach_m, reach_m + 0.5 * edge_m, edge_m)
+    x, y = (each.ravel() for each in np.meshgrid(ticks, ticks, indexing="ij"))
+    n = len(ticks)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.vstack([np.column_stack([i, i + n, i + n + 1]), np.column_stack([i, i + n + 1, i + 1])])
+    return np.column_stack([x, y, height_at(x, y)]), faces
+
+
+def cylinder(x, y):
+    return np.sqrt(RADIUS_M**2 - x**2) - RADIUS_M + 0.0 * y
+
+
+def sphere(x, y):
+    return np.sqrt(RADIUS_M**2 - x**2 - y**2) - RADIUS_M
+
+
+def block_on(surface, yaw_deg=0.0, friction=1.5):
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn, (0.0, 0.0, HALF_HEIGHT_M))
+    return Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=surface, friction=friction)
+
+
+def rolled(scene, tilt):
+    """The start of the block that has rolled toward x."""
+    com = RADIUS_M * np.array([math.sin(tilt), 0.0, math.cos(tilt) - 1.0])
+    com += -RADIUS_M * tilt * np.array([math.cos(tilt), 0.0, -math.sin(tilt)])
+    com += HALF_HEIGHT_M * np.array([math.sin(tilt), 0.0, math.cos(tilt)])
+    seat = scene.rock.com_m - (0.0, 0.0, HALF_HEIGHT_M)
+    return {
+        "position_m": com + seat,
+        "quaternion_xyzw": [0.0, math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt)],
+    }
+
+
+def exact_tilt(inertia_m2, tilt, time_s):
+    """From rest: T = (I + h^2 + (rho th)^2) th'^2 / 2, V = g (rho cos th + rho th sin th + h cos th), per mass."""
+
+    def rate(_, state):
+        th, speed = state
+        arm2 = inertia_m2 + HALF_HEIGHT_M**2 + (RADIUS_M * th) ** 2
+        slope = G * (RADIUS_M * th * math.cos(th) - HALF_HEIGHT_M * math.sin(th))
+        return [speed, -(slope + RADIUS_M**2 * th * speed**2) / arm2]
+
+    return solve_ivp(rate, (0.0, time_s[-1]), [tilt, 0.0], t_eval=time_s, rtol=1e-10, atol=1e-12).y[0]
+
+
+@pytest.mark.parametrize("surface", [cylinder, sphere])
+@pytest.mark.parametrize("yaw_deg", [0.0, 25.0])
+@pytest.mark.parametrize("edge_m", [0.01, 0.015])
+def test_a_block_swings_on_a_dome_as_lagranges_equation_says(surface, yaw_deg, edge_m):
+    scene = block_on(dome(surface, edge_m), yaw_deg)
+    start = math.radians(6.0)
+    found = shake(
+        scene, STILL, "fast", initial=rolled(scene, start), trajectory=True, shortcuts=False
+    ).trajectory
+    q, time_s = found.quaternion_xyzw, found.time_s
+    tilt = 2.0 * np.arctan2(q[:, 1], q[:, 3])
+    keep = time_s <= 6.0
+    exact = exact_tilt(scene.rock.inertia_per_mass_m2[1, 1], start, time_s[keep])
+    assert tilt[keep] == pytest.approx(exact, abs=0.03 * start)
+
+
+@pytest.mark.parametrize("surface", [cylinder, sphere])
+@pytest.mark.parametrize("edge_m", [0.01, 0.015])
+def test_a_block_on_a_dome_topples_where_it_has_rolled_to(surface, edge_m):
+    scene = block_on(dome(surface, edge_m))
+    tilt = np.linspace(0.0, math.asin(HALF_WIDTH_M / RADIUS_M), 2001)
+    exact = (G * np.tan(np.arctan(RADIUS_M * tilt / HALF_HEIGHT_M) - tilt)).max()
+    for _, value in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
+        assert value == pytest.approx(exact, rel=0.01)
+
+
+def is_smooth(scene):
+    return scene.grounded.rolls_on_dome
+
+
+def test_a_flat_base_on_a_fine_dome_is_taken_for_no_plane():
+    """Its nearest contacts, more than are looked at in a step, all lie in one plane."""
+    scene = block_on(dome(cylinder, 0.01))
+    assert is_smooth(scene)
+    assert not scene.ground.is_plane
+    assert "smooth dome" in scene.ground.sentence
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 25.0, 45.0])
+def test_no_swing_on_a_dome_gains_energy_where_its_contact_passes_a_corner(yaw_deg):
+    for friction in (0.6, 1.5):
+        scene = block_on(dome(cylinder, 0.02), yaw_deg, friction)
+        start = rolled(scene, math.radians(9.0))
+        found = shake(scene, STILL, "fast", initial=start, trajectory=True, shortcuts=False)
+        assert is_smooth(scene)
+        assert found.max_tilt_deg == pytest.approx(9.0, abs=0.05)
+
+
+def rough(x, y):
+    return sphere(x, y) + 0.002 * np.sin(60.0 * x) * np.sin(60.0 * y)
+
+
+def ridge(x, y):
+    return -0.15 * np.abs(x) + 0.0 * y
+
+
+def bowl(x, y):
+    return -sphere(x, y)
+
+
+def with_wall(x, y):
+    return np.where(x > 0.45, 0.5, sphere(x, y))
+
+
+@pytest.mark.parametrize("surface", [rough, ridge, bowl, with_wall])
+def test_what_is_no_smooth_dome_keeps_its_triangles(surface):
+    assert not is_smooth(block_on(dome(surface, 0.015)))
+
+
+@pytest.mark.parametrize("edge_m", [0.04])
+def test_a_dome_of_coarse_triangles_keeps_them(edge_m):
+    assert not is_smooth(block_on(dome(sphere, edge_m)))
+
+
+@pytest.mark.parametrize(("rise_m", "smooth"), [(0.2, True), (0.05, False)])
+def test_a_rock_that_hangs_low_beside_its_base_keeps_the_triangles(rise_m, smooth):
+    """What hangs .05 m over the base and .18 m beside it can touch the ground after a tilt of 15 degrees, or less."""
+    base = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M)
+    vertices = base.vertices_m.copy()
+    top = vertices[:, 2] > 0.0
+    vertices[top] = vertices[top] * (1.9, 1.9, 0.0) + (0.0, 0.0, rise_m - HALF_HEIGHT_M)
+    rock = vertices + np.array([0.0, 0.0, HALF_HEIGHT_M])
+    assert is_smooth(Scene.from_mesh((rock, base.faces), pedestal=dome(sphere, 0.01), friction=0.8)) is smooth
+
+
+def test_a_base_with_a_hollow_keeps_the_triangles():
+    """The dome would reach into it."""
+    base = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    low = np.isclose(base.vertices_m[base.faces][:, :, 2], 0.0).all(axis=1)
+    corners = np.unique(base.faces[low])
+    ring = corners[np.argsort(np.arctan2(*base.vertices_m[corners, :2].T))]
+    sides = [[ring[k], ring[(k + 1) % 4], len(base.vertices_m)] for k in range(4)]
+    vertices = np.vstack([base.vertices_m, [0.0, 0.0, 0.05]])
+    rock = vertices, np.vstack([base.faces[~low], sides])
+    assert not is_smooth(Scene.from_mesh(rock, pedestal=dome(sphere, 0.01), friction=0.8))
+
+
+def test_a_shake_on_a_dome_gives_the_same_bits_after_another():
+    scene = block_on(dome(sphere, 0.015), 25.0)
+    swings = [
+        shake(scene, STILL, "fast", initial=rolled(scene, math.radians(tilt)), trajectory=True).trajectory
+        for tilt in (5.0, 8.0, 5.0)
+    ]
+    assert (swings[0].position_m == swings[2].position_m).all()

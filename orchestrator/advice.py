@@ -64,17 +64,8 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_sentence(scene)}"
             f"'realisations = {REALISATIONS}' shakes others too"
         )
-    highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
-    if highest < _G_AT_MOST:
-        found.append(
-            f"all levels are below {_G_AT_MOST:g} m/s2: are they in g? "
-            f"{highest:g} g is {highest * _G_M_S2:.3g} m/s2"
-        )
-        return found  # the same slip in other words would follow
-    found += _of_statics(
-        campaign, highest, statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0]))), scene
-    )
-    return found
+    statics = statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0])))
+    return found + _of_statics(campaign, statics, scene)
 
 
 def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
@@ -135,9 +126,15 @@ def _width_sentence(scene: Scene) -> str:
     return f"the interval of the toppling acceleration is {width} of its median wide; "
 
 
-def _of_statics(campaign: Campaign, highest: float, statics: Statics, scene: Scene) -> list[str]:
+def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]:
     """Levels and frictions against the static toppling acceleration."""
     found, least = [], statics.least_m_s2
+    highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
+    if highest < min(least, _G_AT_MOST):
+        return [  # the same slip in other words would follow
+            f"all levels are below {_G_AT_MOST:g} m/s2: are they in g? "
+            f"{highest:g} g is {highest * _G_M_S2:.3g} m/s2"
+        ]
     if highest <= least:
         found.append(
             f"all levels are below the least constant acceleration that topples the rock ({least_static(statics)}): "

@@ -48,6 +48,10 @@ def test_a_sound_campaign_is_warned_of_nothing():
     assert warned("recorded") == []
 
 
+def test_low_levels_that_topple_a_slender_rock_are_no_levels_in_g():
+    assert warned([0.2, 1.1], scene=Scene.block(0.02, 0.2, 0.6)) == []
+
+
 def test_a_campaign_that_shakes_one_of_many_possible_bases_is_told_so():
     (said,) = warned([2, 4, 8], scene=UNSEEN)
     assert "only one of the rock's possible bases" in said

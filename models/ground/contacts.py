@@ -15,17 +15,16 @@ from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
-    RADIUS,
     WAY,
     Pairs,
     PointRoom,
     between,
     group_end,
-    moved_m,
+    look_again,
     nearest,
     refresh,
 )
-from toppling.models.ground.vectors import copy, cross, dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.ground.vectors import cross, dot, minus, plus, rotation_of, turned, turned_back
 
 MOST = 512
 """Contacts that are looked at in one pose; of more, those with the least gaps."""
@@ -198,17 +197,11 @@ def contacts_in(
     """
     turn, room, count = pairs.turn, pairs.point, 0
     rotation_of(pose, turn)
-    pairs.lengths_m[WAY] += moved_m(pairs.looked_at, pose, pairs.lengths_m[RADIUS])
-    copy(pose, pairs.looked_at)
-    way_m = pairs.lengths_m[WAY]
+    way_m = look_again(pairs, pose, margin_m)
     near_m = margin_m + way_m
-    found, end = room.found, 0
-    first, triangles, apart_m, listed = (
-        pairs.rock_point,
-        pairs.ground_triangle,
-        pairs.apart_m[0],
-        pairs.found[0],
-    )
+    found, end, near_pairs = room.found, 0, pairs.near
+    first, triangles, apart_m = near_pairs.rock_point, near_pairs.ground_triangle, near_pairs.apart_m[0]
+    listed = near_pairs.found[0]
     while end < listed:
         begin, index = end, first[end]
         end, near = group_end(first, apart_m, begin, listed, near_m)
@@ -223,16 +216,18 @@ def contacts_in(
                 continue
             count = _add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
     end = 0
-    while end < pairs.found[1]:
-        begin, index = end, pairs.ground_point[end]
-        end, near = group_end(pairs.ground_point, pairs.apart_m[1], begin, pairs.found[1], near_m)
+    first, triangles, apart_m = near_pairs.ground_point, near_pairs.rock_triangle, near_pairs.apart_m[1]
+    listed = near_pairs.found[1]
+    while end < listed:
+        begin, index = end, first[end]
+        end, near = group_end(first, apart_m, begin, listed, near_m)
         if not near:
             continue
         place = ground.vertices_m[ground.points[index]]
         p = turned_back(turn, minus(place, pose))
-        near_it = pairs.rock_triangle[begin:end], pairs.apart_m[1, begin:end], way_m
-        if not _near_a_plane(p, rock, near_it[0], near_it[1], way_m, margin_m):
+        if not _near_a_plane(p, rock, triangles[begin:end], apart_m[begin:end], way_m, margin_m):
             continue
+        near_it = triangles[begin:end], apart_m[begin:end], way_m
         for i in range(_meet(p, near_it, rock, margin_m, False, room)):
             n = turned(turn, found[i])
             if not _leads_out(ground, index, n, LEANING):
@@ -246,18 +241,18 @@ def contacts_in(
 @inner
 def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: Any, count: int) -> int:
     """Add the contacts of pairs of edges, of rock and ground, that cross."""
-    (rock, ground), turn, way_m = bodies, pairs.turn, pairs.lengths_m[WAY]
+    (rock, ground), turn, way_m, near = bodies, pairs.turn, pairs.lengths_m[WAY], pairs.near
     edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for k in range(pairs.found[2]):
-        if pairs.apart_m[2, k] >= margin_m + way_m:
+    for k in range(near.found[2]):
+        if near.apart_m[2, k] >= margin_m + way_m:
             continue
-        if pairs.rock_edge[k] != edge:
-            edge = pairs.rock_edge[k]
+        if near.rock_edge[k] != edge:
+            edge = near.rock_edge[k]
             a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
             b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
-        placed = edge, a, minus(b, a), pairs.ground_edge[k]
+        placed = edge, a, minus(b, a), near.ground_edge[k]
         count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
-        pairs.apart_m[2, k] = way_m + apart_m
+        near.apart_m[2, k] = way_m + apart_m
     return count
 
 

@@ -66,6 +66,8 @@ def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
         return GroundKind(False, "its flat base rolls on a smooth dome")
     pose = body.touching(body.pose)
     near = body.contacts(pose, _LOOKED_AT_SHARE * height_m, leaning=1.0, most=_MOST_LOOKED_AT)
+    # A touching rock penetrates nowhere: edges that seem to lie past each other.
+    near = near[near["gap_m"] > -1e-6 * height_m]
     off_deg = np.degrees(np.arccos(np.clip(near["normal"][:, 2], -1.0, 1.0)))
     off_m = np.abs(near["place_m"][:, 2])
     if off_m.max(initial=0.0) > FLAT_SHARE * height_m:

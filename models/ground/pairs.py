@@ -15,8 +15,11 @@ MOST_AT_A_POINT, FEATURES_AT_A_POINT = 8, 24
 """Contacts of one point, and edges and vertices that are nearest to it, at most."""
 
 
-RADIUS, REACH, WAY = range(3)
+RADIUS, REACH, WAY, NEAR = range(4)
 """Of `Pairs.lengths_m`."""
+
+_NEAR_MARGINS = 4.0
+"""A list that reaches so many margins beyond the way since is longer than the steps that now come need."""
 
 
 class PointRoom(NamedTuple):
@@ -30,8 +33,8 @@ class PointRoom(NamedTuple):
     inside: Array  # least distance over them
 
 
-class Pairs(NamedTuple):
-    """Features that may touch before the rock has moved by a slack; the first `found` of each kind."""
+class Listed(NamedTuple):
+    """Pairs of features, of each kind the first `found`."""
 
     found: Indices  # (3,)
     rock_point: Indices  # rock's point, ground's triangle
@@ -40,24 +43,41 @@ class Pairs(NamedTuple):
     rock_triangle: Indices
     rock_edge: Indices
     ground_edge: Indices
-    apart_m: Array  # (3, room): of each pair, by kind, the way that the rock goes before it can touch
+    # (3, room): of each pair, by kind: the way that the rock goes before it can touch, at least; where it stands
+    # among all.
+    apart_m: Array
+    place: Indices
+
+
+class Pairs(NamedTuple):
+    """Features that may touch before the rock has moved by a slack, and those of them that may touch first."""
+
+    every: Listed
+    near: Listed
     pose: Array  # (7,) in which they were found; the first NaN if never
     looked_at: Array  # (7,): the latest pose that was looked at
-    lengths_m: (
-        Array  # from the centre of mass to the farthest vertex; the reach in which they were found; way since
-    )
+    # From the centre of mass to the farthest vertex; the reach in which they were found; way since; that before which
+    # only those near can touch.
+    lengths_m: Array
     turn: Array  # (3, 3): rotation of the pose that is looked at
     point: PointRoom
 
 
 def no_pairs(room: int) -> Pairs:
     """Room for so many of each kind."""
-    some, features = [np.zeros(room, np.int64) for _ in range(6)], FEATURES_AT_A_POINT
+    features = FEATURES_AT_A_POINT
     return Pairs(
-        np.zeros(3, np.int64), some[0], some[1], some[2], some[3], some[4], some[5],
-        np.zeros((3, room)), np.full(7, np.nan), np.zeros(7), np.zeros(3), np.zeros((3, 3)),
+        _none_listed(room), _none_listed(room), np.full(7, np.nan), np.zeros(7), np.zeros(4), np.zeros((3, 3)),
         PointRoom(np.zeros((MOST_AT_A_POINT, 7)), np.zeros(features, np.int64), np.zeros(features, np.int64),
                   np.zeros((features, 3)), np.zeros((features, 3)), np.zeros(features)),
+    )  # fmt: skip
+
+
+def _none_listed(room: int) -> Listed:
+    some = [np.zeros(room, np.int64) for _ in range(6)]
+    return Listed(
+        np.zeros(3, np.int64), some[0], some[1], some[2], some[3], some[4], some[5], np.zeros((3, room)),
+        np.zeros((3, room), np.int64),
     )  # fmt: skip
 
 
@@ -114,6 +134,8 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
             continue
         for place in range(mesh.first[cell], mesh.first[cell + 1]):
             t = mesh.near[place]
+            if abs(dot(mesh.normals[t], q) - mesh.offsets_m[t]) >= reach:
+                continue
             f = mesh.faces[t]
             _, c = nearest(q, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
             way = minus(q, c)
@@ -126,7 +148,7 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
 
 @inner
 def _list_edges(
-    of: tuple[Array, Indices], rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Pairs
+    of: tuple[Array, Indices], rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Listed
 ) -> int:
     """Pairs of edges within a reach, of the rock's vertices as they are placed, and a mark on each edge of ground."""
     count, (placed, seen) = 0, of
@@ -145,12 +167,23 @@ def _list_edges(
                     continue
                 seen[j] = i
                 c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
+                if _boxes_apart(a, b, c, d, reach):
+                    continue
                 _, _, far = between(a, way, c, minus(d, c))
                 if far < reach * reach:
                     pairs.rock_edge[count], pairs.ground_edge[count] = i, j
                     pairs.apart_m[2, count] = math.sqrt(far)
                     count += 1
     return count
+
+
+@inner
+def _boxes_apart(a: Any, b: Any, c: Any, d: Any, reach: float) -> bool:
+    """Whether the boxes around two segments are farther from each other than a reach, along one of the axes."""
+    for k in range(3):
+        if min(a[k], b[k]) - max(c[k], d[k]) >= reach or min(c[k], d[k]) - max(a[k], b[k]) >= reach:
+            return True
+    return False
 
 
 @inner
@@ -184,14 +217,58 @@ def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
     for i in range(len(theirs)):
         there = minus(ground.vertices_m[ground.points[i]], pose)
         theirs[i, 0], theirs[i, 1], theirs[i, 2] = turned_back(turn, there)
-    near_ground = (pairs.rock_point, pairs.ground_triangle, pairs.apart_m[0])
-    near_rock = (pairs.ground_point, pairs.rock_triangle, pairs.apart_m[1])
-    pairs.found[0] = _list_points(placed[rock.points], ground, reach, near_ground)
-    pairs.found[1] = _list_points(theirs, rock, reach, near_rock)
-    pairs.found[2] = _list_edges((placed, seen), rock, ground, reach, pairs)
+    every = pairs.every
+    near_ground = (every.rock_point, every.ground_triangle, every.apart_m[0])
+    near_rock = (every.ground_point, every.rock_triangle, every.apart_m[1])
+    while True:
+        every.found[0] = _list_points(placed[rock.points], ground, reach, near_ground)
+        every.found[1] = _list_points(theirs, rock, reach, near_rock)
+        seen[:] = -1
+        every.found[2] = _list_edges((placed, seen), rock, ground, reach, every)
+        if every.found.max() < len(every.rock_point) or reach < 1e-6 * math.sqrt(farthest):
+            break
+        reach *= 0.5  # of pairs that do not fit, none may be left out that can touch soon
     copy(pose, pairs.pose)
     copy(pose, pairs.looked_at)
-    pairs.lengths_m[RADIUS], pairs.lengths_m[REACH], pairs.lengths_m[WAY] = math.sqrt(farthest), reach, 0.0
+    pairs.near.found[:] = 0
+    lengths_m = pairs.lengths_m
+    lengths_m[RADIUS], lengths_m[REACH] = math.sqrt(farthest), reach
+    lengths_m[WAY] = lengths_m[NEAR] = 0.0
+
+
+@inner
+def look_again(pairs: Pairs, pose: Array, margin_m: float) -> float:
+    """Note the way to a pose, and list the pairs anew that can touch within a margin of it; the way since all were."""
+    lengths_m = pairs.lengths_m
+    lengths_m[WAY] += moved_m(pairs.looked_at, pose, lengths_m[RADIUS])
+    copy(pose, pairs.looked_at)
+    way_m, near_m = lengths_m[WAY], lengths_m[NEAR]
+    if near_m < margin_m + way_m or near_m > _NEAR_MARGINS * margin_m + way_m:
+        near_m = 2.0 * margin_m + way_m
+        e, n = pairs.every, pairs.near
+        _list_near(0, near_m, (e, e.rock_point, e.ground_triangle), (n, n.rock_point, n.ground_triangle))
+        _list_near(1, near_m, (e, e.ground_point, e.rock_triangle), (n, n.ground_point, n.rock_triangle))
+        _list_near(2, near_m, (e, e.rock_edge, e.ground_edge), (n, n.rock_edge, n.ground_edge))
+        lengths_m[NEAR] = near_m
+    return way_m
+
+
+@inner
+def _list_near(kind: int, near_m: float, of: Any, to: Any) -> None:
+    """Copy the pairs of a kind that touch before some way is gone; what is known of those listed before is kept.
+
+    of, to: a list, and its two features of that kind.
+    """
+    (every, one, other), (near, near_one, near_other) = of, to
+    apart_m, place, count = every.apart_m[kind], near.place[kind], 0
+    for k in range(near.found[kind]):
+        apart_m[place[k]] = near.apart_m[kind, k]
+    for k in range(every.found[kind]):
+        if apart_m[k] < near_m:
+            near_one[count], near_other[count], place[count] = one[k], other[k], k
+            near.apart_m[kind, count] = apart_m[k]
+            count += 1
+    near.found[kind] = count
 
 
 @inner

@@ -4,6 +4,6 @@ from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
     "candidates", "close", "control_points", "crevice", "doubt", "edge", "half_samples", "hints_file", "interface",
-    "interface_hint", "leaning_meshes", "measure", "parts", "placement", "read", "reference", "register", "segment",
+    "interface_hint", "measure", "parts", "placement", "read", "reference", "register", "segment", "separated_meshes",
     "sheet", "survey", "view", "virtual", "worked_out",
 ]  # fmt: skip

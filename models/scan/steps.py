@@ -12,6 +12,8 @@ _COARSEST_PER_HEIGHT = 1e-2
 _SAMPLE = 200_000
 _MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
+_ALONE, _TAKEN = 0.99, 0.5
+"""Shares of a grid of heights: of its points that have a node to themselves, and of its nodes that have a point."""
 
 
 def coordinate_steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -26,7 +28,23 @@ def coordinate_steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
     sample = finite[:: max(1, len(finite) // _SAMPLE)]
     if len(sample) < 3:
         return np.zeros(3)
-    return np.maximum([_step(sample[:, axis]) for axis in range(3)], _single_precision(sample))
+    steps = np.array([_step(sample[:, axis]) for axis in range(3)])
+    steps[_grid_axes(finite, steps)] = 0.0
+    return np.maximum(steps, _single_precision(sample))
+
+
+def _grid_axes(points: NDArray[np.float64], steps: NDArray[np.float64]) -> list[int]:
+    """Axes along which points (n, 3) are the nodes of a grid of heights: laid out so, not rounded to it.
+
+    Rounding puts several points of a wall, and of any surface that is finer than the step, at one node.
+    """
+    axes = np.flatnonzero(steps > 0.0)
+    if len(axes) != 2:
+        return []
+    nodes = np.rint((points[:, axes] - points[:, axes].min(axis=0)) / steps[axes])
+    taken = len(np.unique(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
+    alone = taken >= _ALONE * len(points)
+    return axes.tolist() if alone and taken >= _TAKEN * np.prod(nodes.max(axis=0) + 1.0) else []
 
 
 def single_precision_step(points: NDArray[np.float64]) -> float:
@@ -55,16 +73,16 @@ def _step(values: NDArray[np.float64]) -> float:
     return 0.0
 
 
-def step_note(step_m: float, height_m: float) -> str:
+def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str:
     """What steps of coordinates mean for a rock; empty where they are fine.
 
-    step_m, height_m: widest step of the clouds, height of the rock.
+    step_m, height_m: widest step of the clouds, height of the rock. where: the file that has it.
     Raises InputError if they are so wide that the crevice is lost.
     """
     if step_m > _COARSEST_PER_HEIGHT * height_m:
         raise InputError(
             f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
-            where="coordinates",
+            where=where,
             expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
             f"{_TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
             remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "

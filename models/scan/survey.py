@@ -137,8 +137,8 @@ def work_out(
         check_upright(parts, cloud.origin_m)
     progress("fitting the interface")
     observed, label, interface = _classified(cloud, parts, hint)
-    inspection = inspection or Inspection()
-    _check_sense(observed, interface, inspection.moved(cloud.origin_m))
+    _check_sense(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
+    told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
     progress("closing the rock")
     closed, core = close_standing(observed, interface)
     doubted = _checked_doubts(observed, interface, closed, cloud, label)
@@ -160,7 +160,7 @@ def work_out(
         "registration": fitted.report,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
-    notes = _notes(cloud, observed.height_m, closed.rock.volume_m3, doubted)
+    told += [size_note(observed.height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
     worked_out = WorkedOut(
         observed,
         interface,
@@ -170,9 +170,9 @@ def work_out(
         cloud.origin_m,
         fitted.bounds_m,
         report,
-        inspection,
+        inspection or Inspection(),
     )
-    return worked_out, label, notes
+    return worked_out, label, tuple(filter(None, told))
 
 
 def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
@@ -209,11 +209,14 @@ def _files(cloud: Cloud) -> list[dict[str, Any]]:
     return [{"name": name, "points": points} for name, points in cloud.files]
 
 
-def _notes(cloud: Cloud, height_m: float, volume_m3: float, doubted: list[Doubt]) -> tuple[str, ...]:
-    """What the user should know of the clouds, and of doubts in the rock."""
-    of_clouds = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
-    of_size = [note for note in (step_note(cloud.step_m, height_m), size_note(height_m, volume_m3)) if note]
-    return (*of_clouds, *of_size, *(each.sentence for each in doubted))
+def _file_notes(cloud: Cloud) -> list[str]:
+    return [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+
+
+def _coarse_note(cloud: Cloud, height_m: float) -> str:
+    """What the widest step of the clouds' coordinates means for the rock; refused where the crevice is lost."""
+    coarsest = max(cloud.sources, key=lambda source: source.step_m, default=None)
+    return "" if coarsest is None else step_note(coarsest.step_m, height_m, coarsest.name)
 
 
 def _surface_report(

@@ -84,12 +84,12 @@ def scan(
 
     advance(0, "reading")
     cloud = scan_files.placed_cloud(clouds, hints)
-    result = scan_files.given_leaning(clouds, hints, cloud)
-    if result is None:
-        try:
-            result = survey(cloud, stage, hints.get("near"), hint, bootstrap, inspection)
-        except InputError as error:
-            raise _in_files(error, clouds, looked) from None
+    meshes = scan_files.brought_apart(clouds, hints, cloud)
+    make = partial(survey, cloud, stage, hints.get("near"), hint, bootstrap, inspection)
+    try:
+        result = make() if meshes is None else meshes.surveyed(make, hinted=not inspection.says_nothing)
+    except InputError as error:
+        raise _in_files(error, [name for name, _ in cloud.files], looked) from None
     advance(1, "letting the rock stand")
     said = scan_files.hints_said(hints, inspection)
     return Scanned(result.scene, folder, written(result, folder, said, advance))
@@ -126,12 +126,12 @@ def _path(given: str | Path | None) -> Path | None:
     return None if given is None else Path(given)
 
 
-def _in_files(error: InputError, files: tuple[Path, ...], contact: Path | None) -> InputError:
+def _in_files(error: InputError, files: list[str], contact: Path | None) -> InputError:
     """Name the files in an error that concerns all of them."""
     of_contact = contact is not None and error.where.startswith(f"{contact}, ")
-    if of_contact or error.where in {file.name for file in files}:
+    if of_contact or error.where in files:
         return error
-    names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
+    names = ", ".join(files[:3]) + (" ..." if len(files) > 3 else "")
     return InputError(
         error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
     )

@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.scan.control_points import control_point_lines
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
     from toppling.models.scan.placement import Placement
     from toppling.models.scan.read import Cloud
     from toppling.models.scan.reference import Reference
-    from toppling.models.scan.survey import Survey
+    from toppling.models.scan.separated_meshes import SeparatedMeshes
 
 
 def check_hints(hints: Mapping[str, object]) -> None:
@@ -56,14 +54,13 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
 
 
-def given_leaning(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "Survey | None":
-    """What two meshes became that the user has brought apart, where one leans on the other; else None.
+def brought_apart(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "SeparatedMeshes | None":
+    """Rock and pedestal if the user has given each as a mesh; else None.
 
     cloud: of the files, as :func:`placed_cloud` read them.
     """
-    from toppling.models.scan.leaning_meshes import NOTE, leaning_scene
     from toppling.models.scan.parts import files_with, parts_of
-    from toppling.models.scan.survey import Survey
+    from toppling.models.scan.separated_meshes import SeparatedMeshes
 
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)
@@ -75,8 +72,7 @@ def given_leaning(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "
         )
         for part in parts
     )
-    scene = leaning_scene(body, surface) if body is not None and surface is not None else None
-    return None if scene is None else Survey(scene, np.zeros(0, np.int8), (NOTE,))
+    return None if body is None or surface is None else SeparatedMeshes(body, surface)
 
 
 def placed_by(hints: CloudHints) -> "tuple[Placement, Reference | None]":

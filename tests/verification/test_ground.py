@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.ground.equilibrium import farthest_load
+from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
+from toppling.models.scan.separated_meshes import SeparatedMeshes
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
@@ -362,6 +364,22 @@ def test_a_rock_that_leans_is_scanned_as_the_two_meshes_that_the_user_brought_ap
     assert scene.rock.volume_m3 == pytest.approx(0.4 * 0.6 * 1.2, rel=1e-6)
     ((_, least),) = scene.quasi_static_toppling_m_s2([0.0])
     assert least == pytest.approx(righted_m_s2(0.2, 25.0), rel=0.005)
+
+
+def test_two_meshes_on_which_no_drawn_base_stands_are_taken_as_they_are():
+    body = box(0.2, 0.2, 0.5)
+    meshes = SeparatedMeshes(
+        (body.vertices_m - [0.0, 0.0, body.vertices_m[:, 2].min()], body.faces), facets(0.0, 0.0)
+    )
+
+    def contradicted():
+        raise ContradictionError("the weight", where="standing", expected="rest", remedy="none")
+
+    made = meshes.surveyed(contradicted, hinted=False)
+    assert "no interval" in " ".join(made.notes)
+    assert made.scene.rock.volume_m3 == pytest.approx(8 * 0.2 * 0.2 * 0.5)
+    with pytest.raises(ContradictionError):
+        meshes.surveyed(contradicted, hinted=True)
 
 
 def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():

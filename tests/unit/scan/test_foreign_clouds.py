@@ -288,6 +288,18 @@ def test_continuous_coordinates_show_no_step():
     assert not coordinate_steps(np.random.default_rng(1).normal(size=(5000, 3))).any()
 
 
+@pytest.mark.parametrize("upward", [1, 2])
+def test_the_grid_of_a_terrain_model_is_no_step_in_which_coordinates_are_stored(upward):
+    east_m, north_m = (axis.ravel() for axis in np.meshgrid(0.3 * np.arange(40), 0.25 * np.arange(60)))
+    random = np.random.default_rng(5)
+    taken = random.random(len(east_m)) < 0.8  # a terrain model has holes
+    grid = np.column_stack([east_m, north_m, random.uniform(0.0, 2.0, len(east_m))])[taken]
+    assert coordinate_steps(np.roll(grid, upward + 1, axis=1)).max() < 1e-5
+    # Points of a wall share their nodes: they were rounded.
+    rounded = np.vstack([grid, grid + np.array([0.0, 0.0, 0.7])])
+    assert coordinate_steps(rounded) == pytest.approx([0.3, 0.25, 0.0])
+
+
 def test_steps_are_fine_then_told_then_refused():
     assert step_note(0.001, 1.5) == ""
     assert "1/500 of the rock's height" in step_note(0.002, 1.0)

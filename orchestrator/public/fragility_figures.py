@@ -186,7 +186,7 @@ def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Pa
 
 
 def _fits_in(folder: Path) -> pd.DataFrame:
-    return pd.read_csv(folder / "fits" / "fits.csv", converters={"problem": str})
+    return pd.read_csv(folder / "fits" / "fits.csv", dtype={"problem": object}).fillna({"problem": ""})
 
 
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:

@@ -76,6 +76,7 @@ def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, tmp_path):
     said = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout
     assert said.startswith(f"{unfinished} is unfinished: {REMARK}\n")
     assert said.count("\n") < 25, "the figures are counted, not listed"
+    assert "NaN" not in said
     for suffix in (".csv", ".json", ".xml"):
         curve = read_curves(tmp_path / "fits" / f"curves{suffix}")["pgv_m_s"]
         assert (curve.basis.jobs_planned, curve.basis.jobs_done, curve.basis.records) == (36, 27, 9)

@@ -27,8 +27,11 @@ from toppling.models.errors import InputError, refusals
 
 _MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
-PROCESSOR_S, _PROCESSOR_S_PER_MB = 0.8, 2.0
-"""Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte."""
+PROCESSOR_S, _PROCESSOR_S_PER_MB = 3.0, 2.0
+"""Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte.
+
+The first file of a format also pays for what its library imports, and compiles, as it reads.
+"""
 PATIENCE = 100.0
 """So many times the processor time may pass on the clock: other work and slow file systems are no fault of a file."""
 _THREADS = 4

@@ -70,7 +70,7 @@ def test_an_endless_reader_is_stopped_by_its_processor_time(reads, monkeypatch):
 
 
 def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
-    monkeypatch.setattr(guarded, "PATIENCE", 1.25)
+    monkeypatch.setattr(guarded, "PATIENCE", 0.33)
     with pytest.raises(InputError, match="no answer for 1 s"):
         reads("asleep")
     assert not guarded._READERS

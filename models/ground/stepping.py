@@ -159,7 +159,7 @@ def advance(
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
     fastest = max(_fastest_m_s(sim, velocity), _fastest_m_s(sim, free))
     margin = _MARGIN_SHARE * sim.size_m + step_s * fastest
-    if early == np.inf:
+    if early == np.inf:  # a creeping step, which is not taken where it goes too far
         margin = min(margin, _CREEPING_MARGIN_SHARE * sim.size_m)
     count = _contacts(sim, middle, margin)
     count = _choose(sim, count, step_s, velocity, free, whole)

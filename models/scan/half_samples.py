@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,8 @@ def uncertainty(
 
     Each realisation keeps half of the points (noise and density), half of the directions around the contact for the
     interface's fit (its choice), and draws how wide the feet are in their holes. The spread of an estimate over half
-    samples is that of the estimate itself.
+    samples is that of the estimate itself. Where those of four tell next to nothing beside the floors, no more are
+    drawn.
 
     Parameters
     ----------
@@ -88,8 +90,6 @@ def uncertainty(
         At most; 0 for none, which gives nothing.
     each : callable
         Called after each.
-
-    Where those of four tell next to nothing beside the floors, no more are drawn.
 
     Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor, measured on
     known rocks: 0.1 % of the rock's height in each coordinate of the centre of mass, 0.3 % of volume and inertia,
@@ -106,7 +106,9 @@ def uncertainty(
     """
     if not realisations:
         return {}
-    closed, tried = _half_samples(observed, interface, core, invented_share, realisations, each)
+    draw = partial(_HalfSample.drawn, observed, interface, core, _Beside.of(observed, interface))
+    spreads = partial(_spreads, observed, invented_share)
+    closed, tried = _half_samples(draw, spreads, realisations, each)
     given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
     found: dict[str, Any] = {
         "method": f"half samples{given}",
@@ -115,7 +117,7 @@ def uncertainty(
     }
     if len(closed) < _LEAST_CLOSED:
         return found
-    return found | _told(closed, _spreads(observed, invented_share, closed), invented_share)
+    return found | _told(closed, spreads(closed), invented_share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,31 +148,28 @@ class _HalfSample:
         return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))
 
 
+Spreads = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""By a number's name in the report: its standard deviation over half samples, and the floor of what they share."""
+
+
 def _half_samples(
-    observed: ObservedRock,
-    interface: Interface,
-    core: float,
-    invented_share: float,
+    draw: Callable[[np.random.Generator], _HalfSample],
+    spreads: Callable[[list[_HalfSample]], Spreads],
     realisations: int,
     each: Callable[[], None],
 ) -> tuple[list[_HalfSample], int]:
     """Half samples that closed, and how many were tried: fewer where more would tell nothing."""
-    beside = _Beside.of(observed, interface)
     closed: list[_HalfSample] = []
     for number in range(realisations):
-        if len(closed) >= _ENOUGH and adds_nothing(_spreads(observed, invented_share, closed)):
+        if len(closed) >= _ENOUGH and adds_nothing(spreads(closed)):
             for _ in range(number, realisations):
                 each()
             return closed, number
         rng = np.random.default_rng([2017, number])
         with contextlib.suppress(InputError):  # counted: a half sample may leave too little
-            closed.append(_HalfSample.drawn(observed, interface, core, beside, rng))
+            closed.append(draw(rng))
         each()
     return closed, realisations
-
-
-Spreads = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""By a number's name in the report: its standard deviation over half samples, and the floor of what they share."""
 
 
 def adds_nothing(spreads: Spreads) -> bool:
@@ -187,9 +186,8 @@ def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSa
     volume = np.array([rock.volume_m3 for rock in rocks])
     inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
     radius = np.sqrt(np.diag(inertia.mean(axis=0)))
-    highest = (
-        float(observed.surfels.points_m[observed.patches, 2].max()) + observed.surfels.voxel_m
-    )  # of what was seen
+    seen = observed.surfels
+    highest = float(seen.points_m[observed.patches, 2].max()) + seen.voxel_m
     top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
     tipped = _tipped(closed, invented_share)
     limits = np.array([each.limits_m_s2 for each in closed])

@@ -109,9 +109,9 @@ class Cloud:
         return np.vstack([self.points_m.min(axis=0), self.points_m.max(axis=0)]) + self.origin_m
 
     @property
-    def step_m(self) -> float:
-        """Widest step in which coordinates come."""
-        return max((source.step_m for source in self.sources), default=0.0)
+    def coarsest(self) -> Source | None:
+        """The file whose coordinates come in the widest step."""
+        return max(self.sources, key=lambda source: source.step_m, default=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -215,7 +215,7 @@ def _file_notes(cloud: Cloud) -> list[str]:
 
 def _coarse_note(cloud: Cloud, height_m: float) -> str:
     """What the widest step of the clouds' coordinates means for the rock; refused where the crevice is lost."""
-    coarsest = max(cloud.sources, key=lambda source: source.step_m, default=None)
+    coarsest = cloud.coarsest
     return "" if coarsest is None else step_note(coarsest.step_m, height_m, coarsest.name)
 
 

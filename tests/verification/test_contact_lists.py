@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import compiled
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at, contacts_in
 from toppling.models.ground.mesh import contact_mesh
-from toppling.models.ground.pairs import no_pairs, refresh
+from toppling.models.ground.pairs import REACH, no_pairs, refresh
 from toppling.models.rock import Rock
 
-SIZE_M, REACH_M = 0.35, 0.1
+REACH_M = 0.1
 PLENTY = 1 << 16
 
 
@@ -73,7 +73,7 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
     pairs, out = no_pairs(200), np.zeros(MOST, CONTACT)
     contacts_at(rock, ground, pose, 0.08, LEANING, pairs, out)
-    assert pairs.lengths_m[1] < 0.08
+    assert pairs.lengths_m[REACH] < 0.08
     assert pairs.every.found.max() < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
     assert len(touching) >= 1

@@ -275,13 +275,13 @@ def test_steps_are_seen_in_whatever_format(tmp_path, step):
     still = Rotation.identity(), np.zeros(3)
     e57(tmp_path / "cloud.e57", [(points - SHIFT_M, *still)], scale=step, translation="", rotation="")
     for name in ("cloud.las", "cloud.xyz", "cloud.e57"):
-        assert read_clouds([tmp_path / name]).step_m == pytest.approx(step, rel=1e-3), name
+        assert read_clouds([tmp_path / name]).coarsest.step_m == pytest.approx(step, rel=1e-3), name
 
 
 def test_steps_show_through_a_pose_that_turns(tmp_path):
     points = (own_frame(POINTS_M, TURN, SHIFT_M) / 0.01).round() * 0.01
     path = e57(tmp_path / "cloud.e57", [(points, TURN, SHIFT_M)], scale=0.01)
-    assert read_clouds([path]).step_m == pytest.approx(0.01, rel=1e-3)
+    assert read_clouds([path]).coarsest.step_m == pytest.approx(0.01, rel=1e-3)
 
 
 def test_continuous_coordinates_show_no_step():

@@ -12,7 +12,7 @@ from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import register
 from toppling.models.scan.segment import PEDESTAL, ROCK
-from toppling.models.scan.survey import survey, work_out
+from toppling.models.scan.survey import survey
 from toppling.models.statics import support_polygon_m
 from toppling.orchestrator.verbs.scan import scan
 from toppling.results.drawing.scene_figures import numbers_of
@@ -58,15 +58,13 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     truth, cloud, label = stump
     # As one station: that stations are brought together is another matter, and costs as much as the split.
     cloud = dataclasses.replace(cloud, station=np.zeros_like(cloud.station), files=(("all", len(label)),))
-    found, labelled, _ = work_out(
-        cloud, hint=words(truth, tmp_path)[kind]
-    )  # no word changes how bases are drawn
-    assert found.pedestal.slope_deg == pytest.approx(SLOPE_DEG, abs=1e-3)
-    assert found.report["interface"]["given_by"] == kind
-    assert (labelled[label == ROCK] == ROCK).mean() > 0.98
-    assert (labelled[label == PEDESTAL] == PEDESTAL).mean() > 0.98
+    found = survey(cloud, hint=words(truth, tmp_path)[kind])
+    assert found.scene.pedestal.slope_deg == pytest.approx(SLOPE_DEG, abs=1e-3)
+    assert found.scene.report["interface"]["given_by"] == kind
+    assert (found.label[label == ROCK] == ROCK).mean() > 0.98
+    assert (found.label[label == PEDESTAL] == PEDESTAL).mean() > 0.98
     # A coarse scan, 2 % of the height: half again the project's target for a fine one.
-    assert found.closed.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
+    assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
 
 
 @pytest.mark.slow

@@ -43,7 +43,10 @@ _damaged = refusals(
 
 
 def las(path: Path) -> Points:
-    """Read what was not deleted: points that are withheld are, by the specification, and noise was cleaned out."""
+    """Read what was not deleted: points that are withheld are, by the specification, and noise was cleaned out.
+
+    What was left out is counted under `left_out`: how many points, and what they are.
+    """
     import laspy
 
     with laspy.open(path) as source:
@@ -69,7 +72,11 @@ def las(path: Path) -> Points:
                 f"holds {read} of the {header.point_count} points that its header counts: truncated", path
             )
     points = points[:filled]
-    return system | {"step": coordinate_steps(points).tolist()}, [points, station[:filled]]
+    left_out = {"are withheld or classed as noise": read - filled}
+    return system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}, [
+        points,
+        station[:filled],
+    ]
 
 
 def _deleted(points: Any) -> NDArray[np.bool_]:
@@ -137,22 +144,28 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
 
 
 def e57(path: Path) -> Points:
-    """Read every scan in the coordinates of the survey; each is a station.
+    """Read every scan in the coordinates of the survey; each that holds points is a station.
 
-    Children of a structure are taken by their names: their order is the writer's.
+    Children of a structure are taken by their names: their order is the writer's. A scanner writes 0, 0, 0 in a scan's
+    own frame where no beam came back.
     """
     import pye57
 
     source = pye57.E57(str(path))
     headers = [source.get_header(index) for index in range(source.scan_count)]
+    headers = [header for header in headers if header.point_count]
     _check_count(sum(header.point_count for header in headers), path)
-    scans, steps = [], [np.zeros(3)]
+    scans, steps, nowhere = [], [np.zeros(3)], 0
     for header in headers:
         points = _e57_points(source, header, path)
+        returned = points.any(axis=1)
+        nowhere += int((~returned).sum())
+        points = points if returned.all() else points[returned]
         steps.append(coordinate_steps(points))
         scans.append(_posed(points, header.node, path))
     stated = _said(lambda: (None, _e57_system(source, headers, path)))
     stated["step"] = np.max(steps, axis=0).tolist()
+    stated["left_out"] = {"lie at 0, 0, 0 of their scanner, where no beam came back,": nowhere}
     if not scans:
         return stated, [np.empty((0, 3)), np.empty(0, np.int32)]
     lengths = [len(scan) for scan in scans]

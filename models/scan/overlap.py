@@ -13,6 +13,10 @@ _OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
 _LEAST_OVERLAP = 0.05
 """Share of a station's points that must show a place that another one shows too."""
+_SAMPLED, _SAMPLED_OF_STATION = 20_000, 5_000
+"""Points of a file, and of a station, that are compared."""
+_LEAST_SHARE = 0.01
+"""A station with fewer of its file's points changes nothing."""
 _LENGTHS_M = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001}
 _FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
@@ -20,33 +24,61 @@ _FITS_BETTER = 0.2
 
 _no_overlap = refusals(
     expected="stations of one survey, registered to one coordinate system, in metres",
-    remedy="register the stations, or convert what is not in metres, and export again",
+    remedy="register the stations, or convert what is not in metres, and export again; or leave this one out",
 )
 
 
 def check_overlap(cloud: Cloud) -> None:
     """Refuse stations that do not show the same place, or show it in other units.
 
-    Raises InputError if a file's cloud shares next to nothing with the others, or fits them better in another unit
-    of length.
+    Raises InputError if a file's cloud, or a station of a file, shares next to nothing with the others, or fits them
+    better in another unit of length.
     """
+    if not cloud.station.any():
+        return  # files of one station are pieces of one model
     ends = np.cumsum([points for _, points in cloud.files])
     parts = np.split(cloud.points_m, ends[:-1])
-    if len(parts) < 2 or not cloud.station.any():
-        return  # files of one station are pieces of one model
-    samples = [part[:: max(1, len(part) // 20_000)] for part in parts]
+    if len(parts) > 1:
+        _check([name for name, _ in cloud.files], [_some(part, _SAMPLED) for part in parts], cloud.origin_m)
+    names, samples = _stations(cloud)
+    if len(samples) > len(parts):
+        _check(names, samples, cloud.origin_m)
+
+
+def _check(names: list[str], samples: list[NDArray[np.float64]], origin_m: NDArray[np.float64]) -> None:
+    """Refuse the one of several clouds that overlaps the others least."""
     against = [_Against.of(samples, number) for number in range(len(samples))]
-    _refuse_other_units(against, cloud)
+    _refuse_other_units(against, names, origin_m)
     shown = [each.shared() for each in against]
     alone = [number for number, share in enumerate(shown) if share < _LEAST_OVERLAP]
     if not alone:
         return
     alone.sort(key=lambda number: (shown[number], -against[number].ratio))
-    names = [cloud.files[number][0] for number in alone]
-    also = f"; the same holds for {', '.join(names[1:])}" if len(names) > 1 else ""
+    others = [names[number] for number in alone[1:]]
+    also = f"; the same holds for {', '.join(others)}" if others else ""
     ratio = against[alone[0]].ratio
     units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
-    raise _no_overlap(f"does not overlap the other clouds{also}{units}", names[0])
+    raise _no_overlap(f"does not overlap the other clouds{also}{units}", names[alone[0]])
+
+
+def _stations(cloud: Cloud) -> tuple[list[str], list[NDArray[np.float64]]]:
+    """Names of the stations, and some points of each."""
+    names, samples, start = [], [], 0
+    for name, count in cloud.files:
+        station = cloud.station[start : start + count]
+        numbers, sizes = np.unique(station, return_counts=True)
+        for place, (number, size) in enumerate(zip(numbers, sizes, strict=True)):
+            if size < _LEAST_SHARE * count:
+                continue
+            names.append(name + (f", station {place + 1} of {len(numbers)}" if len(numbers) > 1 else ""))
+            rows = start + np.flatnonzero(station == number)
+            samples.append(cloud.points_m[_some(rows, _SAMPLED_OF_STATION)])
+        start += count
+    return names, samples
+
+
+def _some(rows: NDArray, count: int) -> NDArray:
+    return rows[:: max(1, len(rows) // count)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +123,10 @@ class _Against:
         return after - as_is
 
 
-def _refuse_other_units(against: list[_Against], cloud: Cloud) -> None:
+def _refuse_other_units(against: list[_Against], names: list[str], origin_m: NDArray[np.float64]) -> None:
     """Blame the file whose conversion brings it and the others together best."""
     gains = [
-        (each.fit_gained(unit, cloud.origin_m), unit < 1.0, unit, number)
+        (each.fit_gained(unit, origin_m), unit < 1.0, unit, number)
         for number, each in enumerate(against)
         for length in _LENGTHS_M.values()
         for unit in (length, 1.0 / length)
@@ -106,7 +138,7 @@ def _refuse_other_units(against: list[_Against], cloud: Cloud) -> None:
         explanation = (
             f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
         )
-        raise _no_overlap(f"is in other units than the other clouds: {explanation}", cloud.files[number][0])
+        raise _no_overlap(f"is in other units than the other clouds: {explanation}", names[number])
 
 
 def _size(points: NDArray[np.float64]) -> float:

@@ -30,7 +30,7 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
     Raises InputError if they are few, one and the same, in degrees, or stored in single precision far from zero.
     """
     if len(points) < _MINIMUM_POINTS:
-        also = f", and {left_out} that are not finite" if left_out else ""
+        also = f", and {left_out} that are deleted or not finite" if left_out else ""
         raise InputError(
             f"holds {len(points)} points{also}",
             where=str(path),

@@ -1,7 +1,7 @@
 """Clouds from files: every format ends as local points in metres and one double-precision origin."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ class Source:
 
     name: str
     points: int  # that stay
-    left_out: int = 0  # points that were not finite, or copies of others
+    left_out: int = 0  # points that were deleted, not finite, or copies of others
     # Of horizontal coordinates and of heights, as the file has them.
     metres_per_unit: tuple[float, float] = (1.0, 1.0)
     unit_by: str = ""  # who says so: empty if nobody does, and metres are assumed
@@ -125,6 +125,8 @@ class _Read:
     reference: Reference | None = None
     mesh: "_Mesh | None" = None
     note: str = ""
+    # What was left out already: how many points, by what they are.
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -233,10 +235,12 @@ class _Said:
 
 def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
     """Finite points in metres, z up, and what became of the others."""
-    points, station, left_out = read.points, read.station, 0
+    points, station, counted = read.points, read.station, {**read.left_out}
     if not np.isfinite(points.sum()):
         finite = np.isfinite(points).all(axis=1)
-        points, station, left_out = points[finite], station[finite], int((~finite).sum())
+        points, station = points[finite], station[finite]
+        counted["are not finite"] = int((~finite).sum())
+    left_out = sum(counted.values())
     scale, by, note = _unit_of(read, said)
     check_points(points, path, left_out, scale)
     if scale != (1.0, 1.0):
@@ -246,7 +250,7 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64
     if not placement.says_up:
         check_axes(points, path)
     points = placement.apply(points) if placement.by else points
-    notes = [f"{left_out} points are not finite and were left out"] if left_out else []
+    notes = [f"{count} points {what} and were left out" for what, count in counted.items() if count]
     notes += [each for each in (read.note, note, placement.by and f"placed by {placement.by}") if each]
     stated = said.system or (None if placement.says_scale else read.reference)
     source = Source(
@@ -308,7 +312,8 @@ def _read_file(path: Path, said: _Said) -> _Read:
             told, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
             if told["refusal"] and not unit_given:
                 raise InputError(**told["refusal"] | {"where": str(path)})
-            return _Read(points, station, np.array(told["step"]), told["unit"], told["reference"])
+            step, left_out = np.array(told["step"]), told.get("left_out", {})
+            return _Read(points, station, step, told["unit"], told["reference"], left_out=left_out)
         if suffix == ".ply":
             points, station = _read_ply(path)
             remarks = read_header(path).remarks

@@ -62,6 +62,8 @@ def e57(path, scans, *, rotation="wxyz", translation="xyz", scale=0.0, words="",
             vector = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
             node.set("points", vector)
             file.data3d.append(node)
+            if not len(points):
+                continue
             columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, k]) for k, axis in enumerate("XYZ")}
             buffers = libe57.VectorSourceDestBuffer()
             for name, column in columns.items():
@@ -106,6 +108,23 @@ def test_a_pose_that_lacks_a_number_is_refused(tmp_path):
     path = e57(tmp_path / "cloud.e57", [(POINTS_M, TURN, SHIFT_M)], rotation="xyz")
     with pytest.raises(InputError, match="rotation of a scan's pose has no w"):
         read_clouds([path])
+
+
+def test_a_scan_without_points_takes_nothing_from_the_others(tmp_path):
+    scans = [(np.empty((0, 3)), TURN, SHIFT_M), (own_frame(POINTS_M, TURN, SHIFT_M), TURN, SHIFT_M)]
+    path = e57(tmp_path / "cloud.e57", [*scans, scans[0]])
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
+    assert set(read_clouds([path]).station) == {0}
+
+
+def test_beams_without_a_return_do_not_stand_at_their_scanner(tmp_path):
+    """The scanner's own frame has 0, 0, 0 where no beam came back: in the survey's frame that is the tripod."""
+    seen = own_frame(POINTS_M, TURN, SHIFT_M)
+    path = e57(tmp_path / "cloud.e57", [(np.vstack([np.zeros((40, 3)), seen]), TURN, SHIFT_M)])
+    (source,) = read_clouds([path]).sources
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
+    assert source.left_out == 40
+    assert "40 points lie at 0, 0, 0 of their scanner" in source.note
 
 
 def test_an_e57_whose_words_say_feet_is_refused_and_read_on_the_users_word(tmp_path):

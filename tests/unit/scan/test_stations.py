@@ -7,6 +7,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.survey import survey
@@ -30,6 +31,17 @@ def with_one_off(cloud, number, shift_m):
     points = cloud.points_m.copy()
     points[cloud.station == number] += shift_m
     return Cloud(points, cloud.origin_m, cloud.station, cloud.files)
+
+
+@pytest.mark.parametrize("off_m", [[9.0, 2.0, 1.6], [-331_000.0, -3_777_000.0, -480.0]])
+def test_of_one_file_the_station_that_shows_another_place_is_named(cloud, off_m):
+    """Such as a scan of an E57 whose pose is missing among others that have theirs."""
+    one = with_one_off(cloud, 3, off_m)
+    one = dataclasses.replace(one, files=(("all.e57", len(one.points_m)),))
+    with pytest.raises(InputError, match="does not overlap") as error:
+        check_overlap(one)
+    assert error.value.where == "all.e57, station 4 of 5"
+    check_overlap(dataclasses.replace(cloud, files=one.files))
 
 
 def test_stations_that_fit_are_told_one_by_one(cloud):

@@ -303,6 +303,8 @@ def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(
     assert cloud.files == ((path.name, first), (path.name, first))
     np.testing.assert_allclose(cloud.points_m[:first] + cloud.origin_m, points[kept], atol=0.01)
     assert cloud.station.tolist() == [*(count[kept] >= 2000), *(2 + (count[kept] >= 2000))]
+    assert cloud.sources[0].left_out == 4000 - first
+    assert f"{4000 - first} points are withheld or classed as noise" in cloud.sources[0].note
 
 
 @pytest.mark.parametrize(

@@ -149,9 +149,9 @@ def draw_bases(
         If no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
     """
     inspection = inspection or Inspection()
-    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-    under = Underside.of(low, lit, observed.height_m, observed.hint, interface)
-    part = hidden_part(under, low, lit, observed.height_m, inspection, interface)
+    near = observed.near(interface)
+    under = Underside.of(near, observed.hint, interface)
+    part = hidden_part(under, near, inspection, interface)
     random = np.random.default_rng([2026, 28])
     statics = DrawStatics.of(closed, interface, part, observed.height_m)
     possible = (ROUGH, ROUNDED) if inspection.touch_only else KINDS

@@ -15,6 +15,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import BaseObservation, Relief
 from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside
 from toppling.models.scan.interface import Interface
 
@@ -98,17 +99,14 @@ class Rim:
 
 
 def hidden_part(
-    under: Underside, low: Array, lit: Array, height_m: float, inspection: Inspection, interface: Interface
+    under: Underside, near: NearInterface, inspection: Inspection, interface: Interface
 ) -> HiddenPart:
     """Lay places over the hidden base and its rim, and collect what is known of the gap.
 
     Parameters
     ----------
     under : Underside
-    low, lit : (n, 3) arrays
-        Points of rock and pedestal near the interface, as u, v, h.
-    height_m : float
-        Of the rock.
+    near : NearInterface
     inspection : Inspection
         In the scene's frame.
     interface : Interface
@@ -118,6 +116,7 @@ def hidden_part(
     InputError
         If a place of the inspection is none of the base, or no base is enclosed.
     """
+    low, lit, height_m = near.low, near.lit, near.height_m
     grid, cell = under.grid, under.grid.cell_m
     width_m = cell * float(np.sqrt(under.hidden.sum()))
     if not width_m:

@@ -74,8 +74,7 @@ def base_unseen(
         If the inspection's places are none of the base, a pull is none that a base bears, or what was seen leaves no
         base on which the rock stands as it was scanned.
     """
-    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, interface=interface)
+    smooth = hidden_base(observed.near(interface), core, observed.hint, interface=interface)
     least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
@@ -177,9 +176,8 @@ def check_inspection(observed: ObservedRock, interface: Interface, inspection: I
     """
     if len(inspection.places_m):
         check_on_interface(inspection, interface, observed.height_m)
-        low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
-        under = Underside.of(low, lit, observed.height_m, observed.hint, interface)
-        hidden_part(under, low, lit, observed.height_m, inspection, interface)
+        near = observed.near(interface)
+        hidden_part(Underside.of(near, observed.hint, interface), near, inspection, interface)
 
 
 def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:

@@ -7,16 +7,15 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
-from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
+from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.doubt import SECTORS, sectors
 from toppling.models.scan.edge import Edge
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
-_RIM_PER_HEIGHT = 0.06
-"""Height over the interface up to which the seen underside shapes the hidden one."""
 _RIM_CELLS = 5
 """Of seen cells so near to each other, the lowest carries the hidden base; the others are the rock's side."""
 _RIM_SPREAD_PER_HEIGHT = 0.0003
@@ -71,25 +70,6 @@ class Base:
     )
 
 
-def near_the_interface(
-    rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which points shape the base: the rock's low ones and the pedestal's beside and below it, without strays.
-
-    Parameters
-    ----------
-    rock, pedestal : (n, 3) arrays
-        Points of each as u, v, h over the interface plane.
-    height_m : float
-        Height of the rock.
-    """
-    low = rock[:, 2] < _RIM_PER_HEIGHT * height_m
-    lit = np.abs(pedestal[:, 2]) < 0.5 * _RIM_PER_HEIGHT * height_m
-    low[low] = not_strays(rock[low])
-    lit[lit] = not_strays(pedestal[lit], alone=6.0)
-    return low, lit
-
-
 @dataclass(frozen=True, eq=False)
 class Underside:
     """What was seen of the rock's underside, on the cells of a grid."""
@@ -118,13 +98,11 @@ class Underside:
     @classmethod
     def of(
         cls,
-        low: NDArray[np.float64],
-        lit: NDArray[np.float64],
-        height_m: float,
+        near: NearInterface,
         hint: InterfaceHint | None = None,
         interface: Interface | None = None,
     ) -> "Underside":
-        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of its lattice if any.
+        """Underside from what was seen near the interface, on cells of its lattice if any.
 
         What hangs beyond its edge is no underside.
 
@@ -133,10 +111,11 @@ class Underside:
         InputError
             If next to nothing of the rock shows near the interface.
         """
+        low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)
         cell = height_m / CELLS_PER_HEIGHT
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
-        side = None if hint is not None and hint.encloses else UnseenSide.of(low)
+        side = None if hint is not None and hint.encloses else UnseenSide.of(low, led_down=near.led_down)
         if side is not None:
             first, last = np.minimum(first, side.reach_m[0]), np.maximum(last, side.reach_m[1])
         if interface is not None and (lattice_m := interface.lattice_m):
@@ -189,9 +168,7 @@ class Underside:
 
 
 def hidden_base(
-    low: NDArray[np.float64],
-    lit: NDArray[np.float64],
-    height_m: float,
+    near: NearInterface,
     core: float,
     hint: InterfaceHint | None = None,
     rng: np.random.Generator | None = None,
@@ -204,10 +181,7 @@ def hidden_base(
 
     Parameters
     ----------
-    low, lit : (n, 3) arrays
-        Points of rock and pedestal near the interface, as u, v, h over its plane.
-    height_m : float
-        Height of the rock.
+    near : NearInterface
     core : float
         Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
     hint : InterfaceHint, optional
@@ -222,7 +196,7 @@ def hidden_base(
     InputError
         If next to nothing of the rock shows near the interface.
     """
-    under = Underside.of(low, lit, height_m, hint, interface)
+    under, height_m = Underside.of(near, hint, interface), near.height_m
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
     rests = _deepest(depth, hidden, core)
     if outline is not None:
@@ -239,7 +213,7 @@ def hidden_base(
     base = under.closed_by(sheet, height_m)
     if interface is None or interface.edge is None:
         return base
-    return _with_hanging(base, sheet, low, interface.edge, height_m)
+    return _with_hanging(base, sheet, near.low, interface.edge, height_m)
 
 
 def _with_hanging(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
+from scipy.special import ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
@@ -28,6 +29,8 @@ _FULLEST = 2.5
 """Weight of the fullest drawn outline over that of the circle's arc; of eight known rocks .6 to 2.2."""
 _SAMPLES, _DIRECTIONS = 65, 720
 """Places of an arc, and directions in which an outline's radius is kept."""
+_LED_SHARE = 0.5
+"""Of the directions in which the rim was not seen; in fewer, a side seen higher up is the limb of what was seen."""
 _HORIZONTAL = 0.3
 """Horizontal part of a normal below which it tells nothing of an outline."""
 _MOST_NORMALS, _NEIGHBOURS = 3000, 16
@@ -46,42 +49,38 @@ class UnseenSide:
     radii_m: Array  # (1 + DRAWN, _DIRECTIONS + 1): of the likeliest outline and of draws, by direction
 
     @classmethod
-    def of(cls, low: Array, normals: Array | None = None) -> UnseenSide | None:
+    def of(cls, low: Array, normals: Array | None = None, led_down: Array | None = None) -> UnseenSide | None:
         """From points (n, 3) of the rock near its interface, as u, v, h; None where the rim was seen around.
 
-        What was not seen turns through the normals that were not seen, as a circle's arc or, in draws, between the
-        straight line and the corner where its tangents meet.
+        Below a side that was seen higher up the rim goes on as that is led down, in draws farther out or in. What no
+        station saw at any height turns through the normals that were not seen, as a circle's arc or, in draws, between
+        the straight line and the corner where its tangents meet.
 
         normals: (k, 3), of the rock's sides; those of the points unless given.
+        led_down: (m, 3), of :meth:`SidesSeen.led_down`.
         """
         hull = low[ConvexHull(low[:, :2]).vertices, :2]
         ways, middle_m = normals, hull.mean(axis=0)
         # The middle depends on where the range lies, and the range on the middle.
         for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
-            range_deg, toward_deg = widest_gap_deg(_shown(low[:, :2] - middle_m))
-            if range_deg < least_deg:
+            rim = _Rim.about(middle_m, low, led_down)
+            if rim.only_seen.unknown_deg[0] < least_deg:
                 return None
-            turn, away_m = _rim_seen(low, middle_m)
-            from_begin = np.mod(turn - np.deg2rad(toward_deg), 2.0 * np.pi)
-            ends = [from_begin.argmax(), from_begin.argmin()]
-            ends_m = middle_m + away_m[ends, None] * _directions(turn[ends])
-            ways = _normals(low, middle_m) if ways is None else ways
-            corner_m, weight = _corner(ends_m, ways)
-            along, back = _along_and_back(ends_m)
-            across, deepest = hull @ along, _arc(ends_m, corner_m, weight)[_SAMPLES // 2] @ back
+            ends_m, conic = rim.only_seen.ends_m, None
+            reached = np.vstack([hull, rim.places_m])
+            if rim.unknown_deg[0] >= least_deg:
+                ways = _normals(low, middle_m) if ways is None else ways
+                conic = _Conic.between(rim.ends_m, ways)
+                reached = np.vstack([reached, conic.arc_m()[_SAMPLES // 2]])
             # Of what is seen and the likeliest outline.
-            middle_m = (
-                0.5 * (deepest + (hull @ back).min()) * back + 0.5 * (across.min() + across.max()) * along
-            )
-        turn, away_m = _rim_seen(low, middle_m)
-        drawn = weight * _FULLEST * (np.arange(DRAWN) + 0.5) / DRAWN
-        arcs = [_arc(ends_m, corner_m, each) - middle_m for each in (weight, *drawn)]
-        return cls(
-            middle_m,
-            ends_m,
-            0.5 * float(np.ptp(across)),
-            np.array([_radii(arc, turn, away_m) for arc in arcs]),
-        )
+            axes = np.column_stack(_along_and_back(ends_m))
+            low_m, high_m = (reached @ axes).min(axis=0), (reached @ axes).max(axis=0)
+            middle_m = axes @ (0.5 * (low_m + high_m))
+        rim = _Rim.about(middle_m, low, led_down)
+        share = (np.arange(DRAWN) + 0.5) / DRAWN
+        radii = [_radii(rim, conic, 0.0, 1.0)]
+        radii += [_radii(rim, conic, *each) for each in zip(ndtri(share), _FULLEST * share, strict=True)]
+        return cls(middle_m, ends_m, 0.5 * float(np.ptp(hull @ axes[:, 0])), np.array(radii))
 
     def share_out(self, places_m: Array, number: int | None = None) -> Array:
         """Distances (...) of places (..., 2 or 3) from the middle over that of a draw's outline, or the likeliest's.
@@ -123,8 +122,60 @@ def _shown(ways: Array) -> NDArray[np.int64]:
     return np.flatnonzero(count >= max(3.0, _LEAST_SHARE * count.mean()))
 
 
-def _rim_seen(low: Array, middle_m: Array) -> tuple[Array, Array]:
-    """Directions (k,), radians, in which the rim was seen, and its distance (k,) from a middle."""
+@dataclass(frozen=True, eq=False)
+class _Rim:
+    """What is known of a rim about a middle, by sectors of directions."""
+
+    middle_m: Array  # (2,)
+    sector: NDArray[np.int64]  # (k,), in order
+    away_m: Array  # (k,)
+    std_m: Array  # (k,), 0 where the rim was seen
+
+    @classmethod
+    def about(cls, middle_m: Array, low: Array, led_down: Array | None) -> _Rim:
+        """Of points (n, 3) near the interface, and of places (m, 3) with their standard deviation elsewhere."""
+        sector, away_m = _rim_seen(low, middle_m)
+        led = np.zeros((0, 3)) if led_down is None else led_down
+        below, first = np.unique(sectors(led[:, :2] - middle_m), return_index=True)
+        elsewhere = ~np.isin(below, sector)
+        if elsewhere.sum() < _LED_SHARE * (SECTORS - len(sector)):
+            elsewhere[:] = False
+        led, sector = led[first[elsewhere]], np.append(sector, below[elsewhere])
+        order = np.argsort(sector)
+        away_m = np.append(away_m, np.linalg.norm(led[:, :2] - middle_m, axis=1))
+        std_m = np.append(np.zeros(len(sector) - len(led)), led[:, 2])
+        return cls(middle_m, sector[order], away_m[order], std_m[order])
+
+    @property
+    def only_seen(self) -> _Rim:
+        """The same without what was not seen."""
+        seen = self.std_m == 0.0
+        return _Rim(self.middle_m, self.sector[seen], self.away_m[seen], self.std_m[seen])
+
+    @property
+    def turn(self) -> Array:
+        """Directions (k,), radians."""
+        return (self.sector + 0.5) * 2.0 * np.pi / SECTORS - np.pi
+
+    @property
+    def places_m(self) -> Array:
+        """Places (k, 2)."""
+        return self.middle_m + self.away_m[:, None] * _directions(self.turn)
+
+    @property
+    def unknown_deg(self) -> tuple[float, float]:
+        """Width of the widest range of directions in which nothing is known, and its middle."""
+        return widest_gap_deg(self.sector)
+
+    @property
+    def ends_m(self) -> Array:
+        """Last places (2, 2) before that range and first after it, counter-clockwise."""
+        from_begin = np.mod(self.turn - np.deg2rad(self.unknown_deg[1]), 2.0 * np.pi)
+        return self.places_m[[from_begin.argmax(), from_begin.argmin()]]
+
+
+def _rim_seen(low: Array, middle_m: Array) -> tuple[NDArray[np.int64], Array]:
+    """Sectors (k,) in which the rim was seen, and its distance (k,) from a middle."""
     offset = low[:, :2] - middle_m
     sector, away = sectors(offset), np.linalg.norm(offset, axis=1)
     shown = _shown(offset)
@@ -133,7 +184,7 @@ def _rim_seen(low: Array, middle_m: Array) -> tuple[Array, Array]:
         own = sector == each
         foot = low[own, 2] <= np.quantile(low[own, 2], _LOWEST_SHARE)
         radii.append(float(np.median(away[own][foot])))
-    return (shown + 0.5) * 2.0 * np.pi / SECTORS - np.pi, np.array(radii)
+    return shown, np.array(radii)
 
 
 def _directions(turn: Array) -> Array:
@@ -146,43 +197,52 @@ def _along_and_back(ends_m: Array) -> tuple[Array, Array]:
     return along, np.array([along[1], -along[0]])
 
 
-def _corner(ends_m: Array, normals: Array) -> tuple[Array, float]:
-    """Where the tangents at both ends meet (2,), and the weight of the arc between them that is a circle's.
+@dataclass(frozen=True, eq=False)
+class _Conic:
+    """A conic between two ends: a rational Bezier curve of second degree (Farin 2002)."""
 
-    The tangents are square to the first normals that were seen on either side of the straight line's.
+    ends_m: Array  # (2, 2)
+    corner_m: Array  # (2,): where the tangents at its ends meet
+    weight: float  # of the corner, with which it is a circle's arc
+
+    @classmethod
+    def between(cls, ends_m: Array, normals: Array) -> _Conic:
+        """Its tangents are square to the first normals that were seen on either side of the straight line's."""
+        along, back = _along_and_back(ends_m)
+        flat = normals[np.linalg.norm(normals[:, :2], axis=1) > _HORIZONTAL]
+        shown = (
+            _shown(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
+        ) * 360.0 / SECTORS - 180.0
+        after = min(shown[shown >= 0.0], default=180.0)
+        before = min(-shown[shown <= 0.0], default=180.0)
+        turns = np.deg2rad(np.clip([before, after], _LEAST_TURN_DEG, _MOST_TURN_DEG))
+        wide_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+        deep_m = wide_m / (1.0 / np.tan(turns)).sum()
+        corner_m = ends_m[0] + deep_m * (back + along / np.tan(turns[0]))
+        return cls(ends_m, corner_m, float(np.cos(turns.mean())))
+
+    def arc_m(self, fullness: float = 1.0) -> Array:
+        """Places (_SAMPLES, 2) of the curve with so many times the circle's weight."""
+        t, weight = np.linspace(0.0, 1.0, _SAMPLES)[:, None], fullness * self.weight
+        first, between, last = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
+        whole = first * self.ends_m[0] + between * self.corner_m + last * self.ends_m[1]
+        return np.asarray(whole / (first + between + last))
+
+
+def _radii(rim: _Rim, conic: _Conic | None, out: float, fullness: float) -> Array:
+    """Distances (_DIRECTIONS + 1,) from a middle over a whole turn: of a rim and of a conic where nothing is known.
+
+    out: of what was not seen, in standard deviations.
     """
-    along, back = _along_and_back(ends_m)
-    flat = normals[np.linalg.norm(normals[:, :2], axis=1) > _HORIZONTAL]
-    shown = (
-        _shown(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
-    ) * 360.0 / SECTORS - 180.0
-    after = min(shown[shown >= 0.0], default=180.0)
-    before = min(-shown[shown <= 0.0], default=180.0)
-    turns = np.deg2rad(np.clip([before, after], _LEAST_TURN_DEG, _MOST_TURN_DEG))
-    wide_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
-    deep_m = wide_m / (1.0 / np.tan(turns)).sum()
-    corner_m = ends_m[0] + deep_m * (back + along / np.tan(turns[0]))
-    return corner_m, float(np.cos(turns.mean()))
-
-
-def _arc(ends_m: Array, corner_m: Array, weight: float) -> Array:
-    """Places (_SAMPLES, 2) of a conic between two ends: a rational Bezier curve of second degree (Farin 2002)."""
-    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
-    first, between, last = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
-    return np.asarray((first * ends_m[0] + between * corner_m + last * ends_m[1]) / (first + between + last))
-
-
-def _radii(arc_m: Array, turn: Array, away_m: Array) -> Array:
-    """Distances (_DIRECTIONS + 1,) from a middle over a whole turn: of an arc about it, elsewhere of the rim seen."""
-    of_arc = np.arctan2(arc_m[:, 1], arc_m[:, 0])
-    first, last = of_arc[[0, -1]]
-    elsewhere = np.mod(turn - first, 2.0 * np.pi) > np.mod(last - first, 2.0 * np.pi)
-    return np.interp(
-        np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1),
-        np.concatenate([of_arc, turn[elsewhere]]),
-        np.concatenate([np.linalg.norm(arc_m, axis=1), away_m[elsewhere]]),
-        period=2.0 * np.pi,
-    )
+    turn, away_m = rim.turn, np.maximum(rim.away_m + out * rim.std_m, 0.0)
+    if conic is not None:
+        arc = conic.arc_m(fullness) - rim.middle_m
+        of_arc = np.arctan2(arc[:, 1], arc[:, 0])
+        first, last = of_arc[[0, -1]]
+        elsewhere = np.mod(turn - first, 2.0 * np.pi) > np.mod(last - first, 2.0 * np.pi)
+        turn = np.concatenate([of_arc, turn[elsewhere]])
+        away_m = np.concatenate([np.linalg.norm(arc, axis=1), away_m[elsewhere]])
+    return np.interp(np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1), turn, away_m, period=2.0 * np.pi)
 
 
 def _normals(points_m: Array, middle_m: Array) -> Array:

@@ -9,12 +9,9 @@ import open3d as o3d
 from scipy.spatial import QhullError
 
 from toppling.models.arrays import Array
+from toppling.models.hidden_base.sides_seen import LEVELS, TOP, SidesSeen
 from toppling.models.hidden_base.unseen_side import UnseenSide
 
-_LEVELS = 24
-"""Over the rock's height, in which outlines are taken."""
-_TOP = 0.8
-"""Upward part of a normal from which on a patch belongs to a top and to no outline."""
 _LEAST_PATCHES = 40
 _NEIGHBOURS = 9
 
@@ -25,13 +22,13 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
     base: over whose unseen range the side is closed.
     flat_m, normals: (n, 3), of the rock's patches.
     """
-    upright = normals[:, 2] < _TOP
-    side = flat_m[upright]
-    levels = np.linspace(side[:, 2].min(), side[:, 2].max(), _LEVELS + 1)
+    upright = normals[:, 2] < TOP
+    side, sides = flat_m[upright], SidesSeen.of(flat_m, normals, base.middle_m)
+    levels = np.linspace(side[:, 2].min(), side[:, 2].max(), LEVELS + 1)
     height_m, rings, ways = np.diff(levels)[0], [], []
     for low_m, high_m in pairwise(levels):
         patches = side[(side[:, 2] >= low_m) & (side[:, 2] < high_m)]
-        around = _unseen(patches, normals[upright])
+        around = _unseen(patches, normals[upright], sides.led_down(0.5 * (low_m + high_m)))
         if around is None:
             continue
         turn = np.arange(0.0, 2.0 * np.pi, step_m / around.radius_m)
@@ -48,12 +45,12 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
     return places, _outward(places, way)
 
 
-def _unseen(patches_m: Array, normals: Array) -> UnseenSide | None:
+def _unseen(patches_m: Array, normals: Array, led_down: Array) -> UnseenSide | None:
     """How the outline of a level goes on; None where it was seen around, or too little of it."""
     if len(patches_m) < _LEAST_PATCHES:
         return None
     try:
-        return UnseenSide.of(patches_m * [1.0, 1.0, 0.0], normals)
+        return UnseenSide.of(patches_m * [1.0, 1.0, 0.0], normals, led_down)
     except QhullError:
         return None
 

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -141,8 +141,9 @@ class _HalfSample:
         kept_plane = observed.hint is not None or not interface.is_bare
         plane = interface if kept_plane else _half_fitted(beside, interface, rng)
         drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
-        low, lit = plane.over(_half(observed.low_m, rng)), plane.over(_half(observed.lit_m, rng))
-        base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane)
+        near = observed.near(plane)
+        near = replace(near, low=_half(near.low, rng), lit=_half(near.lit, rng))
+        base = hidden_base(near, drawn, observed.hint, rng, plane)
         kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
         rock = close_rock(observed.surfels, kept, base, plane, COARSE_DEPTH).rock
         return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))

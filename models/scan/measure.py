@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.hidden_base.near_interface import NearInterface
+from toppling.models.hidden_base.sides_seen import SidesSeen
 from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock, close_rock
+from toppling.models.scan.doubt import middle
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
@@ -40,13 +43,25 @@ class ObservedRock:
     height_m: float
     hint: InterfaceHint | None  # the interface as the user knows it
 
+    def near(self, interface: Interface) -> NearInterface:
+        """What shapes the base over an interface, with the rim below sides that were seen higher up only."""
+        low, lit = interface.over(self.low_m), interface.over(self.lit_m)
+        if not len(low):
+            return NearInterface(low, lit, self.height_m)
+        sides = SidesSeen.of(
+            interface.over(self.surfels.points_m[self.patches]),
+            self.surfels.normals[self.patches] @ interface.axes,
+            middle(low),
+        )
+        return NearInterface(low, lit, self.height_m, sides.led_down(0.0))
+
 
 def close_standing(observed: ObservedRock, interface: Interface) -> tuple[ClosedRock, float]:
     """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
-    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
+    near = observed.near(interface)
     cores = CORES_OF_HOLES if observed.hint is None or not observed.hint.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(low, lit, observed.height_m, core, observed.hint, interface=interface)
+        base = hidden_base(near, core, observed.hint, interface=interface)
         closed = close_rock(observed.surfels, observed.patches, base, interface)
         if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
             break  # no feet hold a rock whose centre of mass hangs beside all of its base

@@ -16,9 +16,9 @@ from toppling.models.files.folder import new_folder, replaced_folder
 from toppling.models.files.scene_document import LABELS, WORKED_OUT
 from toppling.models.frames import shifted_and_turned
 from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.rim_seen import unseen_rim
 from toppling.models.hidden_base.standing import check_inspection
-from toppling.models.hidden_base.underside import near_the_interface
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.beside import beside, stands_beside

@@ -16,8 +16,8 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
 from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
 from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import base_unseen, check_inspection
-from toppling.models.hidden_base.underside import near_the_interface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import Base, hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
@@ -43,7 +44,7 @@ def true_area():
 
 @pytest.mark.parametrize("gap_deg", [0.0, 90.0])
 def test_a_flat_base_is_flat_even_where_a_wall_hides_a_quarter_of_its_rim(gap_deg):
-    base = hidden_base(side(gap_deg), ground_around(), HEIGHT_M, 0.8)
+    base = hidden_base(NearInterface(side(gap_deg), ground_around(), HEIGHT_M), 0.8)
     resting = (base.height_m == 0.0) & base.hidden
     # The rim is known to a cell of 0.01 m, 4 % of the area; the chord of a quarter would cut off 9 %.
     assert resting.sum() * base.grid.cell_m**2 == pytest.approx(true_area(), rel=0.04)
@@ -52,7 +53,7 @@ def test_a_flat_base_is_flat_even_where_a_wall_hides_a_quarter_of_its_rim(gap_de
 def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
     strays = np.column_stack([np.full(11, 0.25), np.linspace(-0.3, 0.3, 11), np.zeros(11)])
     base, without = (
-        hidden_base(side(), lit, HEIGHT_M, 0.8)
+        hidden_base(NearInterface(side(), lit, HEIGHT_M), 0.8)
         for lit in (np.vstack([ground_around(), strays]), ground_around())
     )
     away = base.grid.nodes_m[..., 0] < 0.1
@@ -61,7 +62,9 @@ def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
 
 def test_relief_is_drawn_where_the_rim_hangs_and_none_where_it_is_sharp():
     drawn = [
-        hidden_base(side(rim_m=rim), ground_around(), HEIGHT_M, 0.8, rng=np.random.default_rng(1))
+        hidden_base(
+            NearInterface(side(rim_m=rim), ground_around(), HEIGHT_M), 0.8, rng=np.random.default_rng(1)
+        )
         for rim in (0.0, 0.02 * HEIGHT_M)
     ]
     sharp, hanging = (base.height_m[base.hidden] for base in drawn)

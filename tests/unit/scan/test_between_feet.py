@@ -5,7 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from toppling.models.hidden_base.underside import hidden_base, near_the_interface
+from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
+from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.scan.close import close_rock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
@@ -59,7 +60,7 @@ def block():
 def test_a_block_on_four_feet_is_as_heavy_as_without_what_lies_between_them(block):
     rock = np.vstack([points for points, _ in feet(0.006)])
     low, lit = near_the_interface(rock, ground(below=True), HEIGHT_M)
-    base = hidden_base(rock[low], ground(below=True)[lit], HEIGHT_M, 0.8)
+    base = hidden_base(NearInterface(rock[low], ground(below=True)[lit], HEIGHT_M), 0.8)
     closed = close_rock(block, np.ones(len(block.points_m), bool), base, LEVEL)
     true_m3 = 4.0 * HALF_M**2 * (HEIGHT_M - CLEAR_M) + 4.0 * FOOT_M**2 * CLEAR_M
     assert closed.rock.volume_m3 == pytest.approx(true_m3, rel=0.06)  # with what lies between them 11 % more
@@ -69,5 +70,5 @@ def test_a_block_on_four_feet_is_as_heavy_as_without_what_lies_between_them(bloc
 def test_one_sees_through_between_feet_alone(below):
     around, _ = sides_of(HALF_M, 0.02, 0.07, pitch_m=0.006)
     on_feet = np.vstack([points[points[:, 2] < 0.07] for points, _ in feet(0.006)])
-    assert hidden_base(around, ground(below), HEIGHT_M, 0.8).passage is None
-    assert (hidden_base(on_feet, ground(below), HEIGHT_M, 0.8).passage is not None) == below
+    assert hidden_base(NearInterface(around, ground(below), HEIGHT_M), 0.8).passage is None
+    assert (hidden_base(NearInterface(on_feet, ground(below), HEIGHT_M), 0.8).passage is not None) == below

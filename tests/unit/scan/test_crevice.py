@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.scan.crevice import judge_crevice, not_strays
 from toppling.models.scan.interface import Interface
@@ -85,7 +86,7 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
 
 def test_no_base_hangs_in_a_rim_that_was_not_seen():
     with pytest.raises(InputError, match="only 0 points of the rock"):
-        hidden_base(np.empty((0, 3)), sheet(0.0), HEIGHT_M, 0.8)
+        hidden_base(NearInterface(np.empty((0, 3)), sheet(0.0), HEIGHT_M), 0.8)
 
 
 def test_fewer_points_than_have_six_neighbours_are_strays():

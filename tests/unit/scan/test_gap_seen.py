@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, hidden_part
 from toppling.models.hidden_base.underside import Underside
 from toppling.models.scan.interface import Interface
@@ -23,7 +24,8 @@ def rings(radii_m, heights_m):
 
 
 def seen_at_the_rim(low, ground):
-    part = hidden_part(Underside.of(low, ground, HEIGHT_M), low, ground, HEIGHT_M, Inspection(), LEVEL)
+    near = NearInterface(low, ground, HEIGHT_M)
+    part = hidden_part(Underside.of(near), near, Inspection(), LEVEL)
     return part.observed
 
 

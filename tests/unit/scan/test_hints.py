@@ -22,10 +22,18 @@ from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
+from toppling.models.scan.surfels import Surfels
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 STD_M = np.full(3, 0.004)
+
+
+def seen_as(side, floor):
+    """An upright column of which so much was seen."""
+    out = side * [1.0, 1.0, 0.0] / np.linalg.norm(side[:, :2], axis=1)[:, None]
+    patches = Surfels(side, out, np.zeros(len(side)), PITCH_M)
+    return ObservedRock(side, floor, side, floor, patches, np.ones(len(side), bool), HEIGHT_M, None)
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +44,10 @@ def column():
     side = np.vstack([np.column_stack([ring, np.full(len(ring), h)]) for h in np.arange(0.01, 0.3, PITCH_M)])
     grid = np.arange(-1.2, 1.2, PITCH_M)
     floor = np.array([(x, y, 0.0) for x in grid for y in grid if np.hypot(x, y) > RADIUS_M])
-    observed = ObservedRock(side, floor, side, floor, None, None, HEIGHT_M, None)
+    observed = seen_as(side, floor)
     mesh = trimesh.creation.cylinder(RADIUS_M, HEIGHT_M, sections=64)
     mesh.apply_translation([0.0, 0.0, 0.5 * HEIGHT_M])
-    return observed, Rock.from_triangles(mesh.vertices, mesh.faces), hidden_base(side, floor, HEIGHT_M, 0.3)
+    return observed, Rock.from_triangles(mesh.vertices, mesh.faces), hidden_base(observed.near(LEVEL), 0.3)
 
 
 @pytest.fixture
@@ -213,11 +221,10 @@ FEET_M = np.array([[0.3, 0.0, 0.0], [-0.2, 0.25, 0.0], [-0.2, -0.25, 0.0]])
 
 def raised(column, rise_m):
     """The column with its side seen down to so much above the pedestal, light passing below it."""
-    observed, rock, _ = column
-    side = observed.rock_m + np.array([0.0, 0.0, rise_m])
-    floor = observed.pedestal_m
-    seen = ObservedRock(side, floor, side, floor, None, None, HEIGHT_M, None)
-    return seen, rock, hidden_base(side, floor, HEIGHT_M, 0.3)
+    before, rock, _ = column
+    side = before.rock_m + np.array([0.0, 0.0, rise_m])
+    observed = seen_as(side, before.pedestal_m)
+    return observed, rock, hidden_base(observed.near(LEVEL), 0.3)
 
 
 def test_a_flat_base_is_likely_where_the_rim_goes_down_to_the_pedestal_and_no_more_where_it_hangs(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
+from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import Underside
 from toppling.models.hidden_base.unseen_side import DRAWN, SIDE_TANGENT, UnseenSide
 from toppling.models.scan.edge import Edge
@@ -93,7 +94,7 @@ def test_nothing_lies_beyond_the_rim_that_was_seen():
 
 @pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
 def test_the_hidden_base_reaches_to_the_rim_that_nobody_saw(unseen_deg):
-    under = Underside.of(side(unseen_deg), ground(unseen_deg), HEIGHT_M)
+    under = Underside.of(NearInterface(side(unseen_deg), ground(unseen_deg), HEIGHT_M))
     area_m2 = under.hidden.sum() * under.grid.cell_m**2
     assert area_m2 == pytest.approx(np.pi * 0.45**2, rel=0.08)  # a cell of the rim is 4 %
     corner_m2 = 0.45**2 * (np.tan(np.deg2rad(0.5 * min(unseen_deg, 150.0))) - np.deg2rad(0.5 * unseen_deg))
@@ -102,7 +103,7 @@ def test_the_hidden_base_reaches_to_the_rim_that_nobody_saw(unseen_deg):
 
 
 def test_no_rim_goes_on_where_the_pedestal_beyond_it_was_seen():
-    under = Underside.of(side(90.0), ground(0.0), HEIGHT_M)
+    under = Underside.of(NearInterface(side(90.0), ground(0.0), HEIGHT_M))
     away_m = np.linalg.norm(under.grid.nodes_m[under.widest] - CENTRE_M, axis=1)
     assert away_m.max() < 0.46 + 2.0 * PITCH_M
 
@@ -111,7 +112,7 @@ def test_no_rim_goes_on_where_the_pedestal_ends():
     line = np.linspace(-1.0, 1.0, 41)
     edge = Edge(np.column_stack([np.full(41, CENTRE_M[0] + 0.3), line, np.ones(41), np.zeros(41)]), PITCH_M)
     ends = Interface(LEVEL.point_m, LEVEL.normal, LEVEL.axes, 0.0, None, edge)
-    under = Underside.of(side(120.0), ground(120.0), HEIGHT_M, interface=ends)
+    under = Underside.of(NearInterface(side(120.0), ground(120.0), HEIGHT_M), interface=ends)
     assert under.grid.nodes_m[under.widest][:, 0].max() < CENTRE_M[0] + 0.3
 
 

@@ -1,7 +1,9 @@
 """Triangle meshes on disk."""
 
 import os
+import re
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,6 +32,9 @@ class TriangleMesh(Protocol):
 
 MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 """A file, a pair of vertices and triangles, or an object that has both."""
+
+_COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
+"""A face of an OBJ by negative numbers."""
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -105,9 +110,35 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 
 def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
-    with path.open("rb") as file:
-        mesh: Any = trimesh.load(file, file_type=path.suffix.lower()[1:], force="mesh", process=False)
+    content, suffix = path.read_bytes(), path.suffix.lower()
+    if suffix == ".obj" and _COUNTED_BACK.search(content):
+        content = _counted_from_the_first(content)
+    mesh: Any = trimesh.load(BytesIO(content), file_type=suffix[1:], force="mesh", process=False)
     return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
+
+
+def _counted_from_the_first(content: bytes) -> bytes:
+    """Write an OBJ with numbers of vertices from the first on; negative ones count back from the line they stand in.
+
+    trimesh counts them back from the end of the file, which is another vertex wherever pieces follow each other.
+    """
+    seen = {b"v": 0, b"vt": 0, b"vn": 0}
+    lines = []
+    for line in content.splitlines():
+        word, *rest = line.split() or [b""]
+        if word in seen:
+            seen[word] += 1
+        elif word == b"f" and b"-" in line:
+            corners = [corner.split(b"/") for corner in rest]
+            line = b"f " + b" ".join(
+                b"/".join(
+                    b"%d" % (seen[kind] + 1 + int(number)) if number.startswith(b"-") else number
+                    for kind, number in zip(seen, corner, strict=False)
+                )
+                for corner in corners
+            )
+        lines.append(line)
+    return b"\n".join(lines)
 
 
 def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

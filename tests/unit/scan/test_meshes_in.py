@@ -239,3 +239,24 @@ def test_triangles_that_do_not_say_which_side_is_out_lose_nothing(tmp_path):
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
     cloud = read_clouds([exported(tmp_path / "site.ply", mesh)], None, placement_of(up="z"))
     assert len(cloud.points_m) == 20_000
+
+
+def test_negative_numbers_of_an_obj_count_back_from_where_they_stand(tmp_path):
+    """Each piece has its vertices before its faces: those of the last piece are not what the first one means."""
+    forward, back = tmp_path / "forward.obj", tmp_path / "back.obj"
+    lines: dict[str, list[str]] = {"forward": ["mtllib none.mtl"], "back": ["mtllib none.mtl"]}
+    first = 1
+    for number, piece in enumerate(pieces()):
+        corners = [f"o piece{number}", *("v {:.6f} {:.6f} {:.6f}".format(*each) for each in piece.vertices)]
+        corners += ["vt 0.5 0.5", "usemtl stone"]
+        for name, start, texture in (("forward", first, number + 1), ("back", -len(piece.vertices), -1)):
+            lines[name] += corners
+            lines[name] += [
+                "f " + " ".join(f"{start + corner}/{texture}" for corner in face) for face in piece.faces
+            ]
+        first += len(piece.vertices)
+    forward.write_text("\n".join(lines["forward"]))
+    back.write_text("\r\n".join(lines["back"]))
+    np.testing.assert_allclose(bounds(read_clouds([forward])), METRES, atol=0.05)
+    for known, read in zip(meshes.mesh_as_in_file(forward), meshes.mesh_as_in_file(back), strict=True):
+        np.testing.assert_array_equal(known, read)

@@ -46,6 +46,7 @@ from toppling.models.scan.measure import (
     confidence,
     outside_support_m,
 )
+from toppling.models.scan.overgrown import overgrown
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
@@ -199,7 +200,7 @@ def _checked_doubts(
     check_can_stand(closed.rock, interface)
     rim = unseen_rim(observed, interface, closed.rock.com_m)
     found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
-    told = [hanging_doubt(observed, interface), rim]
+    told = [hanging_doubt(observed, interface), overgrown(observed, interface), rim]
     return [*(each for each in told if each is not None), *found]
 
 

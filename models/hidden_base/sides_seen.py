@@ -18,7 +18,9 @@ _LEAST_PATCHES = 3
 """Of a level in a direction."""
 _FITTED = 8
 """Lowest levels in which a side was seen, which tell its slope."""
-_LEAST_SPAN = 0.5
+_STEEP = 0.5
+"""The same for a side that is led down: it lies within 30 degrees of the vertical."""
+_LEAST_SPAN = 0.35
 """Height over which a side must have been seen over the depth that it is led down: the far side's crown is no side."""
 _SPREAD = 0.08
 """Standard deviation of an outline over the depth that it was led down: sides seldom turn by more than 10 degrees."""
@@ -35,7 +37,7 @@ class SidesSeen:
     @classmethod
     def of(cls, flat_m: Array, normals: Array, middle_m: Array) -> SidesSeen:
         """From patches (n, 3) of a rock, as u, v, h, and their normals (n, 3)."""
-        side = flat_m[normals[:, 2] < TOP]
+        side = flat_m[normals[:, 2] < _STEEP]
         low_m, high_m = side[:, 2].min(), side[:, 2].max()
         level = np.minimum(LEVELS * (side[:, 2] - low_m) / (high_m - low_m), LEVELS - 1).astype(int)
         away_m, cell = (

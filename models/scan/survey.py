@@ -22,6 +22,7 @@ from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.beside import beside, stands_beside
+from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
@@ -201,6 +202,8 @@ def _checked_doubts(
     rim = unseen_rim(observed, interface, closed.rock.com_m)
     found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
     told = [hanging_doubt(observed, interface), overgrown(observed, interface), rim]
+    if any(mesh is not None for mesh in cloud.meshes):
+        told.append(bridged(observed, interface))
     return [*(each for each in told if each is not None), *found]
 
 

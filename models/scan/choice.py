@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
-from toppling.models.frames import slope_of_normal
+from toppling.models.frames import azimuth_deg, slope_of_normal
 from toppling.models.scan.candidates import (
     LEAST_CONCAVE_SHARE,
     LEAST_PEAK_VOXELS,
@@ -15,6 +15,7 @@ from toppling.models.scan.candidates import (
     find_candidates,
     surfels_of,
 )
+from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface import fitted_plane
 from toppling.models.scan.surfels import Surfels
 
@@ -24,6 +25,13 @@ _NEAR_HEIGHTS = 1.5
 """A top farther from where the user points than this many of its heights is not meant."""
 _LEAST_LOOP = 3
 """Places of an outline that lie in a plane."""
+_LEVEL = 0.8
+"""Upward part of the normals of a cliff's or wall's top."""
+_TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
+"""How near to a thing such a top lies, in its heights, how high, as shares of the way from the ground to the thing's
+top, and how many of its patches are enough."""
+_JOINED_VOXELS = 3.0
+"""Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
 """Of the cloud's extent, about a place that is named; with fewer points one shows no rock."""
 
@@ -90,19 +98,39 @@ def _nothing_stands(
             "by three places --point X,Y,Z around the contact; and check that z points up",
         )
     best = max(candidates, key=lambda each: (each.concave_share, each.height_m))
+    beside, apart = _beside_a_terrace(best, coarse)
     plane = fitted_plane(best.loop_m)
     slope, downhill = slope_of_normal(plane.normal)
     x, y, z = plane.point_m + origin_m
     return InputError(
         "nothing in the cloud stands on anything: what comes nearest, with its top at x, y "
-        f"{_tops([best], origin_m)}, is set off by a crease along {best.concave_share:.0%} of its outline",
+        f"{_tops([best], origin_m)}, is set off by a crease along {best.concave_share:.0%} of its outline{beside}",
         where="segmentation",
         expected=f"{expected}, a crease along at least {LEAST_CONCAVE_SHARE:.0%} of its outline",
-        remedy=f"if that is the rock, say where it meets its pedestal: --plane {x:.2f} {y:.2f} {z:.2f} {slope:.1f} "
-        f"{downhill:.0f} is the plane through its outline, and three places --point X,Y,Z picked along the contact "
-        "are better; if it is not, point at the rock by --near X Y, or crop the cloud; and check that z points up. A "
-        "boulder that is embedded, or attached by a neck or fillet, has no crease around it: it is held, and does not "
-        "topple as a free block",
+        remedy=f"{apart}if that is the rock, say where it meets its pedestal: --plane {x:.2f} {y:.2f} {z:.2f} "
+        f"{slope:.1f} {downhill:.0f} is the plane through its outline, and three places --point X,Y,Z picked along the "
+        "contact are better; if it is not, point at the rock by --near X Y, or crop the cloud; and check that z points "
+        "up. A boulder that is embedded, or attached by a neck or fillet, has no crease around it: it is held, and "
+        "does not topple as a free block",
+    )
+
+
+def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
+    """Where a cliff or wall lower than a thing stands so near that patches join the two: what, and what to do."""
+    away_m = coarse.points_m[:, :2] - thing.top_m[:2]
+    around = np.hypot(*away_m.T) < _TERRACE_HEIGHTS * thing.height_m
+    lowest_m = float(coarse.points_m[around, 2].min())
+    up = (coarse.points_m[:, 2] - lowest_m) / max(float(thing.top_m[2]) - lowest_m, coarse.voxel_m)
+    level = around & (coarse.normals[:, 2] > _LEVEL) & (up > _TERRACE[0]) & (up < _TERRACE[1])
+    if level.sum() < _LEAST_TERRACE:
+        return "", ""
+    high_m = float(np.median(coarse.points_m[level, 2])) - lowest_m
+    toward = direction_told(azimuth_deg(away_m[level].mean(axis=0)))
+    return (
+        f"; beside it, toward {toward}, the top of a cliff or wall lies {high_m:.2g} m above the ground: what is "
+        f"nearer to it than {_JOINED_VOXELS * coarse.voxel_m:.2g} m is one with it in patches of this cloud",
+        "if the rock stands at that cliff or wall, bring the two apart in another program, and give them as "
+        "--rock ROCK --pedestal PEDESTAL; ",
     )
 
 

@@ -13,7 +13,7 @@ from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.leaning import leaning, leans, upright_split
-from toppling.models.scan.segment import PEDESTAL
+from toppling.models.scan.segment import PEDESTAL, segment
 from toppling.models.scan.surfels import Surfels
 from toppling.models.shapes import box
 from toppling.orchestrator.public.making import scan
@@ -108,6 +108,16 @@ def test_a_slim_block_beside_a_boulder_is_refused_where_it_stands_itself(lowest_
     assert joint.part < 0.2
     with pytest.raises(InputError, match="two blocks that touch") if stands else contextlib.nullcontext():
         patches.doubted(observed)
+
+
+@pytest.mark.parametrize("lean_deg", [0.0, 8.0])
+def test_a_block_at_a_lower_wall_is_not_told_apart_and_the_wall_is_named_with_what_to_do(lean_deg):
+    points = beside_a_wall(lean_deg, 0.8, 0.02).points_m
+    with pytest.raises(
+        InputError, match=r"toward azimuth (35\d|\d|360) .* a cliff or wall lies 0.8 m above"
+    ) as found:
+        segment(points, np.zeros(3))
+    assert "--rock ROCK --pedestal PEDESTAL" in str(found.value)
 
 
 def scanned_m(lean_deg, holder, gap_m=0.0):

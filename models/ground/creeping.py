@@ -18,13 +18,22 @@ _TIPPED_RAD = 0.8
 _TIPPING_SHARE = 0.004
 """Of R: way of one of its steps."""
 
+_LONGEST = 16.0
+"""Times the shortest step: a longer one goes past facets of a fine mesh that it should come to rest on."""
+
+_MOST_STEPS = 200
+"""Of the longest, to one pose."""
+
+_LEAST = 0.25
+"""Share of that way after which a rock that has landed is asked anew: on a dome it stands more wherever it is."""
+
 _PASSED = 0.9
 """Share of the largest acceleration that was held, below which it is past it."""
 
 _PRECISION = 2e-4
 """Share to which the largest acceleration is found."""
 
-_MOST_POSES = 300
+_MOST_POSES = 1500
 
 _SETTLED_IN = 30
 """Short steps after a long one, which close its gaps: over an open one a rock rolls aside, as if it were held."""
@@ -71,23 +80,36 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
         ):
             return best
         pushed = 1.02 * best + 500.0 * still
-        way, step_s = 0.0, sim.step_s
-        for _ in range(20):
-            copy(pose, trial)
-            way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
-            if way > 2.0 * _TIPPING_SHARE * sim.size_m:
-                step_s *= 0.5
-            elif way < 0.5 * _TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
-                step_s *= 1.5
-            else:
-                break
-        copy(trial, pose)
+        _tip(sim, pose, trial, push, pushed, best)
         for _ in range(_SETTLED_IN):
             _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
         cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
         if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
             break
     return best
+
+
+@inner
+def _tip(sim: Grounded, pose: Array, trial: Array, push: Array, pushed: float, best: float) -> None:
+    """Tip a pose by about a share of R, as one step from rest or several, of which one that lands may be the last."""
+    share_m, still = _TIPPING_SHARE * sim.size_m, _still_m_s2(sim)
+    step_s = sim.step_s
+    for _ in range(20):
+        copy(pose, trial)
+        way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
+        if way > 2.0 * share_m:
+            step_s *= 0.5
+        elif way < share_m and step_s < _LONGEST * sim.step_s:
+            step_s *= 1.5
+        else:
+            break
+    for _ in range(_MOST_STEPS):
+        moved = moved_m(pose, trial, sim.farthest_m) / share_m
+        landed = moved > _LEAST and _gives_way(sim, trial, push, (1.0 + _PRECISION) * best) < still
+        if moved >= 1.0 or landed:
+            break
+        _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
+    copy(trial, pose)
 
 
 @inner

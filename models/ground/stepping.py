@@ -34,9 +34,6 @@ _TOUCHING_SHARE = 2e-6
 _MARGIN_SHARE = 1e-4
 """Of R: contacts so near are looked at in a step, and those to which a point comes that is twice as fast as any."""
 
-_CREEPING_MARGIN_SHARE = 0.02
-"""Share of R: farther than the steps go that are taken from rest and with all their contacts."""
-
 _SLACK_SHARE = 0.05
 """Of R: way of the rock over which the features that may touch are kept."""
 
@@ -159,8 +156,6 @@ def advance(
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
     fastest = max(_fastest_m_s(sim, velocity), _fastest_m_s(sim, free))
     margin = _MARGIN_SHARE * sim.size_m + step_s * fastest
-    if early == np.inf:  # a creeping step, which is not taken where it goes too far
-        margin = min(margin, _CREEPING_MARGIN_SHARE * sim.size_m)
     count = _contacts(sim, middle, margin)
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)

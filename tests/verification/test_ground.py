@@ -249,6 +249,28 @@ def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     assert tipped == pytest.approx(on_plane, rel=0.01)
 
 
+def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
+    """From rest to rest on its next corners: steps that go past them would shuffle it aside."""
+    mesh = trimesh.creation.box((0.5, 0.5, 1.2)).subdivide().subdivide().subdivide()
+    low = mesh.vertices[:, 2] < -0.59
+    mesh.vertices[low, 2] += np.random.default_rng(4).uniform(0.0, 0.02, low.sum())
+    level = np.array([[-6.0, -6.0, -0.6], [6.0, -6.0, -0.6], [6.0, 6.0, -0.6], [-6.0, 6.0, -0.6]])
+    ground = (level, np.array([[0, 1, 2], [0, 2, 3]]))
+    azimuths = [0.0, 120.0, 200.0]
+    plane = Scene.from_mesh((mesh.vertices, mesh.faces))
+    exact = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, azimuths)
+    fine = mesh.subdivide()
+    coarse_held, fine_held = (
+        np.array(
+            Scene.from_mesh((each.vertices, each.faces), pedestal=ground)
+            .grounded.quasi_static_toppling_m_s2(azimuths)
+        )[:, 1]
+        for each in (mesh, fine)
+    )  # fmt: skip
+    assert coarse_held == pytest.approx(np.array(exact)[:, 1], rel=0.03)
+    assert fine_held == pytest.approx(coarse_held, rel=0.003)
+
+
 def with_wall(distance_m, height_m=1.0, thickness_m=0.3):
     """A level floor with a wall whose face stands at x = half width + distance."""
     x, s = HALF_WIDTH_M + distance_m, 6.0

@@ -66,9 +66,10 @@ def _stations(cloud: Cloud) -> tuple[list[str], list[NDArray[np.float64]]]:
     names, samples, start = [], [], 0
     for name, count in cloud.files:
         station = cloud.station[start : start + count]
-        numbers, sizes = np.unique(station, return_counts=True)
-        for place, (number, size) in enumerate(zip(numbers, sizes, strict=True)):
-            if size < _LEAST_SHARE * count:
+        sizes = np.bincount(station)
+        numbers = np.flatnonzero(sizes)
+        for place, number in enumerate(numbers):
+            if sizes[number] < _LEAST_SHARE * count:
                 continue
             names.append(name + (f", station {place + 1} of {len(numbers)}" if len(numbers) > 1 else ""))
             rows = start + np.flatnonzero(station == number)

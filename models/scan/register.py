@@ -31,9 +31,10 @@ _WORTH = 0.95
 """A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
 _NEARBY_VOXELS = 10.0
 """Points of a station this near to another's should show places that it shows too."""
-_FAR_BELOW, _FAR_ABOVE = 0.25, 3.0
-"""A station whose paired share and residual are these times the others' does not fit them. Known ones that do fit have
-0.6 of the others' share and their residual; such as are off by two voxels or more, 0.15 of it and 30 times theirs."""
+_OFF = ((0.25, 3.0), (0.7, 10.0))
+"""A station whose paired share is below the one, and its residual above the other of these times the others' does not
+fit them. Known ones that do fit have 0.6 of the others' share and their residual; such as are off by two voxels or
+more, 0.15 of it and 30 times theirs; such as are turned by 30 to 180 degrees, 0.15 to 0.55 and 25 to 80 times."""
 _WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 
@@ -123,10 +124,10 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
     others = [each for k, each in fits if k != number]
     usual = float(np.median([each["paired_share"] for each in others]))
-    if worst["paired_share"] >= _FAR_BELOW * usual:
-        return
-    residual = float(np.median([each["residual_m"] for each in others if each["residual_m"] is not None]))
-    if worst["residual_m"] is not None and worst["residual_m"] <= _FAR_ABOVE * residual:
+    residuals = [each["residual_m"] for each in others if each["residual_m"] is not None]
+    own = worst["residual_m"]
+    above = np.inf if own is None else own / max(float(np.median(residuals)), 1e-12) if residuals else 0.0
+    if not any(worst["paired_share"] < share * usual and above > times for share, times in _OFF):
         return
     file = int(
         np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")

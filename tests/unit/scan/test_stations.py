@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
@@ -59,6 +60,16 @@ def test_a_station_that_is_too_far_off_to_be_brought_back_is_refused_by_its_file
         survey(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
     assert error.value.where == "station3"
     assert "leave it out" in error.value.remedy
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
+def test_a_station_that_is_turned_about_the_rock_is_refused(cloud, turn_deg):
+    """Such as one whose pose has lost its turn: where ground is level it lies on that of the others."""
+    points = cloud.points_m.copy()
+    turned = Rotation.from_euler("z", turn_deg, degrees=True)
+    points[cloud.station == 4] = turned.apply(points[cloud.station == 4])
+    with pytest.raises(InputError, match="station 5 of 5 does not fit the others"):
+        check_fit(*register(dataclasses.replace(cloud, points_m=points)))
 
 
 def test_the_one_residual_over_all_hides_a_station_that_is_off_and_its_own_does_not(cloud):

@@ -89,11 +89,11 @@ def one_sided():
 def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     truth, found = one_sided
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
-    assert found.report["surface"]["invented_share"] > 0.4
-    assert spread["realisations"] == spread["closed"] == 4  # of 8: more would tell nothing beside the floors
-    # The error is half of the volume, and half samples say a few per cent: two standard deviations must hold it.
+    assert found.report["surface"]["invented_share"] > 0.3
+    assert spread["realisations"] == spread["closed"] == 8  # a third invented leaves them something to tell
+    # The error is a sixth of the volume, and half samples say a few per cent: two standard deviations must hold it.
     off = abs(rock.volume_m3 - true.volume_m3)
-    assert 0.3 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]
+    assert 0.15 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]
     assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()
     inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
     assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_normal, slope_of_normal
 
-_FLAT_SHARE = 1e-9
-"""Of its size: a surface that is so near a plane is one."""
-
 
 @dataclass(frozen=True, eq=False)
 class Pedestal:
@@ -29,14 +26,6 @@ class Pedestal:
     def is_plane(self) -> bool:
         """Whether the pedestal is an endless plane."""
         return self.vertices_m is None
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether it lies in the interface plane."""
-        if self.vertices_m is None:
-            return True
-        off_m = np.abs((self.vertices_m - self.point_m) @ self.normal)
-        return bool(off_m.max() <= _FLAT_SHARE * np.ptp(self.vertices_m, axis=0).max())
 
     @property
     def slope_deg(self) -> float:

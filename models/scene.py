@@ -140,7 +140,8 @@ class Scene:
             The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
             the plumb line to where it touches.
         refine : bool
-            Whether the triangles of a rounded base are refined. On a plane it touches with the smooth surface anyway.
+            Whether the triangles of a rounded base are refined. By default it touches with the smooth surface that its
+            vertices stand for, whatever their number, unless it is curved in one direction only.
 
         Raises
         ------
@@ -188,13 +189,13 @@ class Scene:
     def rounded_base(self) -> RoundedBase | None:
         """What it touches with where its base is rounded and was not drawn; else None."""
         drawn = self.unseen is not None or self.rock.feet_m is not None
-        return None if drawn else rounded_base_of(self.rock, rolls=self.pedestal.is_flat)
+        return None if drawn else rounded_base_of(self.rock, rolls=True)
 
     @property
     def rolling_body(self) -> RollingBody | None:
         """The rock as it rolls on the smooth surface of a rounded base; None where it does not."""
         base = self.rounded_base
-        if base is None or not base.rolls:
+        if base is None or not base.rolls or not self.ground.is_plane:
             return None
         return RollingBody(base.patches, self.rock.com_m, self.pedestal.normal, self.gravity_m_s2)
 
@@ -207,15 +208,18 @@ class Scene:
             return GroundKind(True, "the pedestal is an endless plane")
         if self.rock.feet_m is not None or (self.unseen is not None and self.unseen.vertices is None):
             return GroundKind(True, "its base is drawn over the interface plane")
-        return kind_of(self.grounded, self.rock.height_m)
+        return kind_of(self._grounded(smooth=False), self.rock.height_m)
 
     @cached_property
     def grounded(self) -> "GroundedBody":
         """The rock on its pedestal's surface, prepared for contacts that have normals of their own."""
+        return self._grounded(smooth=self.rounded_base is not None and self.rounded_base.rolls)
+
+    def _grounded(self, *, smooth: bool) -> "GroundedBody":
         from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
-        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction)
+        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, smooth)
 
     def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.

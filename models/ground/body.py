@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from toppling.models.compiled import Array
+from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
@@ -17,13 +17,22 @@ from toppling.models.ground.creeping import largest_held_m_s2, settle
 from toppling.models.ground.curved import NO_CURVED, CurvedGround, untouched
 from toppling.models.ground.dome import curved_ground
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
+from toppling.models.ground.facets import (
+    FIRST_KEY,
+    NO_FACETS,
+    Facets,
+    facets_below,
+    not_looked_at,
+    rounded_contacts_at,
+)
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
 from toppling.models.ground.pairs import Pairs, no_pairs
-from toppling.models.ground.rolling import NO_ROLLING
+from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
+from toppling.models.rounded.patches import patches_of, smooth_mesh_of
 
 _GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
@@ -43,6 +52,18 @@ _FOLLOWED_SHARE = 0.4
 _FOOT = 0.2
 """Of the rock's extent upward: contacts below are its foot."""
 
+_SETTLING_STEP = 0.05
+"""Over sqrt(R / g), of a rock that is let down."""
+
+_ROLLING_STEPS = (0.3, 100), (1.0, 1000)
+"""The same of one that rolls to rest, and how many: the longer, the less way is left."""
+
+_NO_SLOPE = 1e-8
+"""Of R: way of such a step of a rock that has rolled to rest."""
+
+_ROLLS, _ROLLED_DEG = 8, 0.5
+"""Directions, and the angle by which a rounded base may roll until it stands."""
+
 _FARTHEST_SETTLING = 0.1
 """Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen."""
 
@@ -57,7 +78,9 @@ class GroundedBody:
     Parameters
     ----------
     rock : ContactMesh
-        In body axes: those of the principal inertia, from the centre of mass.
+        In body axes: those of the principal inertia, from the centre of mass. Of one with a rounded base without it.
+    rounded : Facets
+        The rounded base over the ground's facets.
     ground : ContactMesh
     inertia_m2 : (3,) array
         Principal moments over mass.
@@ -71,6 +94,7 @@ class GroundedBody:
     """
 
     rock: ContactMesh
+    rounded: Facets
     ground: ContactMesh
     inertia_m2: Array
     pose: Array
@@ -92,13 +116,35 @@ class GroundedBody:
         self, pose: Array, margin_m: float, leaning: float = LEANING, most: int = MOST
     ) -> np.ndarray:
         """Contacts (records of CONTACT) in a pose (7,), the nearest; margin and leaning as of :func:`contacts_in`."""
-        room, out = (self.rock, self.ground, np.ascontiguousarray(pose)), np.empty(most, CONTACT)
-        return out[: contacts_at(*room, margin_m, leaning, self._room, out)]
+        pose, out = np.ascontiguousarray(pose), np.empty(most, CONTACT)
+        if self.rolls_on_facets:
+            reach = margin_m, leaning
+            bodies = self.rock, self.rounded, self.ground
+            return out[: rounded_contacts_at(*bodies, pose, reach, self._room, out)]
+        return out[: contacts_at(self.rock, self.ground, pose, margin_m, leaning, self._room, out)]
 
     def wrenches(self, pose: Array) -> Array:
         """What the contacts that may carry in a pose can give, as :func:`equilibrium.wrenches`."""
         near = self.contacts(pose, RESTING_SHARE * self.size_m)
         return wrenches(near["arm_m"], near["normal"], self.friction[0])
+
+    def near_contacts(self, pose: Array, within_m: float) -> np.ndarray:
+        """Contacts with gaps up to some way, and those of a rounded base that has rolled a little in any direction."""
+        near = self.contacts(pose, within_m)
+        smooth = {int(one["key"]): one for one in near if one["key"] >= FIRST_KEY}
+        more = [near]
+        for way in 2.0 * np.pi * np.arange(_ROLLS) / _ROLLS if smooth else ():
+            roll = Rotation.from_rotvec(np.radians(_ROLLED_DEG) * np.array([np.cos(way), np.sin(way), 0.0]))
+            attitude = (roll * Rotation.from_quat(pose[3:])).as_quat()
+            margin_m = within_m + np.radians(_ROLLED_DEG) * self.farthest_m
+            rolled = self.contacts(np.concatenate([pose[:3], attitude]), margin_m)
+            rolled = rolled[np.isin(rolled["key"], list(smooth))]
+            rolled["arm_m"] = roll.inv().apply(rolled["arm_m"])
+            rolled["place_m"] = pose[:3] + rolled["arm_m"]
+            for one in rolled:
+                one["normal"] = smooth[int(one["key"])]["normal"]
+            more.append(rolled)
+        return np.concatenate(more)
 
     def load_m_s2(self, acceleration_m_s2: Array | None = None) -> Array:
         """Gravity less a ground acceleration (3,) of the scene's axes, in those of the support."""
@@ -106,8 +152,24 @@ class GroundedBody:
         return (force if acceleration_m_s2 is None else force - acceleration_m_s2) @ self.scene_from_support
 
     def stands(self, pose: Array) -> bool:
-        """Whether its contacts can hold the rock in a pose."""
-        return bool(are_held(self.wrenches(pose), self.load_m_s2()[None], self.size_m)[0])
+        """Whether its contacts can hold the rock in a pose, or in one that it would roll into."""
+        near = self.near_contacts(pose, RESTING_SHARE * self.size_m)
+        return bool(self.hold(near, self.load_m_s2()[None])[0])
+
+    def hold(self, contacts: np.ndarray, loads_m_s2: Array) -> Flags:
+        """Which loads (n, 3), in the axes of the support, some contacts hold."""
+        columns = wrenches(contacts["arm_m"], contacts["normal"], self.friction[0])
+        return are_held(columns, loads_m_s2, self.size_m)
+
+    @property
+    def facets(self) -> Facets:
+        """The rounded base over facets, with nothing looked up yet."""
+        return not_looked_at(self.rounded)
+
+    @property
+    def rolls_on_facets(self) -> bool:
+        """Whether the rock touches with a smooth surface."""
+        return len(self.rounded.apart_m) > 0
 
     @property
     def curved(self) -> CurvedGround:
@@ -128,7 +190,7 @@ class GroundedBody:
     def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, NO_ROLLING, curved, no_pairs(PAIRS), np.zeros(MOST, CONTACT),
+            self.rock, self.ground, NO_ROLLING, curved, self.facets, no_pairs(PAIRS), np.zeros(MOST, CONTACT),
             np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m, self.farthest_m,
             (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
             np.array([pose]), np.zeros((1, 6)),
@@ -165,26 +227,33 @@ class GroundedBody:
     def resting_pose(self) -> Array:
         """The pose in which the rock stands: that of the scene if its contacts hold it, else let down from it."""
         pose = self.touching(self.pose)
-        if self.stands(pose):
+        if self.hold(self.contacts(pose, RESTING_SHARE * self.size_m), self.load_m_s2()[None])[0]:
             return pose
-        step_s = 0.05 * math.sqrt(self.size_m / self.gravity_m_s2)
+        step_s = _SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         sim = self.clockless(pose, step_s)
         for _ in range(200):
-            settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
-            if self.stands(sim.pose[0]):
+            way_m = settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
+            if self.stands(sim.pose[0]) and (way_m < 1e-7 * self.size_m or not self.rolls_on_facets):
                 break
-        return sim.pose[0].copy()
+        return self.rolled_to_rest(sim.pose[0]) if self.rolls_on_facets else sim.pose[0].copy()
+
+    def rolled_to_rest(self, pose: Array) -> Array:
+        """The pose in which a rock on a rounded base has no slope, rolled to without gathering speed."""
+        for step, sweeps in _ROLLING_STEPS:
+            sim = self.clockless(pose, step * math.sqrt(self.size_m / self.gravity_m_s2))
+            settle(sim, self.load_m_s2(), sweeps, _NO_SLOPE * self.size_m)
+            pose = sim.pose[0].copy()
+        return pose
 
     @cached_property
     def leans(self) -> bool:
         """Whether it stands, and would not on those contacts alone that lie at its foot."""
         pose = self.resting_pose
-        near = self.contacts(pose, RESTING_SHARE * self.size_m)
+        near = self.near_contacts(pose, RESTING_SHARE * self.size_m)
         up = self.scene_from_support[2]
         over_m, height_m = near["place_m"] @ up, np.ptp(self.rock.vertices_m @ self._up_in_body(pose))
         foot = near[over_m - over_m.min(initial=np.inf) < _FOOT * height_m]
-        columns = wrenches(foot["arm_m"], foot["normal"], self.friction[0])
-        return self.stands(pose) and not are_held(columns, self.load_m_s2()[None], self.size_m)[0]
+        return self.stands(pose) and not self.hold(foot, self.load_m_s2()[None])[0]
 
     def _up_in_body(self, pose: Array) -> Array:
         """The upward direction (3,) in body axes, in a pose."""
@@ -219,9 +288,15 @@ class GroundedBody:
 
     @classmethod
     def of(
-        cls, rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float]
+        cls,
+        rock: Rock,
+        pedestal: Pedestal,
+        gravity_m_s2: float,
+        friction: tuple[float, float],
+        *,
+        smooth: bool = False,
     ) -> GroundedBody:
-        """A rock on a pedestal that is a surface."""
+        """A rock on a pedestal that is a surface; smooth: with the surface that a rounded base stands for."""
         assert pedestal.vertices_m is not None
         assert pedestal.faces is not None
         turn = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
@@ -231,9 +306,16 @@ class GroundedBody:
         size = rock.half_diagonal_m
         reach, far = FOUND_WITHIN * size, _GROUND_REACH * size
         ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
+        ground = contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach)
+        mesh, patches = (smooth_mesh_of(rock), patches_of(rock)) if smooth else (None, None)
+        faces, touching, rounded = rock.faces, None, NO_FACETS
+        if mesh is not None and patches is not None:
+            body_m, faces, touching = (mesh.vertices_m - rock.com_m) @ turn @ axes, mesh.faces, ~mesh.inner
+            rounded = facets_below(rolling_surface(patches, rock.com_m, turn @ axes), ground)
         return cls(
-            rock=contact_mesh(body_m, rock.faces, body_m.min(axis=0), body_m.max(axis=0), reach),
-            ground=contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach),
+            rock=contact_mesh(body_m, faces, body_m.min(axis=0), body_m.max(axis=0), reach, touching),
+            rounded=rounded,
+            ground=ground,
             inertia_m2=moments,
             pose=np.concatenate([com, Rotation.from_matrix(axes).as_quat()]),
             scene_from_support=turn,
@@ -267,7 +349,7 @@ class GroundedBody:
 
 @kept
 def grounded_body(
-    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float]
+    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float], smooth: bool
 ) -> GroundedBody:
     """As :meth:`GroundedBody.of`; the same one for all scenes that share rock and pedestal."""
-    return GroundedBody.of(rock, pedestal, gravity_m_s2, friction)
+    return GroundedBody.of(rock, pedestal, gravity_m_s2, friction, smooth=smooth)

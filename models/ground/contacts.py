@@ -53,7 +53,7 @@ CONTACT = np.dtype(
 
 
 @inner
-def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pose: Array) -> int:
+def add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pose: Array) -> int:
     """Note a contact; of too many the one with the largest gap goes."""
     where = count
     if count == len(out):
@@ -214,7 +214,7 @@ def contacts_in(
         for i in range(_meet(p, near_it, ground, margin_m, True, room)):
             if not _leads_out(rock, index, turned_back(turn, found[i]), leaning):
                 continue
-            count = _add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
+            count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
     end = 0
     first, triangles, apart_m = near_pairs.ground_point, near_pairs.rock_triangle, near_pairs.apart_m[1]
     listed = near_pairs.found[1]
@@ -232,7 +232,7 @@ def contacts_in(
             n = turned(turn, found[i])
             if not _leads_out(ground, index, n, LEANING):
                 continue
-            count = _add(
+            count = add(
                 out, count, (1 << 60) + 8 * index + i, found[i, 3], (-n[0], -n[1], -n[2]), place, pose
             )
     return _edges_across((rock, ground), pairs, pose, margin_m, out, count)
@@ -285,7 +285,7 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
             gap = dot(n, minus(plus(a, s, way), place))
             if -margin_m < gap < margin_m:
                 key = (2 << 60) + i * len(ground.edges) + j
-                return _add(out, count, key, gap, n, place, pose), apart_m
+                return add(out, count, key, gap, n, place, pose), apart_m
             return count, apart_m
         n = (-n[0], -n[1], -n[2])
     return count, apart_m

@@ -47,7 +47,7 @@ def surface_below(
         )
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
-    body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction))
+    body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction), smooth=True)
     shift = body.scene_from_support @ (body.touching(body.pose)[:3] - body.pose[:3])
     near = body.contacts(body.resting_pose, RESTING_SHARE * body.size_m)
     places = near["place_m"] @ body.scene_from_support.T + level.point_m

@@ -82,7 +82,12 @@ NO_MESH = ContactMesh(
 
 
 def contact_mesh(
-    vertices_m: Array, faces: NDArray[np.int64], low_m: Array, high_m: Array, reach_m: float
+    vertices_m: Array,
+    faces: NDArray[np.int64],
+    low_m: Array,
+    high_m: Array,
+    reach_m: float,
+    touching: Flags | None = None,
 ) -> ContactMesh:
     """Prepare a mesh.
 
@@ -94,16 +99,18 @@ def contact_mesh(
         Box in which it is looked up; triangles outside of it are left out.
     reach_m : float
         Triangles and edges so near a place are found there.
+    touching : (n,) bool array, optional
+        Vertices that may be points and ends of edges that touch: all unless given.
     """
-    vertices, faces = _within(vertices_m, faces, low_m - reach_m, high_m + reach_m)
+    vertices, faces, used = _within(vertices_m, faces, low_m - reach_m, high_m + reach_m)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     offsets = (normals * corners[:, 0]).sum(axis=1)
     edge_of, ends, shares = _edges(faces)
     stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
-    touching = np.zeros(len(vertices), bool)
-    touching[ends[stands_out]] = True
+    if touching is not None:
+        stands_out &= touching[used][ends].all(axis=1)
     low, high = (
         np.maximum(low_m, vertices.min(axis=0)) - reach_m,
         np.minimum(high_m, vertices.max(axis=0)) + reach_m,
@@ -113,7 +120,7 @@ def contact_mesh(
     first, near = _register(corners, low, cell, shape, reach_m)
     kept = ends[stands_out]
     first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
-    points = np.flatnonzero(touching)
+    points = np.unique(ends[stands_out])
     return ContactMesh(
         vertices, faces, normals, offsets, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
         points, *_ways(vertices, ends, points), kept, inward[stands_out],
@@ -123,15 +130,15 @@ def contact_mesh(
 
 def _within(
     vertices_m: Array, faces: NDArray[np.int64], low_m: Array, high_m: Array
-) -> tuple[Array, NDArray[np.int64]]:
-    """The triangles that meet a box, without those of no area."""
+) -> tuple[Array, NDArray[np.int64], Indices]:
+    """The triangles that meet a box, without those of no area, and which vertices these have."""
     corners = vertices_m[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     longest = np.ptp(corners, axis=1).max(axis=1)
     meets = ((corners.min(axis=1) <= high_m) & (corners.max(axis=1) >= low_m)).all(axis=1)
     faces = faces[meets & (area > 1e-12 * longest**2)]
     used, faces = np.unique(faces, return_inverse=True)
-    return np.ascontiguousarray(vertices_m[used], float), faces.reshape(-1, 3).astype(np.int64)
+    return np.ascontiguousarray(vertices_m[used], float), faces.reshape(-1, 3).astype(np.int64), used
 
 
 def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
@@ -155,6 +162,19 @@ def _convexity(
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
     opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -_FLAT_SHARE
     return opens | (shares == 1), both
+
+
+def normals_beside_edges(mesh: ContactMesh) -> Array:
+    """Normals (k, 2, 3) of the triangles beside each of a mesh's `edges`, as `inward` has them."""
+    order = np.argsort(mesh.edge_of.ravel(), kind="stable")
+    begins = np.cumsum(mesh.triangles_at_edge) - mesh.triangles_at_edge
+    ends = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    name, sought = (
+        pair[:, 0] * len(mesh.vertices_m) + pair[:, 1] for pair in (ends[order[begins]], mesh.edges)
+    )
+    begins = begins[np.searchsorted(name, sought)]
+    last = begins + mesh.triangles_at_edge[np.searchsorted(name, sought)] - 1
+    return mesh.normals[np.column_stack([order[begins], order[last]]) // 3]
 
 
 def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Array]:

@@ -112,7 +112,7 @@ def nearest(p: Any, a: Any, b: Any, c: Any) -> tuple[int, tuple[float, float, fl
 
 
 @inner
-def _cell(mesh: ContactMesh, p: Any) -> int:
+def cell_of(mesh: ContactMesh, p: Any) -> int:
     """Cell of a place; -1 outside of the grid."""
     number = 0
     for k in range(3):
@@ -129,7 +129,7 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
     count = 0
     for index in range(len(points)):
         q = points[index]
-        cell = _cell(mesh, q)
+        cell = cell_of(mesh, q)
         if cell < 0:
             continue
         for place in range(mesh.first[cell], mesh.first[cell + 1]):
@@ -158,7 +158,7 @@ def _list_edges(
         length = math.sqrt(dot(way, way))
         parts = int(length / ground.cell_m) + 1
         for part in range(parts):
-            cell = _cell(ground, plus(a, (part + 0.5) / parts, way))
+            cell = cell_of(ground, plus(a, (part + 0.5) / parts, way))
             if cell < 0:
                 continue
             for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):

@@ -68,8 +68,9 @@ def rolling_contacts(rock: RollingSurface, pose: Array, margin_m: float, turn: A
         rock.down[k] = -turn[2, k]
     count = 0
     for part in range(len(rock.lowest)):
-        if not _follow(rock, part):
-            place = _placed(rock, rock.lowest[part])
+        rock.lowest[part], on_crease = follow(rock, rock.lowest[part])
+        if not on_crease:
+            place = placed_on(rock, rock.lowest[part])
             count = _add(out, count, part, plus(pose, 1.0, turned(turn, place)), margin_m, pose)
     if moved_m(rock.seen, pose, rock.seen[8]) + margin_m < rock.seen[7]:
         return count
@@ -79,8 +80,8 @@ def rolling_contacts(rock: RollingSurface, pose: Array, margin_m: float, turn: A
     key = len(rock.lowest)
     for k in range(len(rock.creases)):
         patch, edge = rock.creases[k, 0], rock.creases[k, 1]
-        if _lowest_within(rock, patch, edge):
-            place = plus(pose, 1.0, turned(turn, _placed(rock, patch)))
+        if lowest_within(rock, patch, edge):
+            place = plus(pose, 1.0, turned(turn, placed_on(rock, patch)))
             rock.seen[7] = min(rock.seen[7], place[2])
             count = _add(out, count, key + k, place, margin_m, pose)
     key += len(rock.creases)
@@ -108,7 +109,7 @@ def _add(out: Any, count: int, key: int, place: Vector, margin_m: float, pose: A
 
 
 @inner
-def _placed(rock: RollingSurface, patch: int) -> Vector:
+def placed_on(rock: RollingSurface, patch: int) -> Vector:
     """Place on a patch, body axes, with the present shares of its corners."""
     s, p, b = rock.shares, rock.corners[patch], rock.bulges[patch]
     ab, bc, ca = s[0] * s[1], s[1] * s[2], s[2] * s[0]
@@ -120,9 +121,9 @@ def _placed(rock: RollingSurface, patch: int) -> Vector:
 
 
 @inner
-def _follow(rock: RollingSurface, part: int) -> bool:
-    """Find the patch that is lowest, and the shares of its corners there; whether that is on a crease."""
-    patch, far = rock.lowest[part], 0.0
+def follow(rock: RollingSurface, patch: int) -> tuple[int, bool]:
+    """Find the patch that is lowest, from one of its part, and the shares there; whether that is on a crease."""
+    far = 0.0
     for _ in range(_MOST_PATCHES):
         far = _lowest(rock, patch)
         a, b, c = rock.shares[0], rock.shares[1], rock.shares[2]
@@ -145,11 +146,10 @@ def _follow(rock: RollingSurface, part: int) -> bool:
         if better < 0:
             break
         patch = better
-    rock.lowest[part] = patch
     on_crease = False
     for k in range(3):
         on_crease = on_crease or (rock.sharp[patch, k] and rock.shares[(k + 2) % 3] == 0.0)
-    return on_crease
+    return patch, on_crease
 
 
 @inner
@@ -189,7 +189,7 @@ def _edge(start: float, end: float, bulge: float) -> tuple[float, float]:
 
 
 @inner
-def _lowest_within(rock: RollingSurface, patch: int, edge: int) -> bool:
+def lowest_within(rock: RollingSurface, patch: int, edge: int) -> bool:
     """Whether an edge is lowest between its ends, which are points; the shares of the corners there."""
     after = (edge + 1) % 3
     start, end = dot(rock.down, rock.corners[patch, edge]), dot(rock.down, rock.corners[patch, after])

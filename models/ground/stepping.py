@@ -19,6 +19,7 @@ from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.excitation import velocity_increment_m_s
+from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import REACH, Pairs, moved_m, refresh
 from toppling.models.ground.rigid import invert, move, spin, square
@@ -77,6 +78,7 @@ class Grounded(NamedTuple):
     ground: ContactMesh
     rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     curved: CurvedGround  # below a flat base
+    facets: Facets  # below a rounded base: then the rock's mesh is without it
     pairs: Pairs
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
@@ -313,7 +315,10 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
         if count >= 0:
             return count
     _look(sim, pose, margin)
-    return contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
+    count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
+    if len(sim.facets.apart_m) > 0:
+        count = rounded_contacts(sim.facets, sim.ground, pose, margin, sim.pairs.turn, sim.trial, count)
+    return count
 
 
 @inner

@@ -38,7 +38,7 @@ class RoundedBase:
     ----------
     rock : Rock
     rolls : bool
-        Whether it touches with the smooth surface through its vertices, as on a plane, or with its triangles.
+        Whether it touches with the smooth surface through its vertices, or with its triangles.
     """
 
     rock: Rock
@@ -94,7 +94,7 @@ class RoundedBase:
 def rounded_base_of(rock: Rock, rolls: bool) -> RoundedBase | None:
     """The rounded base of a rock; None if nothing of it is rounded.
 
-    On a plane it rolls, unless it is curved in one direction only.
+    It rolls, where asked to, unless it is curved in one direction only.
     """
     if not SmoothMesh.of(rock).rounded.any():
         return None

@@ -131,6 +131,18 @@ class SmoothMesh:
         return half[order[::2]], (order // 3).reshape(-1, 2)
 
     @property
+    def inner(self) -> Flags:
+        """Vertices at which all faces are rounded ones that go over into each other: points of the smooth surface."""
+        count, corners = len(self.vertices_m), self.faces[self.rounded]
+        ends, sides = self.edges
+        normals, _ = self.normals
+        inner: Flags = np.bincount(corners.ravel(), minlength=count) == np.bincount(
+            self.faces.ravel(), minlength=count
+        )
+        inner[ends[_angle_deg(normals[sides[:, 0]], normals[sides[:, 1]]) >= _CREASE_DEG].ravel()] = False
+        return inner
+
+    @property
     def largest_turn_deg(self) -> float:
         """Largest angle between two faces of a rounded part that go over into each other."""
         normals, _ = self.normals

@@ -171,10 +171,6 @@ def patches_of_mesh(mesh: SmoothMesh) -> Patches:
     edge_of, corners = mesh.edge_of[rounded], mesh.faces[rounded]
     other = np.where(sides[edge_of, 0] == rounded[:, None], sides[edge_of, 1], sides[edge_of, 0])
     beside = np.where(crease[edge_of], -1, number[other])
-    count = len(mesh.vertices_m)
-    # A vertex at which all faces are patches is a point of the smooth surface, with which its patches touch.
-    within = np.bincount(corners.ravel(), minlength=count) == np.bincount(mesh.faces.ravel(), minlength=count)
-    within[ends[crease].ravel()] = False
     touching = np.union1d(_low_corners(mesh.vertices_m), corners)
     chord = 0.5 * mesh.vertices_m[ends].sum(axis=1)
     return Patches(
@@ -183,7 +179,7 @@ def patches_of_mesh(mesh: SmoothMesh) -> Patches:
         4.0 * (middles - chord)[edge_of],
         beside,
         crease[edge_of],
-        touching[~within[touching]],
+        touching[~mesh.inner[touching]],  # with a point of the smooth surface its patches touch
     )
 
 

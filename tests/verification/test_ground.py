@@ -12,6 +12,7 @@ from reference.rocking import rock as rock_exactly
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
+from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
@@ -245,8 +246,12 @@ def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     on_surface = Scene.from_mesh(cap, pedestal=(level, np.array([[0, 1, 2], [0, 2, 3]])))
     plane = Scene.from_mesh(cap)
     ((_, on_plane),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [20.0])
-    ((_, tipped),) = on_surface.grounded.quasi_static_toppling_m_s2([20.0])
+    friction = (on_surface.contact.friction_static,) * 2
+    of_triangles = GroundedBody.of(on_surface.rock, on_surface.pedestal, G, friction)
+    ((_, tipped),) = of_triangles.quasi_static_toppling_m_s2([20.0])
     assert tipped == pytest.approx(on_plane, rel=0.01)
+    ((_, rolled),) = on_surface.grounded.quasi_static_toppling_m_s2([20.0])
+    assert rolled == pytest.approx(plane.rolling_body.toppling_m_s2([20.0])[0], rel=0.005)
 
 
 def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():

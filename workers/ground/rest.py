@@ -30,7 +30,7 @@ _SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
 """In which a rock that is let down from its present pose must come to stand."""
 
 _SETTLING_STEP, _ROLLING_STEP = 0.05, 0.3
-"""Over sqrt(R / g), of a rock that is let down: one that rolls on a smooth dome comes to rest where it has no slope."""
+"""Over sqrt(R / g), of a rock that is let down: one that rolls comes to rest where it has no slope."""
 
 _UNMOVED_SHARE = 0.02
 """Of R: way of a rock that has hardly moved."""
@@ -39,14 +39,15 @@ _WAYS, _TILT_STEP_DEG, _FARTHEST_DEG = 8, 2.0, 40.0
 """In which a rock is tipped to find the least energy that overturns it, and by how much at a time, and at most."""
 
 
-def holds(body: GroundedBody, pose: Array, loads_m_s2: Array) -> bool:
+def holds(body: GroundedBody, pose: Array, loads_m_s2: Array, *, rolls: bool = False) -> bool:
     """Whether the contacts in a pose surely hold some loads (n, 3); those on the border of their cone are asked.
 
-    Loads as specific forces, in the axes of the support.
+    Loads as specific forces, in the axes of the support. rolls: or in one that a rounded base would roll into.
     """
     if (loads_m_s2[:, 2] >= 0.0).any():
         return False
-    near = _outermost_contacts(body.contacts(pose, TOUCHING_SHARE * body.size_m))
+    found = body.near_contacts if rolls else body.contacts
+    near = _outermost_contacts(found(pose, TOUCHING_SHARE * body.size_m))
     columns = wrenches(near["arm_m"], near["normal"], _SURE_SHARE * body.friction[0])
     leaning = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) / -loads_m_s2[:, 2]
     if not are_held(columns, loads_m_s2[leaning.argmax()][None], body.size_m).all():
@@ -76,6 +77,9 @@ def _outermost(loads_m_s2: Array) -> Array:
 
 def let_down(body: GroundedBody, pose: Array) -> Array | None:
     """The pose in which a rock comes to stand from another one without gathering speed; None if it does not soon."""
+    if body.rolls_on_facets:
+        rest = body.rolled_to_rest(pose)
+        return rest if holds(body, rest, body.load_m_s2()[None], rolls=True) else None
     step = _ROLLING_STEP if body.rolls_on_dome else _SETTLING_STEP
     sim = body.clockless(pose, step * math.sqrt(body.size_m / body.gravity_m_s2), body.curved)
     load = body.load_m_s2()

@@ -9,6 +9,7 @@ import numpy as np
 from toppling.models.compiled import Array, compiled
 from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.curved import NO_CURVED
+from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import NO_MESH
 from toppling.models.ground.pairs import no_pairs
 from toppling.models.ground.rolling import rolling_surface
@@ -37,6 +38,7 @@ class RollingIntegrator:
             rock=NO_MESH,
             ground=NO_MESH,
             curved=NO_CURVED,
+            facets=NO_FACETS,
             rolling=rolling_surface(patches, problem.scene.rock.com_m, scene_from_body),
             pairs=no_pairs(1),
             contacts=np.zeros(MOST, CONTACT),

@@ -10,7 +10,7 @@ import numpy as np
 from toppling.models.compiled import Array
 from toppling.models.ground.body import PAIRS, RESTING_SHARE
 from toppling.models.ground.contacts import CONTACT, MOST
-from toppling.models.ground.equilibrium import are_held, held, wrenches
+from toppling.models.ground.equilibrium import held
 from toppling.models.ground.excitation import excitation
 from toppling.models.ground.pairs import no_pairs
 from toppling.models.ground.rolling import NO_ROLLING
@@ -66,6 +66,7 @@ class GroundShaking:
             ground=body.ground,
             rolling=NO_ROLLING,
             curved=body.curved,
+            facets=body.facets,
             pairs=no_pairs(PAIRS),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
@@ -240,13 +241,12 @@ class GroundShaking:
 
     def _held_from_below(self, pose: Array) -> bool:
         """Whether the contacts below a rock at rest hold it: not steep, and not high above the lowest one."""
-        near = self.body.contacts(pose, TOUCHING_SHARE * self.body.size_m)
+        near = self.body.near_contacts(pose, TOUCHING_SHARE * self.body.size_m)
         up = self.body.scene_from_support[2]
         over_m = near["place_m"] @ up
         low = over_m < over_m.min(initial=np.inf) + TOPPLED_FALL * self._stood_m
         below = near[low & (near["normal"] @ up > _STEEP)]
-        columns = wrenches(below["arm_m"], below["normal"], self.body.friction[0])
-        return bool(are_held(columns, self.body.load_m_s2()[None], self.body.size_m)[0])
+        return bool(self.body.hold(below, self.body.load_m_s2()[None])[0])
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 1 < len(self.sim.time_s):

@@ -1,0 +1,316 @@
+"""Contacts of a rounded base with the facets of the ground, and with the edges between them that stand out.
+
+The base is farthest along a normal at one place (:mod:`models.ground.rolling`). With a facet it touches there, where
+that place lies over the facet. An edge it touches where the way from the edge to the place is along the normal: of the
+normals between those of the facets beside it there is one, if the base is over neither facet. So every place of a
+convex base is found once, and goes from facet to edge to facet as the rock rolls. Where it ends in a crease, that is a
+curve, which touches facets where it is farthest. Compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from toppling.models.compiled import Array, Indices, Vector, compiled, inner
+from toppling.models.ground.contacts import add, contacts_in
+from toppling.models.ground.mesh import ContactMesh, normals_beside_edges
+from toppling.models.ground.pairs import Pairs, cell_of, moved_m, refresh
+from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
+from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.joined import joined_parts
+
+FIRST_KEY = 4 << 60
+"""Of contacts: by part, facets and then edges; then creases, by facet."""
+
+_ONE_FACET = 1e-6
+"""Sine of the angle between two triangles up to which they are one facet."""
+
+_ROUNDS = 60
+"""In which the normal at an edge is found, at most."""
+
+_CENTRED = 1e-10
+"""Of the rock's size: by so much the place may miss the way from the edge."""
+
+_BESIDE = 1e-9
+"""Share of a side by which a place may lie beside a triangle, or beyond an edge's end: it belongs to both beside."""
+
+
+class Facets(NamedTuple):
+    """A rounded base over ground of facets; no parts where a rock has none. Rows of features: facets, then edges."""
+
+    surface: RollingSurface
+    facet_of: Indices  # (m,): of the ground's triangles
+    normals: Array  # (f, 3): of facets; of the first facet beside an edge
+    places: Array  # (f, 3): of each
+    ways: Array  # (e, 3): along edges
+    across: Array  # (e, 3): from the first facet outward over an edge, square to it and the normal
+    turns: Array  # (e,): to the normal of the second facet, rad
+    angles: Array  # (r, e): of the normal that was found last
+    lowest: Indices  # (r, f, 4): patch that was farthest last, against a normal; of edges, against those beside too
+    apart_m: Array  # (r, f): way that the rock goes before a part can touch a feature, at least
+    creases_apart_m: Array  # (f,): the same for all creases and a facet; of edges nothing
+    looked_at: Array  # (7,): the latest pose
+    lengths_m: Array  # (2,): way since the start, and from the centre of mass to the farthest vertex
+
+
+NO_FACETS = Facets(
+    NO_ROLLING, np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)),
+    np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(7),
+    np.zeros(2),
+)  # fmt: skip
+"""That of a rock which touches with its triangles."""
+
+
+def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
+    """A rounded base, in body axes, over the facets of its ground."""
+    facet_of, normals, places = _facets(ground)
+    beside = normals_beside_edges(ground)
+    across = -ground.inward[:, 0]
+    bounds = (ground.inward[:, 0] == ground.inward[:, 1]).all(axis=1)
+    turns = np.arctan2((beside[:, 1] * across).sum(axis=1), (beside[:, 1] * beside[:, 0]).sum(axis=1))
+    start, end = ground.vertices_m[ground.edges[:, 0]], ground.vertices_m[ground.edges[:, 1]]
+    parts, features = len(surface.lowest), len(normals) + len(start)
+    return Facets(
+        surface,
+        facet_of,
+        np.vstack([normals, beside[:, 0]]),
+        np.vstack([places, start]),
+        end - start,
+        across,
+        np.where(bounds, 0.5 * np.pi, turns),
+        np.zeros((parts, len(start))),
+        np.broadcast_to(surface.lowest[:, None, None], (parts, features, 4)).copy(),
+        np.zeros((parts, features)),
+        np.zeros(features),
+        np.full(7, np.nan),
+        np.array([0.0, surface.seen[8]]),
+    )
+
+
+def not_looked_at(on: Facets) -> Facets:
+    """The same with nothing looked up yet: answers depend on no other shake."""
+    surface = on.surface._replace(shares=np.zeros(3), down=np.zeros(3))
+    first = np.broadcast_to(surface.lowest[:, None, None], on.lowest.shape).copy()
+    return on._replace(
+        surface=surface,
+        angles=np.zeros_like(on.angles),
+        lowest=first,
+        apart_m=np.zeros_like(on.apart_m),
+        creases_apart_m=np.zeros_like(on.creases_apart_m),
+        looked_at=np.full(7, np.nan),
+        lengths_m=on.lengths_m * (0.0, 1.0),
+    )
+
+
+def _facets(ground: ContactMesh) -> tuple[Indices, Array, Array]:
+    """Facet (m,) of each triangle; normals (f, 3) and places (f, 3) of facets."""
+    order = np.argsort(ground.edge_of.ravel(), kind="stable")
+    begins = np.cumsum(ground.triangles_at_edge) - ground.triangles_at_edge
+    shared = begins[ground.triangles_at_edge == 2]
+    sides = np.column_stack([order[shared] // 3, order[shared + 1] // 3])
+    off = np.linalg.norm(np.cross(ground.normals[sides[:, 0]], ground.normals[sides[:, 1]]), axis=1)
+    same = (off < _ONE_FACET) & ((ground.normals[sides[:, 0]] * ground.normals[sides[:, 1]]).sum(axis=1) > 0)
+    facet = joined_parts(sides[same], len(ground.faces))
+    at = ground.vertices_m[ground.faces]
+    area = np.linalg.norm(np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]), axis=1)
+    order = np.lexsort((-area, facet))
+    largest = order[np.searchsorted(facet[order], np.arange(facet.max(initial=-1) + 1))]
+    return facet, ground.normals[largest], at[largest, 0]
+
+
+@inner
+def rounded_contacts(
+    on: Facets, ground: ContactMesh, pose: Array, margin_m: float, turn: Array, out: Any, count: int
+) -> int:
+    """Add the contacts of a rounded base with gaps up to a margin, in a pose (7,); how many there are."""
+    rotation_of(pose, turn)
+    if math.isnan(on.looked_at[0]):
+        copy(pose, on.looked_at)
+    on.lengths_m[0] += moved_m(on.looked_at, pose, on.lengths_m[1])
+    copy(pose, on.looked_at)
+    within_m = margin_m + on.lengths_m[0]
+    facets = len(on.normals) - len(on.ways)
+    for part in range(len(on.apart_m)):
+        for k in range(len(on.normals)):
+            if on.apart_m[part, k] >= within_m:
+                continue
+            far = dot(on.normals[k], minus(pose, on.places[k])) - on.lengths_m[1]
+            if far >= margin_m:
+                on.apart_m[part, k] = on.lengths_m[0] + far
+            elif k < facets:
+                count = _meet_facet((on, ground), part, k, (pose, turn), margin_m, out, count)
+            else:
+                count = _meet_edge(on, part, k - facets, (pose, turn), margin_m, out, count)
+    for k in range(facets):
+        if on.creases_apart_m[k] < within_m:
+            count = _meet_creases((on, ground), k, (pose, turn), margin_m, out, count)
+    return count
+
+
+@inner
+def _farthest(on: Facets, part: int, feature: int, role: int, n: Any, placed: Any) -> tuple[Vector, bool]:
+    """Place of a part that is farthest against a normal, and whether it lies on a crease."""
+    pose, turn = placed
+    _look_along(on, turn, n)
+    patch, on_crease = follow(on.surface, on.lowest[part, feature, role])
+    on.lowest[part, feature, role] = patch
+    return plus(pose, 1.0, turned(turn, placed_on(on.surface, patch))), on_crease
+
+
+@inner
+def _meet_facet(
+    bodies: Any, part: int, facet: int, placed: Any, margin_m: float, out: Any, count: int
+) -> int:
+    """Add the contact of a part with a facet, if there is one."""
+    on, ground = bodies
+    n = (on.normals[facet, 0], on.normals[facet, 1], on.normals[facet, 2])
+    place, on_crease = _farthest(on, part, facet, 0, n, placed)
+    gap = dot(n, minus(place, on.places[facet]))
+    on.apart_m[part, facet] = on.lengths_m[0] + abs(gap)
+    if on_crease or abs(gap) >= margin_m or not _lies_over(on, ground, facet, place):
+        return count
+    return add(out, count, FIRST_KEY + part * len(on.normals) + facet, gap, n, place, placed[0])
+
+
+@inner
+def _look_along(on: Facets, turn: Array, n: Any) -> None:
+    """Set the direction in which the rock's surface is to be farthest: against a normal."""
+    up = turned_back(turn, n)
+    for i in range(3):
+        on.surface.down[i] = -up[i]
+
+
+@inner
+def _meet_creases(bodies: Any, facet: int, placed: Any, margin_m: float, out: Any, count: int) -> int:
+    """Add the contacts of creases with a facet, and note how far the nearest is from its plane."""
+    (on, ground), (pose, turn) = bodies, placed
+    n = (on.normals[facet, 0], on.normals[facet, 1], on.normals[facet, 2])
+    surface, key = on.surface, FIRST_KEY + len(on.apart_m) * len(on.normals) + facet * len(on.surface.creases)
+    _look_along(on, turn, n)
+    over, least = dot(n, minus(pose, on.places[facet])), np.inf
+    for k in range(len(surface.creases)):
+        patch = surface.creases[k, 0]
+        within = lowest_within(surface, patch, surface.creases[k, 1])
+        place = placed_on(surface, patch)
+        gap = over - dot(surface.down, place)
+        least = min(least, abs(gap))
+        if within and abs(gap) < margin_m:
+            place = plus(pose, 1.0, turned(turn, place))
+            if _lies_over(on, ground, facet, place):
+                count = add(out, count, key + k, gap, n, place, pose)
+    on.creases_apart_m[facet] = on.lengths_m[0] + least
+    return count
+
+
+@inner
+def _lies_over(on: Facets, ground: ContactMesh, facet: int, place: Vector) -> bool:
+    """Whether a place near a facet's plane lies over one of its triangles."""
+    cell = cell_of(ground, place)
+    if cell < 0:
+        return False
+    for index in range(ground.first[cell], ground.first[cell + 1]):
+        t = ground.near[index]
+        if on.facet_of[t] == facet and _over_triangle(ground, t, place):
+            return True
+    return False
+
+
+@inner
+def _over_triangle(ground: ContactMesh, t: int, place: Vector) -> bool:
+    for k in range(3):
+        a, b = ground.vertices_m[ground.faces[t, k]], ground.vertices_m[ground.faces[t, (k + 1) % 3]]
+        n, side, way = ground.normals[t], minus(b, a), minus(place, a)
+        inward = (
+            n[1] * side[2] - n[2] * side[1],
+            n[2] * side[0] - n[0] * side[2],
+            n[0] * side[1] - n[1] * side[0],
+        )
+        if dot(inward, way) < -_BESIDE * dot(side, side):
+            return False
+    return True
+
+
+@inner
+def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, out: Any, count: int) -> int:
+    """Add the contact of a part with an edge between facets, if it is over neither of these."""
+    feature = edge + len(on.normals) - len(on.ways)
+    start, most = on.places[feature], on.turns[edge]
+    apart_m = _apart_from_edge(on, part, edge, placed)
+    on.apart_m[part, feature] = on.lengths_m[0] + max(apart_m, 0.0)
+    if apart_m >= margin_m:
+        return count
+    place, _, low = _missed(on, part, edge, 1, 0.0, placed)
+    if low <= 0.0:
+        return count
+    place, _, high = _missed(on, part, edge, 2, most, placed)
+    if high >= 0.0:
+        return count
+    near, far, angle, on_crease = 0.0, most, on.angles[part, edge], False
+    if not near < angle < far:
+        angle = far * low / (low - high)
+    for _ in range(_ROUNDS):
+        place, on_crease, miss = _missed(on, part, edge, 0, angle, placed)
+        if abs(miss) < _CENTRED * on.lengths_m[1] or far - near < 1e-12:
+            break
+        # False position, in which an end that stays counts half from then on (Dowell and Jarratt 1971).
+        if miss > 0.0:
+            near, low, high = angle, miss, 0.5 * high
+        else:
+            far, high, low = angle, miss, 0.5 * low
+        angle = near + (far - near) * low / (low - high)
+    on.angles[part, edge] = angle
+    n, way = _between(on, edge, angle), on.ways[edge]
+    gap, share = dot(n, minus(place, start)), dot(way, minus(place, start)) / dot(way, way)
+    if on_crease or abs(gap) >= margin_m or not -_BESIDE <= share <= 1.0 + _BESIDE:
+        return count
+    return add(out, count, FIRST_KEY + part * len(on.normals) + feature, gap, n, place, placed[0])
+
+
+@inner
+def _apart_from_edge(on: Facets, part: int, edge: int, placed: Any) -> float:
+    """How far a part is from an edge, at least: along the way from there to the centre of mass."""
+    pose, feature, way = placed[0], edge + len(on.normals) - len(on.ways), on.ways[edge]
+    share = dot(way, minus(pose, on.places[feature])) / dot(way, way)
+    nearest = plus(on.places[feature], min(max(share, 0.0), 1.0), way)
+    up = minus(pose, nearest)
+    size = math.sqrt(dot(up, up))
+    if size == 0.0:
+        return 0.0
+    up = (up[0] / size, up[1] / size, up[2] / size)
+    place, _ = _farthest(on, part, feature, 3, up, placed)
+    return dot(up, minus(place, nearest))
+
+
+@inner
+def _between(on: Facets, edge: int, angle: float) -> Vector:
+    """Normal at an edge, turned by an angle from that of its first facet."""
+    n, t = on.normals[edge + len(on.normals) - len(on.ways)], on.across[edge]
+    c, s = math.cos(angle), math.sin(angle)
+    return c * n[0] + s * t[0], c * n[1] + s * t[1], c * n[2] + s * t[2]
+
+
+@inner
+def _missed(
+    on: Facets, part: int, edge: int, role: int, angle: float, placed: Any
+) -> tuple[Vector, bool, float]:
+    """Place farthest against a normal at an edge, whether on a crease, and how far it lies from the edge across it."""
+    feature = edge + len(on.normals) - len(on.ways)
+    place, on_crease = _farthest(on, part, feature, role, _between(on, edge, angle), placed)
+    return place, on_crease, dot(_between(on, edge, angle + 0.5 * math.pi), minus(place, on.places[feature]))
+
+
+@compiled
+def rounded_contacts_at(
+    rock: ContactMesh, on: Facets, ground: ContactMesh, pose: Array, reach: Any, pairs: Pairs, out: Any
+) -> int:
+    """Contacts of a rock with a rounded base in a pose (7,), whatever was found before; how many.
+
+    reach: up to which gap, and the sine `leaning` of :func:`contacts.contacts_in`.
+    """
+    margin_m, leaning = reach
+    refresh(rock, ground, pose, margin_m, pairs)
+    count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
+    return rounded_contacts(on, ground, pose, margin_m, pairs.turn, out, count)

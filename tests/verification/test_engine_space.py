@@ -239,7 +239,7 @@ def test_energy_never_grows_in_free_rocking(alpha_deg):
 @pytest.mark.slow  # two interpreters
 def test_the_same_job_gives_the_same_bits_in_a_fresh_process_and_after_another_job():
     program = (
-        "import hashlib, sys; sys.path.insert(0, 'tests/verification');"
+        "import hashlib, sys; sys.path[:0] = ['tests', 'tests/verification'];"
         "import numpy as np, test_engine_space as t;"
         "{other}"
         "print(hashlib.sha256(t.state((t.ROCK.vertices_m, t.ROCK.faces), t.shaking()).tobytes()).hexdigest())"

@@ -43,6 +43,8 @@ _FOOT_VOXELS = 4.0
 _FOOT, _HIGH = 0.12, 0.2
 """Of a body's height: what touches below carries it, what touches above holds it."""
 _LEAST_TOUCHES, _LEAST_FOOT = 8, 8
+_LEVEL = 0.8
+"""Upward part of a normal: what lies so level carries."""
 _BESIDE_VOXELS = 0.7
 """A weight so far outside the foot is not carried by it alone: patches tell the foot to their width."""
 _TOWARD = 0.5
@@ -183,12 +185,15 @@ def _lean(surfels: Surfels, own: Flags, counts: Flags) -> Lean | None:
     if len(others) == 0:
         return None
     low, height_m = points[:, 2].min(), float(np.ptp(points[:, 2]))
-    away, _ = cKDTree(others).query(points)
+    away, nearest = cKDTree(others).query(points)
     up = points[:, 2] - low
     foot = points[(up < _FOOT * height_m) & (away < _FOOT_VOXELS * surfels.voxel_m)]
-    held = points[(up > _HIGH * height_m) & (away < _TOUCH_VOXELS * surfels.voxel_m)]
+    holds = (up > _HIGH * height_m) & (away < _TOUCH_VOXELS * surfels.voxel_m)
+    held = points[holds]
     if len(foot) < _LEAST_FOOT or len(held) < _LEAST_TOUCHES:
         return None
+    if np.median(surfels.normals[~own & counts][nearest[holds], 2]) > _LEVEL:
+        return None  # it is carried there, and hangs down over an edge
     try:
         com = _middle_of_hull(points)
         overhang_m, way = _beside(foot[:, :2], com[:2])

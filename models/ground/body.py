@@ -78,7 +78,8 @@ class GroundedBody:
     Parameters
     ----------
     rock : ContactMesh
-        In body axes: those of the principal inertia, from the centre of mass. Of one with a rounded base without it.
+        In body axes: those of the principal inertia, from the centre of mass. What is smooth of a rounded base has
+        triangles, but no points and edges that touch.
     rounded : Facets
         The rounded base over the ground's facets.
     ground : ContactMesh

@@ -25,7 +25,7 @@ _MOST_STEPS = 200
 """Of the longest, to one pose."""
 
 _LEAST = 0.25
-"""Share of that way after which a rock that has landed is asked anew: on a dome it stands more wherever it is."""
+"""Share of a step's way after which a rock that has landed is asked anew: on a dome it stands more wherever it is."""
 
 _PASSED = 0.9
 """Share of the largest acceleration that was held, below which it is past it."""

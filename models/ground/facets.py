@@ -311,6 +311,10 @@ def rounded_contacts_at(
     reach: up to which gap, and the sine `leaning` of :func:`contacts.contacts_in`.
     """
     margin_m, leaning = reach
+    # Where the place stays at a seam of patches, what is found depends on what the search begins with.
+    on.angles[:] = 0.0
+    for part in range(len(on.lowest)):
+        on.lowest[part] = on.surface.lowest[part]
     refresh(rock, ground, pose, margin_m, pairs)
     count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
     return rounded_contacts(on, ground, pose, margin_m, pairs.turn, out, count)

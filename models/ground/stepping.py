@@ -78,7 +78,7 @@ class Grounded(NamedTuple):
     ground: ContactMesh
     rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     curved: CurvedGround  # below a flat base
-    facets: Facets  # below a rounded base: then the rock's mesh is without it
+    facets: Facets  # below a rounded base: then no points and edges of it are in the rock's mesh
     pairs: Pairs
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any

@@ -73,6 +73,19 @@ def test_a_cap_tips_over_the_edge_of_a_ledge_once_it_has_rolled_there(edge_m, fa
     assert least(scene, 180.0) == pytest.approx([exact], rel=0.02)
 
 
+def test_contacts_over_an_edge_are_the_same_bits_whatever_was_found_before():
+    ledge = Scene.from_mesh(round_cap(0.08), pedestal=folded(0.0, -0.2, 0.1), friction=1.2).grounded
+    poses, rng = [], np.random.default_rng(0)
+    for angle in rng.uniform(0.1, 0.5, 60):
+        turned = (Rotation.from_rotvec([0.0, angle, 0.0]) * Rotation.from_quat(ledge.pose[3:])).as_quat()
+        shift = [0.25 * angle + rng.normal(0.0, 0.02), rng.normal(0.0, 0.02), 0.0]
+        poses.append(ledge.touching(np.concatenate([ledge.pose[:3] + shift, turned])))
+    there, back = ([ledge.contacts(each, 1e-3).copy() for each in order] for order in (poses, poses[::-1]))
+    for one, other in zip(there, back[::-1], strict=True):
+        for field in ("key", "gap_m", "normal", "place_m"):
+            assert np.array_equal(one[field], other[field])
+
+
 @pytest.mark.parametrize("edge_m", EDGES_M)
 def test_a_cap_on_a_ledge_rolls_on_up_the_facet_that_rises_from_it(edge_m):
     """It meets the facet after rolling x - rho tan(s / 2), and is held there as in a groove, its axis tilted so far."""

@@ -113,7 +113,10 @@ def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     content, suffix = path.read_bytes(), path.suffix.lower()
     if suffix == ".obj" and _COUNTED_BACK.search(content):
         content = _counted_from_the_first(content)
-    mesh: Any = trimesh.load(BytesIO(content), file_type=suffix[1:], force="mesh", process=False)
+    beside = trimesh.resolvers.FilePathResolver(str(path))  # glTF keeps its numbers in a file beside it
+    mesh: Any = trimesh.load(
+        BytesIO(content), file_type=suffix[1:], resolver=beside, force="mesh", process=False
+    )
     return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
 
 
@@ -124,7 +127,7 @@ def _counted_from_the_first(content: bytes) -> bytes:
     """
     seen = {b"v": 0, b"vt": 0, b"vn": 0}
     lines = []
-    for line in content.splitlines():
+    for line in content.replace(b"\\\r\n", b"").replace(b"\\\n", b"").splitlines():
         word, *rest = line.split() or [b""]
         if word in seen:
             seen[word] += 1

@@ -38,6 +38,8 @@ class SidesSeen:
     def of(cls, flat_m: Array, normals: Array, middle_m: Array) -> SidesSeen:
         """From patches (n, 3) of a rock, as u, v, h, and their normals (n, 3)."""
         side = flat_m[normals[:, 2] < _STEEP]
+        if len(side) < _LEAST_PATCHES or np.ptp(side[:, 2]) == 0.0:
+            return cls(middle_m, np.zeros(LEVELS), np.full((LEVELS, SECTORS), np.nan))
         low_m, high_m = side[:, 2].min(), side[:, 2].max()
         level = np.minimum(LEVELS * (side[:, 2] - low_m) / (high_m - low_m), LEVELS - 1).astype(int)
         away_m, cell = (
@@ -83,7 +85,5 @@ class SidesSeen:
 
 def _led(heights_m: Array, farther_m: Array, depth_m: float) -> float:
     """How much farther a side lies (values (n,) at heights, the lowest first) so deep below the lowest of them."""
-    if len(heights_m) == 1:
-        return float(farther_m[0])
     slope, foot_m = np.polyfit(heights_m - heights_m[0], farther_m, 1)
     return float(foot_m - slope * depth_m)

@@ -50,7 +50,7 @@ class UnseenSide:
 
     @classmethod
     def of(cls, low: Array, normals: Array | None = None, led_down: Array | None = None) -> UnseenSide | None:
-        """From points (n, 3) of the rock near its interface, as u, v, h; None where the rim was seen around.
+        """From points (n, 3) of the rock near its interface, as u, v, h; None for a rim seen around, or too thinly.
 
         Below a side that was seen higher up the rim goes on as that is led down, in draws farther out or in. What no
         station saw at any height turns through the normals that were not seen, as a circle's arc or, in draws, between
@@ -64,9 +64,10 @@ class UnseenSide:
         # The middle depends on where the range lies, and the range on the middle.
         for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
             rim = _Rim.about(middle_m, low, led_down)
-            if rim.only_seen.unknown_deg[0] < least_deg:
+            seen = rim.only_seen
+            if not len(seen.sector) or seen.unknown_deg[0] < least_deg:
                 return None
-            ends_m, conic = rim.only_seen.ends_m, None
+            ends_m, conic = seen.ends_m, None
             reached = np.vstack([hull, rim.places_m])
             if rim.unknown_deg[0] >= least_deg:
                 ways = _normals(low, middle_m) if ways is None else ways

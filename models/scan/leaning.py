@@ -43,8 +43,8 @@ _FOOT_VOXELS = 4.0
 _FOOT, _HIGH = 0.12, 0.2
 """Of a body's height: what touches below carries it, what touches above holds it."""
 _LEAST_TOUCHES, _LEAST_FOOT = 8, 8
-_LEVEL = 0.8
-"""Upward part of a normal: what lies so level carries."""
+_LEVEL, _FACES_DOWN = 0.8, -0.5
+"""Upward parts of normals: what lies so level carries, unless the body's own face leans over it."""
 _BESIDE_VOXELS = 0.7
 """A weight so far outside the foot is not carried by it alone: patches tell the foot to their width."""
 _TOWARD = 0.5
@@ -192,7 +192,8 @@ def _lean(surfels: Surfels, own: Flags, counts: Flags) -> Lean | None:
     held = points[holds]
     if len(foot) < _LEAST_FOOT or len(held) < _LEAST_TOUCHES:
         return None
-    if np.median(surfels.normals[~own & counts][nearest[holds], 2]) > _LEVEL:
+    below = np.median(surfels.normals[~own & counts][nearest[holds], 2])
+    if below > _LEVEL and np.median(surfels.normals[own][holds, 2]) > _FACES_DOWN:
         return None  # it is carried there, and hangs down over an edge
     try:
         com = _middle_of_hull(points)

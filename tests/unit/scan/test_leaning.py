@@ -93,6 +93,10 @@ def test_a_block_past_its_balance_on_a_wall_leans_toward_it_by_what_its_weight_h
         assert words in said
 
 
+def test_a_block_far_past_its_balance_on_the_level_top_edge_of_a_low_boulder_leans():
+    assert list(leaning(beside_a_wall(50.0, 0.3)))
+
+
 @pytest.mark.parametrize(("lean_deg", "gap_m"), [(0.0, 0.05), (0.0, 0.0), (10.0, 0.0), (25.0, 0.06)])
 def test_a_block_that_its_foot_carries_or_that_nothing_touches_does_not_lean(lean_deg, gap_m):
     assert not list(leaning(beside_a_wall(lean_deg, OF_WALL_M, gap_m)))

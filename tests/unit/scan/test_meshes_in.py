@@ -260,3 +260,19 @@ def test_negative_numbers_of_an_obj_count_back_from_where_they_stand(tmp_path):
     np.testing.assert_allclose(bounds(read_clouds([forward])), METRES, atol=0.05)
     for known, read in zip(meshes.mesh_as_in_file(forward), meshes.mesh_as_in_file(back), strict=True):
         np.testing.assert_array_equal(known, read)
+
+
+def test_faces_of_an_obj_go_on_after_a_backslash(tmp_path):
+    path = tmp_path / "two.obj"
+    square = "v 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nf -3 -2 \\\n-1\n"
+    path.write_text(square.format(0) + square.format(1))
+    np.testing.assert_array_equal(meshes.mesh_as_in_file(path)[1], [[0, 1, 2], [3, 4, 5]])
+
+
+def test_a_gltf_finds_its_numbers_in_the_file_beside_it(tmp_path):
+    mesh = trimesh.creation.box()
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
+        (tmp_path / name).write_bytes(content)
+    path = tmp_path / "model.gltf"
+    assert list(tmp_path.glob("*.bin"))
+    assert len(meshes.mesh_as_in_file(path)[1]) == len(mesh.faces)

@@ -88,3 +88,14 @@ def test_a_crown_that_shows_beyond_a_side_that_nobody_saw_tells_nothing_of_it():
 def test_nothing_is_led_down_where_the_side_was_seen_down_to_the_foot():
     points, normals = patches(upright, 0.0)
     assert len(SidesSeen.of(points, normals, np.zeros(2)).led_down(0.0)) == 0
+
+
+def test_a_rock_without_steep_sides_leads_nothing_down():
+    points = np.random.default_rng(1).uniform(size=(50, 3))
+    sides = SidesSeen.of(points, np.tile([0.0, 0.0, 1.0], (50, 1)), np.zeros(2))
+    assert len(sides.led_down(0.0)) == 0
+
+
+def test_a_few_places_around_tell_of_no_side_that_was_not_seen():
+    turn = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    assert UnseenSide.of(np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])) is None

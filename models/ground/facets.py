@@ -37,6 +37,12 @@ _CENTRED = 1e-10
 _BESIDE = 1e-9
 """Share of a side by which a place may lie beside a triangle, or beyond an edge's end: it belongs to both beside."""
 
+_ONE_WAY = 1.0 - 1e-6
+"""Cosine between normals of one facet, and of no other."""
+
+_ONE_PLACE = 0.005
+"""Of the way to the farthest vertex: what lies so near to the place where a part touches is its rim's."""
+
 
 class Facets(NamedTuple):
     """A rounded base over ground of facets; no parts where a rock has none. Rows of features: facets, then edges."""
@@ -147,7 +153,31 @@ def rounded_contacts(
     for k in range(facets):
         if on.creases_apart_m[k] < within_m:
             count = _meet_creases((on, ground), k, (pose, turn), margin_m, out, count)
-    return count
+    return _without_rims_of_what_touches(on, out, count)
+
+
+@inner
+def _without_rims_of_what_touches(on: Facets, out: Any, count: int) -> int:
+    """Leave out contacts of a rim beside the place where its part touches: how many are left.
+
+    A convex part touches a plane at one place. Its rim, nearly there, is within what counts as touching before the rock
+    has rolled to it, and would hold the rock as if it had.
+    """
+    creases = FIRST_KEY + len(on.apart_m) * len(on.normals)
+    near_m = _ONE_PLACE * on.lengths_m[1]
+    kept = 0
+    for i in range(count):
+        one, beside = out[i], False
+        if not FIRST_KEY <= one.key < creases:
+            for k in range(count):
+                if FIRST_KEY <= out[k].key < creases and dot(out[k].normal, one.normal) > _ONE_WAY:
+                    way = minus(out[k].arm_m, one.arm_m)
+                    beside = beside or dot(way, way) < near_m**2
+        if not beside:
+            if i != kept:
+                out[kept] = one
+            kept += 1
+    return kept
 
 
 @inner

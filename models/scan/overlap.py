@@ -11,8 +11,9 @@ from toppling.models.scan.read import Cloud
 
 _OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
-_LEAST_OVERLAP = 0.05
-"""Share of a station's points that must show a place that another one shows too."""
+_LEAST_OVERLAP, _LEAST_IN_FILE = 0.05, 0.005
+"""Share of a file's points, and of one of its stations', that must show a place that another one shows too: strips of
+a flight may lie side by side."""
 _SAMPLED, _SAMPLED_OF_STATION = 20_000, 5_000
 """Points of a file, and of a station, that are compared."""
 _LEAST_SHARE = 0.01
@@ -39,18 +40,21 @@ def check_overlap(cloud: Cloud) -> None:
     ends = np.cumsum([points for _, points in cloud.files])
     parts = np.split(cloud.points_m, ends[:-1])
     if len(parts) > 1:
-        _check([name for name, _ in cloud.files], [_some(part, _SAMPLED) for part in parts], cloud.origin_m)
+        names, samples = [name for name, _ in cloud.files], [_some(part, _SAMPLED) for part in parts]
+        _check(names, samples, cloud.origin_m, _LEAST_OVERLAP)
     names, samples = _stations(cloud)
     if len(samples) > len(parts):
-        _check(names, samples, cloud.origin_m)
+        _check(names, samples, cloud.origin_m, _LEAST_IN_FILE)
 
 
-def _check(names: list[str], samples: list[NDArray[np.float64]], origin_m: NDArray[np.float64]) -> None:
-    """Refuse the one of several clouds that overlaps the others least."""
+def _check(
+    names: list[str], samples: list[NDArray[np.float64]], origin_m: NDArray[np.float64], least: float
+) -> None:
+    """Refuse the one of several clouds that overlaps the others least, if by less than such a share."""
     against = [_Against.of(samples, number) for number in range(len(samples))]
     _refuse_other_units(against, names, origin_m)
     shown = [each.shared() for each in against]
-    alone = [number for number, share in enumerate(shown) if share < _LEAST_OVERLAP]
+    alone = [number for number, share in enumerate(shown) if share < least]
     if not alone:
         return
     alone.sort(key=lambda number: (shown[number], -against[number].ratio))

@@ -45,7 +45,7 @@ def test_a_cap_leaves_a_groove_as_a_sphere_that_rolls_up_one_of_its_facets(edge_
     scene, s = cap_in_groove(edge_m, slope_deg), math.radians(slope_deg)
     d, t = centre_over_com_m(scene), np.linspace(0.0, RIM_RAD - s, 2001)
     exact = G * (RADIUS_M * math.sin(s) + d * np.sin(t)) / (RADIUS_M * math.cos(s) - d * np.cos(t))
-    assert least(scene, 0.0, 180.0) == pytest.approx([exact.max()] * 2, rel=0.02)
+    assert least(scene, 0.0, 180.0) == pytest.approx([exact.max()] * 2, rel=0.005)
 
 
 @pytest.mark.parametrize("edge_m", EDGES_M)
@@ -55,7 +55,7 @@ def test_a_cap_rolls_along_a_groove_as_on_a_smaller_sphere(edge_m, slope_deg):
     scene, s = cap_in_groove(edge_m, slope_deg), math.radians(slope_deg)
     d, t = centre_over_com_m(scene), math.acos(math.cos(RIM_RAD) / math.cos(s))
     exact = G * d * math.sin(t) / (RADIUS_M * math.cos(s) - d * math.cos(t))
-    assert least(scene, 90.0) == pytest.approx([exact], rel=0.025)
+    assert least(scene, 90.0) == pytest.approx([exact], rel=0.01)
 
 
 def test_a_cap_in_a_groove_topples_toward_any_azimuth_as_a_finer_one():
@@ -70,7 +70,7 @@ def test_a_cap_tips_over_the_edge_of_a_ledge_once_it_has_rolled_there(edge_m, fa
     scene = Scene.from_mesh(round_cap(edge_m), pedestal=folded(0.0, -fall, 0.15), friction=1.2)
     d, t = centre_over_com_m(scene), 0.15 / RADIUS_M
     exact = G * d * math.sin(t) / (RADIUS_M - d * math.cos(t))
-    assert least(scene, 180.0) == pytest.approx([exact], rel=0.02)
+    assert least(scene, 180.0) == pytest.approx([exact], rel=0.005)
 
 
 def test_contacts_over_an_edge_are_the_same_bits_whatever_was_found_before():
@@ -94,7 +94,7 @@ def test_a_cap_on_a_ledge_rolls_on_up_the_facet_that_rises_from_it(edge_m):
     d, begun = centre_over_com_m(scene), (x - RADIUS_M * math.tan(0.5 * s)) / RADIUS_M
     t = np.linspace(begun, RIM_RAD - s, 2001)
     exact = G * (RADIUS_M * math.sin(s) + d * np.sin(t)) / (RADIUS_M * math.cos(s) - d * np.cos(t))
-    assert least(scene, 180.0) == pytest.approx([exact.max()], rel=0.02)
+    assert least(scene, 180.0) == pytest.approx([exact.max()], rel=0.005)
 
 
 @pytest.mark.parametrize("edge_m", EDGES_M)
@@ -114,7 +114,7 @@ def test_a_cap_swings_along_a_groove_with_the_period_of_a_smaller_sphere_and_los
     crossed = found.time_s[before]
     crossed = crossed + np.diff(found.time_s)[before] * swing[before] / (swing[before] - swing[before + 1])
     assert np.diff(crossed)[:3] == pytest.approx(exact_s, rel=0.002)
-    assert np.abs(swing[found.time_s > found.time_s[-1] - exact_s]).max() == pytest.approx(2.0, rel=0.02)
+    assert np.abs(swing[found.time_s > found.time_s[-1] - exact_s]).max() == pytest.approx(2.0, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -130,5 +130,5 @@ def test_a_slowly_growing_acceleration_topples_a_cap_on_facets_where_statics_say
     toward = np.array([math.cos(way), math.sin(way), 0.0])
     shaken = shake(scene, Motion(ramp[:, None] * toward, 0.01), "fast")
     assert shaken.toppled
-    assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.02)
-    assert not shake(scene, Motion(0.92 * ramp[:, None] * toward, 0.01), "fast").toppled
+    assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.01)
+    assert not shake(scene, Motion(0.94 * ramp[:, None] * toward, 0.01), "fast").toppled

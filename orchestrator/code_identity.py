@@ -1,7 +1,9 @@
 """Tells versions of the code that decides answers apart: releases do, but not what was changed by hand."""
 
 import ast
+import gc
 import hashlib
+import threading
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +14,9 @@ _MODELS, _WORKERS = Path(toppling.models.__path__[0]), Path(toppling.workers.__p
 
 _SOURCES = {path: path.read_bytes() for room in (_MODELS, _WORKERS) for path in room.rglob("*.py")}
 """As this process finds them when it begins: a file that is edited later is not what it has loaded."""
+
+
+_ONE_PARSES = threading.Lock()
 
 
 @cache
@@ -42,7 +47,7 @@ def _deciding() -> dict[Path, ast.Module]:
         path = left.pop()
         if path in found or path not in _SOURCES or path.parent == _MODELS / "scan":
             continue
-        found[path] = ast.parse(_SOURCES[path])
+        found[path] = _parsed(_SOURCES[path])
         for node in ast.walk(found[path]):
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
                 names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
@@ -58,7 +63,22 @@ def decisive(source: bytes) -> str:
     >>> decisive(b"x = 1  # why") == decisive(b"x = (1)")
     True
     """
-    return _without_words(ast.parse(source))
+    return _without_words(_parsed(source))
+
+
+def _parsed(source: bytes) -> ast.Module:
+    """Let no other thread run meanwhile: until Python 3.11.8, two that parse at once spoil each other's count of depth.
+
+    They change places only in what Dask lets the collection of garbage call.
+    """
+    with _ONE_PARSES:
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            return ast.parse(source)
+        finally:
+            if collects:
+                gc.enable()
 
 
 def _without_words(tree: ast.Module) -> str:

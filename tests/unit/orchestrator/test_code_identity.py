@@ -1,9 +1,11 @@
 """What makes a run refuse to go on: code that decides answers, not what is said about it."""
 
+import gc
 import json
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -70,6 +72,24 @@ def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(monkeyp
     assert code.__wrapped__() == before
     monkeypatch.setitem(code_identity._SOURCES, edited, b"x = 1")
     assert code.__wrapped__() != before
+
+
+def test_threads_may_read_code_at_once_whatever_the_collection_of_garbage_calls():
+    """A worker is asked whether it is fit while its tasks run, and Dask listens to the collection."""
+    sources, interval = list(code_identity._SOURCES.values())[:40], sys.getswitchinterval()
+
+    def takes_a_while(phase, info):
+        sum(range(200))
+
+    gc.callbacks.append(takes_a_while)
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(3) as threads:
+            told = list(threads.map(decisive, sources * 3))
+    finally:
+        sys.setswitchinterval(interval)
+        gc.callbacks.remove(takes_a_while)
+    assert told == [decisive(source) for source in sources] * 3
 
 
 LOADED = """

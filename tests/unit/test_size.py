@@ -10,6 +10,7 @@ import toppling
 ROOT = Path(__file__).parents[2]
 ROOMS = ("models", "workers", "orchestrator", "results")
 FILE_LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 7
+WORDS_OF_DOCS = 13_000
 CONSTRUCTORS = {"with_rough_base", "boulder", "ground"}
 """Functions that make a scene or a mesh from what they are given; class methods that make their class are too."""
 
@@ -50,6 +51,12 @@ def over(sizes, most):
 def test_no_file_is_longer_than_four_hundred_lines():
     sizes = {str(path.relative_to(ROOT)): path.read_text("utf-8").count("\n") for path in modules()}
     assert over(sizes, FILE_LINES) == {}
+
+
+def test_the_docs_have_no_more_words_than_one_reads():
+    """Of reports, which benchmarks write, there may be more: these lie elsewhere."""
+    text = " ".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    assert sum(any(letter.isalnum() for letter in word) for word in text.split()) <= WORDS_OF_DOCS
 
 
 def test_no_function_is_longer_than_sixty_lines():

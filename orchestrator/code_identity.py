@@ -3,18 +3,23 @@
 import ast
 import gc
 import hashlib
+import sys
 import threading
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 import toppling.models
 import toppling.workers
+from toppling.models.compiled import FOLDER
+from toppling.models.files.folder import new_file
 
 _MODELS, _WORKERS = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
 
 _SOURCES = {path: path.read_bytes() for room in (_MODELS, _WORKERS) for path in room.rglob("*.py")}
 """As this process finds them when it begins: a file that is edited later is not what it has loaded."""
 
+_OWN_SOURCE = Path(__file__).read_bytes()
 
 _ONE_PARSES = threading.Lock()
 
@@ -24,11 +29,36 @@ def code() -> str:
     """Hash of the code of all that decides an answer.
 
     Comments and docstrings decide nothing, and their change must not strand the runs that go on.
+
+    Reading syntax takes a second and more, which every worker would begin with: it is done once for these very bytes,
+    and kept with the code compiled from them.
     """
+    kept = FOLDER / f"identity-{_bytes_read()}" if FOLDER else None
+    if kept is not None:
+        with suppress(OSError, ValueError):
+            told, seal = kept.read_text(encoding="ascii").split()
+            if seal == _seal(told):
+                return told
     found, digest = _deciding(), hashlib.blake2b(digest_size=8)
     for path in sorted(found):
         digest.update(_without_words(found[path]).encode())
+    told = digest.hexdigest()
+    if kept is not None:
+        with suppress(OSError), new_file(kept) as file:
+            file.write_text(f"{told} {_seal(told)}\n", encoding="ascii")
+    return told
+
+
+def _bytes_read() -> str:
+    """Hash of all sources as they are, of this module and of the Python that reads their syntax."""
+    digest = hashlib.blake2b(sys.version.encode() + _OWN_SOURCE, digest_size=8)
+    for path, source in sorted(_SOURCES.items()):
+        digest.update(hashlib.blake2b(bytes(path.relative_to(_MODELS.parent)) + b"\0" + source).digest())
     return digest.hexdigest()
+
+
+def _seal(told: str) -> str:
+    return hashlib.blake2b(told.encode(), digest_size=8).hexdigest()
 
 
 def deciding_files() -> list[Path]:

@@ -58,19 +58,52 @@ def test_a_function_of_a_docstring_alone_is_read_too():
     assert decisive(b'def f():\n    """Nothing."""\n') == decisive(b'def f():\n    """Something."""\n')
 
 
-def test_the_identity_of_the_code_is_quickly_told():
+@pytest.fixture
+def few(tmp_path, monkeypatch):
+    """A program of few modules, of which nothing is kept yet."""
+    names = ("shake.py", "options.py")
+    sources = {path: source for path, source in code_identity._SOURCES.items() if path.name in names}
+    monkeypatch.setattr(code_identity, "_SOURCES", sources)
+    monkeypatch.setattr(code_identity, "FOLDER", tmp_path)
+    return sources
+
+
+def test_the_identity_of_the_code_is_quickly_told_where_none_is_kept(monkeypatch):
+    monkeypatch.setattr(code_identity, "FOLDER", None)
     began = time.process_time()
     assert code.__wrapped__() == code()
     assert time.process_time() - began < 5.0
 
 
-def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(monkeypatch):
-    found = {path: path.read_bytes() for path in code_identity._SOURCES}
-    edited = next(path for path in found if path.name == "shake.py")
+def test_code_that_was_read_once_is_not_read_again(few, monkeypatch):
     before = code.__wrapped__()
-    monkeypatch.setattr(Path, "read_bytes", lambda path: b"x = 1" if path == edited else found[path])
+    monkeypatch.setattr(code_identity, "_deciding", lambda: pytest.fail("read again"))
     assert code.__wrapped__() == before
-    monkeypatch.setitem(code_identity._SOURCES, edited, b"x = 1")
+
+
+@pytest.mark.parametrize("damage", [b"", b"0" * 16 + b" " + b"0" * 16, b"\xff"])
+def test_a_kept_identity_that_is_damaged_is_made_anew(few, damage, tmp_path):
+    before = code.__wrapped__()
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(damage)
+    assert code.__wrapped__() == before
+    assert kept.read_bytes() != damage
+
+
+def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(few, monkeypatch):
+    edited = next(path for path in few if path.name == "shake.py")
+    before = code.__wrapped__()
+    found = {path: path.read_bytes() for path in few}
+    monkeypatch.setattr(Path, "read_bytes", lambda path: b"x = 1" if path == edited else found[path])
+    monkeypatch.setattr(code_identity, "FOLDER", None)
+    assert code.__wrapped__() == before
+    monkeypatch.setitem(few, edited, b"x = 1")
+    assert code.__wrapped__() != before
+
+
+def test_code_that_was_edited_by_hand_is_not_taken_for_what_is_kept(few, monkeypatch):
+    before = code.__wrapped__()
+    monkeypatch.setitem(few, next(iter(few)), b"x = 1")
     assert code.__wrapped__() != before
 
 

@@ -26,6 +26,7 @@ from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
+from toppling.models.scan.doubled import doubled
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
@@ -201,7 +202,9 @@ def _checked_doubts(
     check_can_stand(closed.rock, interface)
     rim = unseen_rim(observed, interface, closed.rock.com_m)
     found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
-    told = [hanging_doubt(observed, interface), overgrown(observed, interface), rim]
+    step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
+    twice = doubled(observed, cloud.points_m[label == ROCK], step_m)
+    told = [hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]
     if any(mesh is not None for mesh in cloud.meshes):
         told.append(bridged(observed, interface))
     return [*(each for each in told if each is not None), *found]

@@ -33,16 +33,18 @@ demo: setup  ## scan, records, campaign, maps: the whole way on inputs the proje
 study: setup  ## the published study on the demo's rock and 140 synthetic records; goes on where it was stopped
 	$(BIN)/toppling study runs/study
 
-# Tests of the cluster start workers of their own, which some of them kill: nothing else runs beside them.
+# Tests of the cluster wait for workers that start and die: two at a time, the slow ones alone, and nothing else beside.
 TESTS := "not slow"
+CLUSTERS := 2
 test: setup  ## the fast tests, at most five minutes
 	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal --ignore tests/cluster --ignore tests/end_to_end
-	$(BIN)/python -m pytest -m $(TESTS) tests/cluster
+	$(BIN)/python -m pytest -m $(TESTS) --numprocesses $(CLUSTERS) --dist loadfile tests/cluster
 
 end-to-end: setup  ## the guide, an experiment and the built wheel, minutes
 	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist loadfile tests/end_to_end
 
 test-all: TESTS := "slow or not slow"
+test-all: CLUSTERS := 0
 test-all: test end-to-end  ## the fast and the slow tests
 
 # Neither mypy nor the site knows mapped packages: they are shown them as the wheel lays them out.

@@ -23,6 +23,27 @@ def _ctrl_c_still_stops_the_tests():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture(scope="module")
+def few_draws():
+    """A hidden base is drawn 12 times: for laws that hold of however many draws."""
+    from toppling.models.hidden_base import from_scan
+
+    with pytest.MonkeyPatch.context() as patched:
+        for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("_ENOUGH", 4.0)):
+            patched.setattr(from_scan, name, number)
+        yield
+
+
+@pytest.fixture(scope="module")
+def no_pictures():
+    """A scene's picture is an empty file: for laws about the other files."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            "toppling.results.drawing.scene_figures.draw_scene", lambda scene, path, notes=(): path.touch()
+        )
+        yield
+
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("models", "orchestrator", "results", "workers")
 

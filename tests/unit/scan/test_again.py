@@ -20,12 +20,14 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
 from toppling.orchestrator.public.scan_files import hints_said, of_base
 
+pytestmark = pytest.mark.usefixtures("few_draws", "no_pictures")
+
 
 @pytest.fixture(scope="module")
-def clouds(tmp_path_factory):
+def clouds(few_draws, no_pictures, tmp_path_factory):
     folder = tmp_path_factory.mktemp("again")
     truth = stump_on_a_slope()
-    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
+    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.03)
     cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     np.savetxt(folder / "cloud.xyz", cloud.points_m + cloud.origin_m, fmt="%.5f")
     done = CliRunner().invoke(

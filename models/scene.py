@@ -226,7 +226,8 @@ class Scene:
 
         On one plane without slip (:mod:`toppling.models.statics`, of a rounded base
         :mod:`toppling.models.rounded.statics`); on a surface the largest with an equilibrium of
-        friction cones, in the pose in which the rock rests or one that it tips into without gathering speed.
+        friction cones, in the pose in which the rock rests or one that it tips into without gathering speed. 0 where
+        the rock does not stand by itself.
 
         Returns
         -------

@@ -33,6 +33,7 @@ from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.rounded.patches import patches_of, smooth_mesh_of
+from toppling.models.support import TOPPLED_TILT_DEG
 
 _GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
@@ -65,7 +66,10 @@ _ROLLS, _ROLLED_DEG = 8, 0.5
 """Directions, and the angle by which a rounded base may roll until it stands."""
 
 _FARTHEST_SETTLING = 0.1
-"""Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen."""
+"""Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen.
+
+One that rolls has as far to go as its base turns.
+"""
 
 PAIRS = 1 << 16
 """Room for pairs of features that may touch."""
@@ -247,6 +251,18 @@ class GroundedBody:
         return pose
 
     @cached_property
+    def rests_nearby(self) -> bool:
+        """Whether it stands in the pose of the scene or, having settled, near it."""
+        pose = self.resting_pose
+        upright = self._up_in_body(self.pose)
+        tilt_rad = np.arccos(np.clip(upright @ self._up_in_body(pose), -1.0, 1.0))
+        most_m = _FARTHEST_SETTLING * np.ptp(self.rock.vertices_m @ upright)
+        if self.rolls_on_facets:
+            most_m += tilt_rad * self.farthest_m
+        near = np.linalg.norm(pose[:3] - self.pose[:3]) <= most_m and np.degrees(tilt_rad) <= TOPPLED_TILT_DEG
+        return bool(near) and self.stands(pose)
+
+    @cached_property
     def leans(self) -> bool:
         """Whether it stands, and would not on those contacts alone that lie at its foot."""
         pose = self.resting_pose
@@ -275,9 +291,11 @@ class GroundedBody:
     def quasi_static_toppling_m_s2(self, azimuths_deg: list[float]) -> list[tuple[float, float]]:
         """Largest constant horizontal ground acceleration at which the rock is in equilibrium, by azimuth.
 
-        In the pose in which it rests, or in one that it tips into without gathering speed.
+        In the pose in which it rests, or in one that it tips into without gathering speed; 0 for a rock that falls by
+        itself, however it comes to lie.
         """
-        return [(azimuth, self._largest_held(azimuth)) for azimuth in azimuths_deg]
+        stands = self.rests_nearby
+        return [(azimuth, self._largest_held(azimuth) if stands else 0.0) for azimuth in azimuths_deg]
 
     def _largest_held(self, azimuth_deg: float) -> float:
         push = -horizontal_unit_vector(azimuth_deg) @ self.scene_from_support
@@ -333,16 +351,15 @@ class GroundedBody:
         InputError
             If it comes to rest nowhere near.
         """
-        pose = self.resting_pose
-        turn = self.scene_from_support
-        com = pose[:3] @ turn.T + pedestal.point_m
-        if not self.stands(pose) or np.linalg.norm(com - rock.com_m) > _FARTHEST_SETTLING * rock.height_m:
+        if not self.rests_nearby:
             raise InputError(
                 "left alone, the rock does not stand on its pedestal's surface",
                 where=where,
                 expected="a rock that stands by itself in the pose of the scene",
                 remedy="check the frames of rock and pedestal, the friction, and the split of the two",
             )
+        pose, turn = self.resting_pose, self.scene_from_support
+        com = pose[:3] @ turn.T + pedestal.point_m
         moved = Rotation.from_quat(pose[3:]) * Rotation.from_quat(self.pose[3:]).inv()
         rotation = turn @ moved.as_matrix() @ turn.T
         return rock.moved(rotation, com - rotation @ rock.com_m)

@@ -7,7 +7,7 @@ import pytest
 from reference.bodies import round_cap
 from scipy.spatial.transform import Rotation
 
-from toppling import Motion, Scene, shake
+from toppling import InputError, Motion, Scene, shake
 
 G, RADIUS_M, HALF_WIDTH_M = 9.81, 0.65, 0.3
 RIM_RAD = math.asin(HALF_WIDTH_M / RADIUS_M)
@@ -46,6 +46,32 @@ def test_a_cap_leaves_a_groove_as_a_sphere_that_rolls_up_one_of_its_facets(edge_
     d, t = centre_over_com_m(scene), np.linspace(0.0, RIM_RAD - s, 2001)
     exact = G * (RADIUS_M * math.sin(s) + d * np.sin(t)) / (RADIUS_M * math.cos(s) - d * np.cos(t))
     assert least(scene, 0.0, 180.0) == pytest.approx([exact.max()] * 2, rel=0.005)
+
+
+def cap_on_slope(slope_deg):
+    """On a facet that falls toward x, above one that rises from its foot."""
+    rise, (vertices, faces) = math.tan(math.radians(slope_deg)), round_cap(0.04)
+    raised = vertices + np.array([0.0, 0.0, 2.0 * rise])
+    return Scene.from_mesh((raised, faces), pedestal=folded(rise, 0.3, 2.0), friction=1.2)
+
+
+@pytest.mark.parametrize("slope_deg", [10.0, 20.0])
+def test_a_cap_that_rolls_off_by_itself_stands_no_acceleration_however_it_comes_to_lie(slope_deg):
+    """With d sin(rim) < rho sin(s) its weight acts downhill of the contact up to the rim: 0, as on a plane."""
+    scene = cap_on_slope(slope_deg)
+    assert centre_over_com_m(scene) * math.sin(RIM_RAD) < RADIUS_M * math.sin(math.radians(slope_deg))
+    assert least(scene, 0.0, 90.0, 180.0) == [0.0, 0.0, 0.0]
+    with pytest.raises(InputError, match="does not stand"):
+        shake(scene, STILL)
+
+
+def test_a_cap_that_rolls_to_rest_on_a_slope_is_shaken_and_topples_there_as_on_a_plane():
+    on_facet, on_plane = (
+        cap_on_slope(5.0),
+        Scene.from_mesh(round_cap(0.04), friction=1.2, slope_deg=5.0),
+    )
+    assert least(on_facet, 0.0, 90.0, 180.0) == pytest.approx(least(on_plane, 0.0, 90.0, 180.0), rel=0.03)
+    assert shake(on_facet, STILL, preset="fast").outcome == "stands"
 
 
 @pytest.mark.parametrize("edge_m", EDGES_M)

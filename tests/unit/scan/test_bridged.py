@@ -16,7 +16,7 @@ def drum_on(height_at):
     turn = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     angle, rise = (each.ravel() for each in np.meshgrid(turn, np.linspace(0.0, 1.0, 100)))
     side = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), rise])
-    angle, away = (each.ravel() for each in np.meshgrid(turn, np.linspace(0.3, 0.6, 31)))
+    angle, away = (each.ravel() for each in np.meshgrid(turn, np.linspace(0.3, 0.8, 51)))
     x, y = away * np.cos(angle), away * np.sin(angle)
     slope = np.column_stack(
         [(height_at(x + 1e-6, y) - height_at(x, y)) / 1e-6, (height_at(x, y + 1e-6) - height_at(x, y)) / 1e-6]
@@ -33,7 +33,7 @@ def drum_on(height_at):
 @pytest.mark.parametrize("slope_deg", [20.0, 35.0])
 def test_a_sheet_that_falls_away_on_all_sides_is_named_with_its_slope(slope_deg):
     steep = np.tan(np.deg2rad(slope_deg))
-    observed = drum_on(lambda x, y: -steep * (np.hypot(x, y) - 0.3))
+    observed = drum_on(lambda x, y: -np.minimum(steep * (np.hypot(x, y) - 0.3), 0.1))
     assert collar_deg(observed, LEVEL) == pytest.approx(slope_deg, abs=0.5)
     doubt = bridged(observed, LEVEL)
     assert doubt is not None
@@ -47,8 +47,11 @@ def test_a_sheet_that_falls_away_on_all_sides_is_named_with_its_slope(slope_deg)
         lambda x, y: -0.6 * x,  # a slope falls away on one side only
         lambda x, y: -0.6 * np.abs(x),  # a ridge on two
         lambda x, y: 0.6 * (np.hypot(x, y) - 0.3),  # a hollow
+        lambda x, y: -0.5 * (np.hypot(x, y) - 0.3),  # a knoll goes on
+        lambda x, y: -1.5 * (x**2 + y**2 - 0.09),  # one that grows steeper
+        lambda x, y: -3.0 * np.maximum(np.hypot(x, y) - 0.34, 0.0),  # a pedestal with steep sides
         lambda x, y: 1.0 * np.maximum(0.315 - np.hypot(x, y), 0.0),  # a crease that smoothing has rounded
     ],
 )
-def test_slopes_ridges_hollows_and_rounded_creases_are_no_such_sheet(height_at):
+def test_slopes_ridges_hollows_knolls_pedestals_and_rounded_creases_are_no_such_sheet(height_at):
     assert bridged(drum_on(height_at), LEVEL) is None

@@ -30,6 +30,8 @@ _LEVEL = 0.8
 _TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
 """How near to a thing such a top lies, in its heights, how high, as shares of the way from the ground to the thing's
 top, and how many of its patches are enough."""
+_STEEP = 0.4
+"""Upward part of the normals of a cliff's face at most."""
 _JOINED_VOXELS = 3.0
 """Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
@@ -125,6 +127,9 @@ def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
     if level.sum() < _LEAST_TERRACE:
         return "", ""
     high_m = float(np.median(coarse.points_m[level, 2])) - lowest_m
+    face = around & (np.abs(coarse.normals[:, 2]) < _STEEP) & (up < np.median(up[level]))
+    if high_m < LEAST_PEAK_VOXELS * coarse.voxel_m or face.sum() < _LEAST_TERRACE:
+        return "", ""
     toward = direction_told(azimuth_deg(away_m[level].mean(axis=0)))
     return (
         f"; beside it, toward {toward}, the top of a cliff or wall lies {high_m:.2g} m above the ground: what is "

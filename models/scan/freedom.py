@@ -50,6 +50,9 @@ with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the dir
 _TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
 """Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
 rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
+_TWO_SPARSE = 0.35
+"""Told in a cloud of few points, where patches tell a crease from a bend less: of two bodies 0.5 to 0.74, of free rocks
+at most 0.3."""
 _TWO_STANDS = 0.1
 """Of the rock's height: a smaller part that comes down so far stands there itself, and may be what is meant."""
 _BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
@@ -223,7 +226,8 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
 def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt | None:
     joint = weakest_joint(observed, interface)
-    if joint is None or joint.creased_share < _TWO_TOLD:
+    told = _TWO_SPARSE if patches_apart(observed) > SPARSE else _TWO_TOLD
+    if joint is None or joint.creased_share < told:
         return None
     what = (
         f"a crease parts {joint.part:.0%} of the rock's surface, toward {azimuth_told(joint.way, interface)}, from the "

@@ -6,6 +6,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
+from toppling.models.scan.attached import SPARSE, patches_apart
 from toppling.models.scan.candidates import minimum_cut, neighbourhood
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
@@ -13,6 +14,8 @@ from toppling.models.scan.surfels import Surfels, thin
 
 _PATCHES = 5000
 """So many tell a joint, and are cut in a tenth of a second."""
+_WIDER = 1.5
+"""Than patches are wide, or than they lie apart where a cloud has few points: else no crease shows between them."""
 _WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
 _SEEDS = ((0.2, 0.8), (0.35, 0.9))
 """Shares of the extent below which and above which patches are of one side and of the other."""
@@ -59,7 +62,9 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
 
 def _coarser(observed: ObservedRock) -> Surfels:
     surfels, own = observed.surfels, observed.patches
-    voxel = surfels.voxel_m * max(1.5, float(np.sqrt(own.sum() / _PATCHES)))
+    apart = patches_apart(observed)
+    least = _WIDER * (apart if apart > SPARSE else 1.0)
+    voxel = surfels.voxel_m * max(least, float(np.sqrt(own.sum() / _PATCHES)))
     points, index = thin(surfels.points_m[own], voxel)
     kept = index >= 0
     normals = np.zeros_like(points)

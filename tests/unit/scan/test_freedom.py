@@ -111,6 +111,18 @@ def test_a_neighbour_that_was_taken_for_a_part_of_the_rock_is_refused_unless_the
     assert "azimuth" in found["leaning"]
 
 
+WALL_BESIDE = box((0.26, -0.7, 0.0), (1.1, 0.7, 0.9), "ens")
+
+
+@pytest.mark.parametrize(("rock", "two"), [(together(BLOCK, WALL_BESIDE), True), (BLOCK, False)])
+def test_a_wall_that_was_taken_for_a_part_of_the_rock_is_named_in_a_cloud_of_few_points_too(rock, two):
+    few = np.random.default_rng(1).random(len(rock[0])) < 1.0 / 7.0
+    found = {
+        each.kind: each.sentence for each in doubted(seen_of((rock[0][few], rock[1][few]), ground(0.62)))
+    }
+    assert ("two blocks that touch" in found.get("leaning", "")) == two
+
+
 @pytest.mark.parametrize("rock", [BLOCK, box((-0.8, -0.25, 0.0), (0.8, 0.25, 0.6))])
 def test_one_block_has_no_joint(rock):
     joint = weakest_joint(seen_of(rock, ground()), LEVEL)

@@ -124,6 +124,15 @@ def test_a_block_at_a_lower_wall_is_not_told_apart_and_the_wall_is_named_with_wh
     assert "--rock ROCK --pedestal PEDESTAL" in str(found.value)
 
 
+@pytest.mark.parametrize("height_m", [0.8, 1.4])
+def test_a_smooth_mound_that_nothing_stands_on_is_told_without_a_cliff(height_m):
+    x, y = np.random.default_rng(3).uniform(-3.0, 3.0, (2, 20_000))
+    points = np.column_stack([x, y, height_m * np.exp(-(x**2 + y**2) / 1.6)])
+    with pytest.raises(InputError, match="nothing in the cloud stands on anything") as found:
+        segment(points, np.zeros(3))
+    assert "cliff or wall" not in str(found.value)
+
+
 def scanned_m(lean_deg, holder, gap_m=0.0):
     """The virtual scanner's points on a block beside a wall, or a boulder that it touches from one side."""
     turn = Rotation.from_rotvec([0.0, np.deg2rad(lean_deg), 0.0])

@@ -25,7 +25,7 @@ RESOLUTION = 0.02
 
 
 @pytest.fixture(scope="module")
-def stump():
+def stump(few_draws):
     """A stump on a slope: truth, cloud, the truth's labels, and what the survey made of it."""
     truth = stump_on_a_slope()
     cloud, label = virtual.cloud_of(

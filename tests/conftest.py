@@ -44,6 +44,15 @@ def no_pictures():
         yield
 
 
+@pytest.fixture
+def empty_figures(monkeypatch):
+    """Figures are files without a picture: for laws about the tables beside them."""
+    monkeypatch.setattr(
+        "matplotlib.figure.Figure.savefig",
+        lambda figure, place, **options: place.touch() if isinstance(place, Path) else None,
+    )
+
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("models", "orchestrator", "results", "workers")
 

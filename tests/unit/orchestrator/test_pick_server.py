@@ -11,6 +11,8 @@ from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
 from toppling.orchestrator.pick.shown import View
 from toppling.orchestrator.pick.user_hints import UserHints
 
+POLL_S = 0.01
+"""How soon the server sees that it is to end."""
 JSON = {"Content-Type": "application/json"}
 
 
@@ -49,7 +51,7 @@ class Heard:
 @pytest.fixture
 def server():
     with PickServer(Heard()) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(POLL_S,))
         thread.start()
         yield server
         server.shutdown()

@@ -153,6 +153,7 @@ def test_a_curve_of_unknown_basis_is_called_so(curves):
     assert "beyond the strongest shaking" not in done.output
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
     folder = tmp_path / "out"
     weighted = ["--hazard", f"{hazards[0]}=0.25", "--hazard", f"{hazards[1]}=0.75"]
@@ -336,6 +337,7 @@ def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, cur
     assert row["rate_posterior_mean_low"] < row["rate_posterior_mean"] < row["rate_posterior_mean_high"]
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves):
     tree, folder = openquake_tree(tmp_path / "tree"), tmp_path / "out"
     asked = ["--age", "10000", "--json", "--ratio", "1.2"]
@@ -359,6 +361,7 @@ def test_the_words_begin_with_the_answer(tmp_path, curves):
     assert "logic-tree level ground motion: the rocks move" in words
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_exported_curves_keep_their_intervals(tmp_path):
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=30, azimuths=(0.0,)))
@@ -401,6 +404,7 @@ def test_a_bad_hazard_is_refused_by_name_and_nothing_is_written(tmp_path, curves
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_name_that_a_spreadsheet_would_compute_is_written_as_words(tmp_path, curves):
     for name in ("=2+2", "b"):
         (tmp_path / f"{name}.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-3\n10,1e-7\n")

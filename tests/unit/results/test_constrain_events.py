@@ -277,6 +277,7 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     assert "the same rock" in str(twins.exception)
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events, tmp_path):
     out, asked = tmp_path / "out", ["--age", "300", "--ratio", "1.2"]
     told_by(*rocks, "--hazard", events, *asked, "--site", "aa", "--site", "bb", "--out", out)
@@ -305,6 +306,7 @@ def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
             assert told["measure"] == "sa_3s_m_s2"
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
     path = write_curves(
         rocks[0].parent / "part.csv", [replace(PGA, basis=Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602))]

@@ -214,6 +214,7 @@ def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(t
     assert "Not shown: 1 jobs from 30 s or 3 m/s on." in drawn
 
 
+@pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize(("long", "whole"), [(2, False), (3, True)])
 def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_path, long, whole):
     jobs = rows(records=10, levels=(2, 3, 4, 5, 6), azimuths=(0.0, 90.0))  # a hundred

@@ -35,6 +35,10 @@ _OFF = ((0.25, 3.0), (0.7, 10.0))
 """A station does not fit the others where its paired share is below the first, and its residual above the second, of
 these times theirs. Known ones that do fit have 0.6 of the others' share and their residual; such as are off by two
 voxels or more, 0.15 of it and 30 times theirs; such as are turned by 30 to 180 degrees, 0.15 to 0.55 and 25 to 80."""
+_TWO_OFF = (0.35, 3.5)
+"""Two stations do not fit each other where the residual of both is above the first of a voxel, and above the second
+times what each leaves by itself. Known ones that fit leave at most 0.13 and 2.3; such as are turned by 30 to 180
+degrees 0.66 and 5 at least."""
 _WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 
@@ -74,8 +78,9 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
 
     Returns Cloud: the same one where it has one station only or nothing is gained.
     Returns dict: residual (robust standard deviation of the point-to-plane distances) before and after, shift and
-    turn of each station; `of_stations`: the residual of each, and the share of its points near to others' that show
-    the same place, none where nothing is near. A residual is none where no two stations show a common place.
+    turn of each station; `of_stations`: the residual of each, the share of its points near to others' that show the
+    same place, none where nothing is near, and what it leaves by itself (`own_m`). A residual is none where no two
+    stations show a common place.
     """
     count = int(cloud.station.max()) + 1
     if count < 2:
@@ -93,7 +98,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
         step = _step(stations, pose, reach * voxel, centre, size)
         pose = [_moved(each, centre, size) @ old for each, old in zip(step, pose, strict=True)]
     after = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
-    report: dict[str, Any] = {"stations": count, "residual_before_m": before}
+    report: dict[str, Any] = {"stations": count, "voxel_m": voxel, "residual_before_m": before}
     if before is None or after is None or not after < _WORTH * before:
         report["of_stations"] = _fits(stations, [np.eye(4) for _ in stations], voxel)
         return cloud, {**report, "residual_m": before, "applied": False}
@@ -112,15 +117,18 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
     told: what `register` says.
-    Raises InputError if one of three stations or more pairs far less and far worse than the others.
+    Raises InputError if one of three stations or more pairs far less and far worse than the others, or two do not fit
+    each other.
     """
     fits = [
         (k, each)
         for k, each in enumerate(registration.get("of_stations", []))
         if each["paired_share"] is not None
     ]
+    if len(fits) == 2:
+        _check_two([each for _, each in fits], registration["voxel_m"], cloud.files)
     if len(fits) < 3:
-        return  # of two nobody can say which is off
+        return
     number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
     others = [each for k, each in fits if k != number]
     usual = float(np.median([each["paired_share"] for each in others]))
@@ -138,6 +146,24 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
         where=cloud.files[file][0],
         expected="stations registered to each other, with what is left small enough to be taken out here",
         remedy="register this station anew, or leave it out",
+    )
+
+
+def _check_two(
+    fits: list[dict[str, float | None]], voxel_m: float, files: tuple[tuple[str, int], ...]
+) -> None:
+    """Refuse two stations that do not fit each other, however they lie: of two nobody can say which is off."""
+    residuals = [each["residual_m"] or 0.0 for each in fits]
+    own = [each["own_m"] or np.inf for each in fits]
+    of_voxel, of_own = _TWO_OFF
+    if min(residuals) < of_voxel * voxel_m or min(np.divide(residuals, own)) < of_own:
+        return
+    raise InputError(
+        f"the two stations do not fit each other: where both saw a place they are {max(residuals):.2g} m apart, and "
+        f"points of one lie within {max(own):.2g} m of its own surface",
+        where=" and ".join(dict.fromkeys(name for name, _ in files)),
+        expected="stations registered to each other, with what is left small enough to be taken out here",
+        remedy="one of them is off, or turned: register the two anew, or give a third station, which tells which",
     )
 
 
@@ -197,7 +223,7 @@ def _fits(
             distance, near = cKDTree(points).query(own, distance_upper_bound=_NEARBY_VOXELS * voxel_m)
             nearby = np.isfinite(distance)
         if not len(own) or not len(points) or nearby.sum() < _LEAST_PAIRS:
-            found.append({"residual_m": None, "paired_share": None})
+            found.append({"residual_m": None, "paired_share": None, "own_m": None})
             continue
         normal = normals[near[nearby]]
         met = distance[nearby] < _REACH_VOXELS[-1] * voxel_m
@@ -207,9 +233,19 @@ def _fits(
             {
                 "residual_m": 1.4826 * float(np.median(gap)) if met.any() else None,
                 "paired_share": float(met.mean()),
+                "own_m": _own_residual_m(each),
             }
         )
     return found
+
+
+def _own_residual_m(station: _Thinned) -> float:
+    """Robust standard deviation of the distances of a station's points from the planes of those beside them."""
+    step = max(1, len(station.points) // _SAMPLES)
+    points = station.points[::step]
+    beside = cKDTree(station.points).query(points, 2)[1][:, 1]
+    gap = np.einsum("ij,ij->i", points - station.points[beside], station.normals[beside])
+    return 1.4826 * float(np.median(np.abs(gap)))
 
 
 def _residual(stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float) -> float | None:

@@ -77,6 +77,29 @@ def test_a_station_that_is_turned_about_the_rock_is_refused(cloud, turn_deg):
         check_fit(*register(dataclasses.replace(cloud, points_m=points)))
 
 
+def two_of(cloud, turn_deg=0.0, noise_m=0.0):
+    """The first and the last but one station, the second turned about the rock."""
+    first, second = (cloud.points_m[cloud.station == number] for number in (0, 3))
+    second = Rotation.from_euler("z", turn_deg, degrees=True).apply(second)
+    points = np.concatenate([first, second])
+    points += np.random.default_rng(2).normal(0.0, noise_m, points.shape)
+    files = (("one", len(first)), ("other", len(second)))
+    return Cloud(points, cloud.origin_m, np.repeat([0, 1], [len(first), len(second)]).astype(np.int32), files)
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
+def test_two_stations_of_which_one_is_turned_about_the_rock_are_refused(cloud, turn_deg):
+    with pytest.raises(InputError, match="the two stations do not fit each other") as error:
+        check_fit(*register(two_of(cloud, turn_deg)))
+    assert error.value.where == "one and other"
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.01])
+@pytest.mark.parametrize("turn_deg", [0.0, 3.0])
+def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, noise_m):
+    check_fit(*register(two_of(cloud, turn_deg, noise_m)))
+
+
 def test_the_one_residual_over_all_hides_a_station_that_is_off_and_its_own_does_not(cloud):
     _, told = register(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
     assert told["residual_m"] < 0.002

@@ -115,8 +115,9 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
             + ("; it goes on below into something steep, like a neck" if steep.sum() > lining.sum() else ""),
             where="interface",
             expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
-            remedy="scan the crevice from nearer and from more sides; a rock that a neck attaches to its pedestal "
-            "does not topple as a free block",
+            remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "
+            "rock, say where the two meet by three places --point X,Y,Z around the contact; a rock that a neck "
+            "attaches to its pedestal does not topple as a free block",
         )
     points = surfels.points_m[lining]
     plane, off = fitted_plane(points), _least_median_m(points)

@@ -14,7 +14,7 @@ from toppling.models.scan.surfels import Surfels, thin
 
 _PATCHES = 5000
 """So many tell a joint, and are cut in a tenth of a second."""
-_WIDER = 1.5
+_WIDER, _WIDEST = 1.5, 4.5
 """Than patches are wide, or than they lie apart where a cloud has few points: else no crease shows between them."""
 _WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
 _SEEDS = ((0.2, 0.8), (0.35, 0.9))
@@ -36,8 +36,21 @@ class Joint:
 
 
 def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
-    """The cut between two sides of a rock that runs through creases most; None where nothing comes apart."""
-    patches = _coarser(observed)
+    """The cut between two sides of a rock that runs through creases most; None where nothing comes apart.
+
+    Wider patches show a crease across a gap into which few points fall.
+    """
+    apart = patches_apart(observed)
+    least = _WIDER * (apart if apart > SPARSE else 1.0)
+    found = [
+        _weakest_of(_coarser(observed, each), interface) for each in sorted({least, max(least, _WIDEST)})
+    ]
+    return max(
+        (each for each in found if each is not None), key=lambda each: each.creased_share, default=None
+    )
+
+
+def _weakest_of(patches: Surfels, interface: Interface) -> Joint | None:
     edges = neighbourhood(patches.points_m, patches.voxel_m)
     over = interface.flat(patches.points_m)
     flat = over[:, :2]
@@ -60,10 +73,9 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
     return found
 
 
-def _coarser(observed: ObservedRock) -> Surfels:
+def _coarser(observed: ObservedRock, least: float) -> Surfels:
+    """The rock's patches joined to wider ones, at least so many times as wide."""
     surfels, own = observed.surfels, observed.patches
-    apart = patches_apart(observed)
-    least = _WIDER * (apart if apart > SPARSE else 1.0)
     voxel = surfels.voxel_m * max(least, float(np.sqrt(own.sum() / _PATCHES)))
     points, index = thin(surfels.points_m[own], voxel)
     kept = index >= 0

@@ -22,6 +22,7 @@ from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.beside import beside, stands_beside
+from toppling.models.scan.blurred import with_reason
 from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
@@ -133,13 +134,12 @@ def work_out(
     near = None if near_m is None else _inside_cloud(near_m, cloud)
     hint = _placed(cloud, hint)
     progress("splitting rock from pedestal")
-    if cloud.label is None:
-        parts = upright_split(cloud.points_m, cloud.origin_m, near, hint)
-    else:
-        parts = as_labelled(cloud.points_m, cloud.label)
-        check_upright(parts, cloud.origin_m)
-    progress("fitting the interface")
-    observed, label, interface = _classified(cloud, parts, hint)
+    try:
+        parts = _split(cloud, near, hint)
+        progress("fitting the interface")
+        observed, label, interface = _classified(cloud, parts, hint)
+    except InputError as error:
+        raise with_reason(error, cloud.points_m) from error
     _check_sense(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
     told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
     progress("closing the rock")
@@ -176,6 +176,14 @@ def work_out(
         inspection or Inspection(),
     )
     return worked_out, label, tuple(filter(None, told))
+
+
+def _split(cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint | None) -> Segmentation:
+    if cloud.label is None:
+        return upright_split(cloud.points_m, cloud.origin_m, near, hint)
+    parts = as_labelled(cloud.points_m, cloud.label)
+    check_upright(parts, cloud.origin_m)
+    return parts
 
 
 def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:

@@ -1,0 +1,59 @@
+"""Why a cloud itself may show no rock: too few points, or so much noise that a crevice is lost in it."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from toppling.models.arrays import Array
+from toppling.models.errors import InputError
+from toppling.models.scan.candidates import surfels_of
+
+_SAMPLE = 5_000
+_SPACINGS_PER_HEIGHT = 50
+"""A rock so many times as high as points lie apart is split off and closed; of 30 it is not."""
+_THICK = 0.18
+"""Thickness over width of the median patch: noise of 0.01 of the relief makes it 0.13, of 0.015 0.23."""
+_WIDTH_VOXELS = 1.1
+"""Standard deviation of the places around a patch that its plane is fitted to."""
+_LEAST_NOISES_PER_HEIGHT = 100
+
+
+def with_reason(error: InputError, points_m: Array) -> InputError:
+    """The same refusal of a cloud (n, 3) with what of its points may be the reason, and what would do."""
+    for told in (_too_noisy(points_m), _too_few(points_m)):
+        if told is not None:
+            what, remedy = told
+            return InputError(
+                f"{error.what}; {what}",
+                where=error.where,
+                expected=error.expected,
+                remedy=f"{remedy}; else: {error.remedy}",
+            )
+    return error
+
+
+def _too_few(points_m: Array) -> tuple[str, str] | None:
+    every = points_m[:: -(-len(points_m) // _SAMPLE) or 1]
+    spacing_m = float(np.median(cKDTree(points_m).query(every, min(5, len(points_m)))[0][:, -1]))
+    relief_m = float(np.ptp(np.quantile(points_m[:, 2], [0.001, 0.999])))
+    if _SPACINGS_PER_HEIGHT * spacing_m < relief_m:
+        return None
+    return (
+        f"the cloud has few points: they lie about {spacing_m:.2g} m apart, and show rocks of "
+        f"{_SPACINGS_PER_HEIGHT * spacing_m:.2g} m and more",
+        f"give all stations and clouds that were not thinned: points a {_SPACINGS_PER_HEIGHT}th of the rock's height "
+        "apart or nearer",
+    )
+
+
+def _too_noisy(points_m: Array) -> tuple[str, str] | None:
+    patches = surfels_of(points_m)
+    thick = float(np.median(patches.roughness))
+    if thick < _THICK:
+        return None
+    off_m = thick * _WIDTH_VOXELS * patches.voxel_m
+    return (
+        f"the cloud is noisy: its patches of {patches.voxel_m:.2g} m lie about {off_m:.2g} m off the surface through "
+        "those around them, from noise, plants or rubble",
+        f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from nearer, "
+        "average repeated scans, leave out far stations, plants and returns at grazing angles",
+    )

@@ -42,7 +42,7 @@ def test_middles_of_a_caps_edges_lie_on_its_sphere(edge_m):
     assert np.abs(np.linalg.norm(on_cap - 0.65 * UP, axis=1) - 0.65).max() < 1e-9
 
 
-@pytest.mark.parametrize("edge_m", [0.08, 0.04, 0.02, 0.01])
+@pytest.mark.parametrize("edge_m", [0.08, 0.03, 0.01])
 def test_a_cap_topples_as_the_smooth_one_whatever_its_edges(edge_m):
     scene = Scene.from_mesh(round_cap(edge_m))
     assert least(scene) == pytest.approx([smooth_cap_m_s2(scene.rock)] * 4, rel=0.01)
@@ -50,7 +50,7 @@ def test_a_cap_topples_as_the_smooth_one_whatever_its_edges(edge_m):
     assert not scene.rounded_base.is_coarse
 
 
-@pytest.mark.parametrize("edge_m", [0.08, 0.04, 0.02])
+@pytest.mark.parametrize("edge_m", [0.08, 0.02])
 def test_a_nearly_neutral_hemisphere_topples_as_the_smooth_one(edge_m):
     scene = Scene.from_mesh(round_cap(edge_m, 0.3, 0.2999, 0.42))
     exact = smooth_cap_m_s2(scene.rock, 0.3, 0.2999)
@@ -139,9 +139,8 @@ def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width()
     assert least(scene) == pytest.approx([G * 0.3 / scene.rock.com_m[2]] * 4, rel=0.01)
 
 
-@pytest.mark.parametrize("edge_m", [0.08, 0.04])
-def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap(edge_m):
-    coarse = Rock.from_triangles(*round_cap(edge_m))
+def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
+    coarse = Rock.from_triangles(*round_cap(0.08))
     both = [rounded_base_of(each, rolls=False) for each in (coarse, refined(coarse))]
     assert both[0].is_coarse
     assert both[1].change < 0.4 * both[0].change

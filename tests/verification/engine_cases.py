@@ -123,7 +123,7 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
         ContactProperties(GRIP, GRIP, restitution),
         lambda _: (0.0, -G),
         times.max() + 0.01,
-        2e-5,
+        5e-5,
         place=(start["position_m"][0], start["position_m"][2], share * alpha),
     )
     engine = np.interp(times, result.trajectory.time_s, lean(result.trajectory))

@@ -128,6 +128,7 @@ def test_showing_a_scene_says_what_it_does_to_the_end(heard, tmp_path):
     assert 0 < advance.done < advance.total
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_fits_say_how_far_they_are_between_two_files(heard, tmp_path):
     write_part(tmp_path, rows(records=8, levels=(4, 8, 12), azimuths=(0.0,)))
     asked = ["fragility", str(tmp_path), "--fit", "--samples", "2"]

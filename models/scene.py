@@ -189,7 +189,7 @@ class Scene:
     def rounded_base(self) -> RoundedBase | None:
         """What it touches with where its base is rounded and was not drawn; else None."""
         drawn = self.unseen is not None or self.rock.feet_m is not None
-        return None if drawn else rounded_base_of(self.rock, rolls=True)
+        return None if drawn else rounded_base_of(self.rock)
 
     @property
     def rolling_body(self) -> RollingBody | None:

@@ -91,14 +91,11 @@ class RoundedBase:
         )
 
 
-def rounded_base_of(rock: Rock, rolls: bool) -> RoundedBase | None:
-    """The rounded base of a rock; None if nothing of it is rounded.
-
-    It rolls, where asked to, unless it is curved in one direction only.
-    """
+def rounded_base_of(rock: Rock) -> RoundedBase | None:
+    """The rounded base of a rock, which rolls unless it is curved in one direction only; None if nothing is rounded."""
     if not SmoothMesh.of(rock).rounded.any():
         return None
-    return RoundedBase(rock, rolls and patches_of(rock) is not None)
+    return RoundedBase(rock, rolls=patches_of(rock) is not None)
 
 
 def refined(rock: Rock) -> Rock:

@@ -9,7 +9,7 @@ from reference.bodies import revolved, round_cap
 from scipy.spatial.transform import Rotation
 
 from toppling.models.rock import Rock
-from toppling.models.rounded.base import refined, rounded_base_of
+from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
 from toppling.models.rounded.mesh import SmoothMesh
 from toppling.models.rounded.patches import patches_of
 from toppling.models.rounded.statics import RollingBody
@@ -119,14 +119,14 @@ def test_a_flat_base_is_left_as_it_is(sides):
     rock = Rock.from_triangles(*revolved([(0.3, 0.0), (0.35, 0.1), (0.3, 1.0)], sides))
     block = box(0.2, 0.2, 0.6)
     for each in (rock, block):
-        assert rounded_base_of(each, rolls=True) is None
+        assert rounded_base_of(each) is None
         assert refined(each) is each
 
 
 def test_a_rough_base_is_not_rounded():
     vertices, faces = egg((0.3, 0.3, 0.2), 2.0, 4)
     rough = vertices * np.random.default_rng(5).uniform(0.99, 1.01, (len(vertices), 1))
-    assert rounded_base_of(Rock.from_triangles(rough, faces), rolls=True) is None
+    assert rounded_base_of(Rock.from_triangles(rough, faces)) is None
 
 
 def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width():
@@ -141,7 +141,7 @@ def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width()
 
 def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
     coarse = Rock.from_triangles(*round_cap(0.08))
-    both = [rounded_base_of(each, rolls=False) for each in (coarse, refined(coarse))]
+    both = [RoundedBase(each, rolls=False) for each in (coarse, refined(coarse))]
     assert both[0].is_coarse
     assert both[1].change < 0.4 * both[0].change
 
@@ -149,7 +149,7 @@ def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
 def test_a_fine_cap_is_kept_and_not_warned_of():
     ball = Rock.from_triangles(*round_cap(0.03, radius_m=3.0))
     assert refined(ball) is ball
-    assert not rounded_base_of(ball, rolls=False).is_coarse
+    assert not RoundedBase(ball, rolls=False).is_coarse
 
 
 def test_an_uneven_base_of_facets_between_its_outline_s_corners_is_not_rounded():

@@ -16,7 +16,7 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.contacts import add, contacts_in
-from toppling.models.ground.mesh import ContactMesh, normals_beside_edges
+from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
 from toppling.models.ground.pairs import Pairs, cell_of, moved_m, refresh
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
@@ -113,10 +113,7 @@ def not_looked_at(on: Facets) -> Facets:
 
 def _facets(ground: ContactMesh) -> tuple[Indices, Array, Array]:
     """Facet (m,) of each triangle; normals (f, 3) and places (f, 3) of facets."""
-    order = np.argsort(ground.edge_of.ravel(), kind="stable")
-    begins = np.cumsum(ground.triangles_at_edge) - ground.triangles_at_edge
-    shared = begins[ground.triangles_at_edge == 2]
-    sides = np.column_stack([order[shared] // 3, order[shared + 1] // 3])
+    sides = sides_at_edges(ground.edge_of, ground.triangles_at_edge)[ground.triangles_at_edge == 2] // 3
     off = np.linalg.norm(np.cross(ground.normals[sides[:, 0]], ground.normals[sides[:, 1]]), axis=1)
     same = (off < _ONE_FACET) & ((ground.normals[sides[:, 0]] * ground.normals[sides[:, 1]]).sum(axis=1) > 0)
     facet = joined_parts(sides[same], len(ground.faces))

@@ -120,7 +120,7 @@ def contact_mesh(
     first, near = _register(corners, low, cell, shape, reach_m)
     kept = ends[stands_out]
     first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
-    points = np.unique(ends[stands_out])
+    points = np.unique(kept)
     return ContactMesh(
         vertices, faces, normals, offsets, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
         points, *_ways(vertices, ends, points), kept, inward[stands_out],
@@ -155,26 +155,29 @@ def _convexity(
     way = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
     inward = np.cross(normals[:, None, :], way)
     inward /= np.linalg.norm(inward, axis=2)[:, :, None]
-    order = np.argsort(edge_of.ravel(), kind="stable")
-    begins = np.cumsum(shares) - shares
-    first, last = order[begins], order[begins + shares - 1]
+    first, last = sides_at_edges(edge_of, shares).T
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
     opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -_FLAT_SHARE
     return opens | (shares == 1), both
 
 
+def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:
+    """Sides (e, 2) of the first and the last triangle at each edge; side k of triangle t is 3 t + k."""
+    order = np.argsort(edge_of.ravel(), kind="stable")
+    end = np.cumsum(triangles_at_edge)
+    return order[np.column_stack([end - triangles_at_edge, end - 1])]
+
+
 def normals_beside_edges(mesh: ContactMesh) -> Array:
     """Normals (k, 2, 3) of the triangles beside each of a mesh's `edges`, as `inward` has them."""
-    order = np.argsort(mesh.edge_of.ravel(), kind="stable")
-    begins = np.cumsum(mesh.triangles_at_edge) - mesh.triangles_at_edge
-    ends = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    name, sought = (
-        pair[:, 0] * len(mesh.vertices_m) + pair[:, 1] for pair in (ends[order[begins]], mesh.edges)
+    sides = sides_at_edges(mesh.edge_of, mesh.triangles_at_edge)
+    triangle, corner = np.divmod(sides[:, 0], 3)
+    ends = np.sort(
+        np.column_stack([mesh.faces[triangle, corner], mesh.faces[triangle, (corner + 1) % 3]]), axis=1
     )
-    begins = begins[np.searchsorted(name, sought)]
-    last = begins + mesh.triangles_at_edge[np.searchsorted(name, sought)] - 1
-    return mesh.normals[np.column_stack([order[begins], order[last]]) // 3]
+    name, sought = (pair[:, 0] * len(mesh.vertices_m) + pair[:, 1] for pair in (ends, mesh.edges))
+    return mesh.normals[sides[np.searchsorted(name, sought)] // 3]
 
 
 def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Array]:

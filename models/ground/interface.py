@@ -48,8 +48,11 @@ def surface_below(
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
     body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction), smooth=True)
-    shift = body.scene_from_support @ (body.touching(body.pose)[:3] - body.pose[:3])
-    near = body.contacts(body.resting_pose, RESTING_SHARE * body.size_m)
+    touching, touched_m = body.touching(body.pose), RESTING_SHARE * body.size_m
+    shift = body.scene_from_support @ (touching[:3] - body.pose[:3])
+    near = body.contacts(body.resting_pose, touched_m)
+    if len(near) == 0:  # it has fallen past the surface's edge: what shakes it says so
+        near = body.contacts(touching, touched_m)
     places = near["place_m"] @ body.scene_from_support.T + level.point_m
     normal = _plane_through(places, _NARROWEST_SHARE * body.size_m)
     if normal is None:

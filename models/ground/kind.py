@@ -25,6 +25,12 @@ _FLAT_DEG = 2.0
 _TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 52.0)
 """To which the rock is tilted, to see what stands beside it: beyond, it has fallen and cannot lodge."""
 
+_ROLLED_RAD = np.radians(16.5)
+"""Tilt up to which a base that meets ground below the plane rolls on it; farther on it may hook a cliff's face."""
+
+_CARRYING = 0.5
+"""Upward part of the normal of ground on which a base rolls."""
+
 _WAYS = 12
 """In which it is tilted."""
 
@@ -77,16 +83,12 @@ def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
         return GroundKind(
             False, f"a contact's normal is {off_deg.max():.0f} degrees off the interface plane's"
         )
-    beside = _beside(body, pose, near, height_m)
-    if beside is not None:
-        return GroundKind(
-            False, f"the rock meets what stands {beside / height_m:.2f} of its height over the plane"
-        )
-    return GroundKind(True, "all contacts lie in one plane")
+    met = _met_as_it_tilts(body, pose, near, height_m)
+    return GroundKind(met is None, met or "all contacts lie in one plane")
 
 
-def _beside(body: GroundedBody, pose: Array, near: np.ndarray, height_m: float) -> float | None:
-    """Height over the plane of what a tilting rock meets there, if it does; None if nothing."""
+def _met_as_it_tilts(body: GroundedBody, pose: Array, near: np.ndarray, height_m: float) -> str | None:
+    """What of the ground off its plane a tilting rock meets, in words; None if nothing."""
     if len(near) == 0:
         return None
     places = near["place_m"]
@@ -101,5 +103,13 @@ def _beside(body: GroundedBody, pose: Array, near: np.ndarray, height_m: float) 
             met = met[met["gap_m"] < FLAT_SHARE * height_m]
             highest_m = (met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]).max(initial=0.0)
             if highest_m > FLAT_SHARE * height_m:
-                return float(highest_m)
+                return f"the rock meets what stands {highest_m / height_m:.2f} of its height over the plane"
+            if tilt <= _ROLLED_RAD and _rolls_off(met, FLAT_SHARE * height_m):
+                return f"tilted by {np.degrees(tilt):.0f} degrees, the rock meets ground that falls away below it"
     return None
+
+
+def _rolls_off(met: np.ndarray, off_m: float) -> bool:
+    """Whether ground that lies below the plane stops a rock which tilts about its outermost contact with that plane."""
+    ground_m = met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]
+    return bool(((ground_m < -off_m) & (met["gap_m"] < -off_m) & (met["normal"][:, 2] > _CARRYING)).any())

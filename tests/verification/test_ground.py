@@ -135,12 +135,16 @@ def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
     assert value == pytest.approx(G * HALF_WIDTH_M / com, rel=0.005)
 
 
-@pytest.mark.parametrize("edge_slope_deg", [3.0, 9.5, 14.0])
-def test_flat_block_on_a_dome_topples_where_it_has_rolled_to(edge_slope_deg):
+@pytest.mark.parametrize(
+    ("edge_slope_deg", "facets_count"), [(3.0, 400), (9.5, 400), (14.0, 400), (19.0, 1600)]
+)
+def test_flat_block_on_a_dome_topples_where_it_has_rolled_to(edge_slope_deg, facets_count):
+    """Over the steepest dome the corners hang higher than what is looked at when the rock is at rest."""
     b, h = 0.2, 0.5
     radius = b / math.sin(math.radians(edge_slope_deg))
     rock = box(b, b, h).moved(np.eye(3), (0.0, 0.0, h))
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=dome(radius))
+    surface = dome(radius, facets_count, reach_m=0.5)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=surface)
     tilt = np.linspace(0.0, b / radius, 2001)
     exact = (G * np.tan(np.arctan(radius * tilt / h) - tilt)).max()
     for _, value in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
@@ -484,6 +488,20 @@ def cliff(lip_m, drop_m=3.0, reach_m=6.0):
     vertices = np.array([[x, y, z] for y in (-s, s) for x, z in profile])
     i = np.arange(2)
     return vertices, np.vstack([np.column_stack([i, i + 1, i + 4]), np.column_stack([i, i + 4, i + 3])])
+
+
+def test_a_rock_that_falls_past_its_surfaces_edge_is_described_by_where_it_touched():
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    ends_before_its_middle = np.array(
+        [[-3.0, -2.0, 0.0], [-0.1, -2.0, 0.0], [-0.1, 2.0, 0.0], [-3.0, 2.0, 0.0]]
+    )
+    scene = Scene.from_mesh(
+        (rock.vertices_m, rock.faces), pedestal=(ends_before_its_middle, np.array([[0, 1, 2], [0, 2, 3]]))
+    )
+    assert scene.pedestal.normal == pytest.approx([0.0, 0.0, 1.0])
+    assert scene.pedestal.point_m[2] == pytest.approx(0.0, abs=1e-6)
+    with pytest.raises(InputError, match="does not stand"):
+        shake(scene, STILL, "fast")
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 20.0, 45.0])

@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg
+from toppling.models.rock import Rock
 from toppling.models.scan.attached import SPARSE, attached, patches_apart
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.doubt import (
@@ -56,8 +57,9 @@ at most 0.3."""
 _TWO_STANDS = 0.1
 """Of the rock's height: a smaller part that comes down so far stands there itself, and may be what is meant."""
 _BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
-_IN_REACH_ABOVE = 0.3
-"""Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
+_IN_REACH_ABOVE, _ON_ROCK = 0.3, 0.05
+"""Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high,
+and so far out of the hull of the closed rock; what is not is the rock's own."""
 
 
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
@@ -110,12 +112,14 @@ def doubts(
     points_m: Array,
     label: NDArray[np.int8],
     separated: bool = False,
+    closed: Rock | None = None,
 ) -> list[Doubt]:
     """What tells against a free rigid block.
 
     points_m: (n, 3), of the cloud.
     label: (n,), 0 rock, 1 pedestal, 2 neither.
     separated: whether the user has said which points are which.
+    closed: the rock as it was closed; what lies on or in its hull is not beside it.
     Raises InputError if the rock goes on into its pedestal along most of the rim that was seen, or is two bodies
     that touch.
     """
@@ -125,7 +129,7 @@ def doubts(
         _leaning(observed, interface),
         _two(observed, interface, separated),
         stacked(observed, interface, points_m[label == ROCK]),
-        _hemmed_in(observed, points_m[label == PEDESTAL]),
+        _hemmed_in(observed, points_m[label == PEDESTAL], closed),
     ]
     return [each for each in found if each is not None]
 
@@ -246,7 +250,7 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
     return Doubt("leaning", what)
 
 
-def _hemmed_in(observed: ObservedRock, pedestal_m: Array) -> Doubt | None:
+def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -> Doubt | None:
     own, height = observed.surfels.points_m[observed.patches], observed.height_m
     others = pedestal_m[:: -(-len(pedestal_m) // _OTHERS) or 1]
     others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * height]
@@ -258,6 +262,10 @@ def _hemmed_in(observed: ObservedRock, pedestal_m: Array) -> Doubt | None:
     # A slope of less than 45 degrees is fallen over.
     rises = others[:, 2] - own[:, 2].min() > away
     near = np.isfinite(away) & (away > _BESIDE_VOXELS * observed.surfels.voxel_m) & rises
+    if closed is not None:
+        # Where few points fell on the rock they join no patches of it.
+        planes = ConvexHull(closed.vertices_m).equations
+        near[near] = (others[near] @ planes[:, :3].T + planes[:, 3]).max(axis=1) > _ON_ROCK * height
     if near.sum() < _LEAST_IN_REACH:
         return None
     offset = others[near, :2] - own[:, :2].mean(axis=0)

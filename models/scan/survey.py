@@ -209,7 +209,8 @@ def _checked_doubts(
     check_not_sunk(observed, interface)
     check_can_stand(closed.rock, interface)
     rim = unseen_rim(observed, interface, closed.rock.com_m)
-    found = doubts(observed, interface, cloud.points_m, label, separated=cloud.label is not None)
+    separated = cloud.label is not None
+    found = doubts(observed, interface, cloud.points_m, label, separated, closed.rock)
     step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
     twice = doubled(observed, cloud.points_m[label == ROCK], step_m)
     told = [hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]

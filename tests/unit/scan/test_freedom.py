@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from toppling.models import shapes
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.attached import creased_share
@@ -133,6 +134,17 @@ def test_a_wall_nearer_than_the_rock_is_high_is_named_and_a_low_or_far_one_is_no
     assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.9)))) == {"in reach"}
     assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.2)))) == set()
     assert kinds(BLOCK, together(ground(), box((1.3, -1.0, 0.0), (1.5, 1.0, 0.9)))) == set()
+
+
+@pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])
+def test_points_on_the_closed_rock_that_joined_none_of_its_patches_do_not_rise_beside_it(beside_m, named):
+    """Half of a block was seen by few points alone, as by far stations."""
+    half = box((-0.25, -0.25, 0.0), (0.0, 0.25, 1.0))
+    few, ups = box((0.0, -0.25, 0.0), (0.25, 0.25, 1.0), "ens")
+    rest = together(ground(), (few[::3] + beside_m * np.array([1.0, 0.0, 0.0]), ups[::3]))
+    whole = shapes.box(0.25, 0.25, 0.5).moved(np.eye(3), (0.0, 0.0, 0.5))
+    found = doubted(seen_of(half, rest), closed=whole)
+    assert ("in reach" in {each.kind for each in found}) == named
 
 
 def test_two_blocks_one_upon_the_other_are_named():

@@ -175,9 +175,18 @@ def e57(path: Path) -> Points:
 def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
     """Valid points (n, 3) of a scan in its own frame."""
     fields = set(header.point_fields)
-    axes = next((axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields), None)
-    if axes is None:
+    possible = [axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields]
+    if not possible:
         raise _damaged(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
+    points = _e57_columns(source, header, possible[0], path)
+    if len(possible) > 1 and not points.any():
+        points = _e57_columns(source, header, possible[1], path)
+    return points
+
+
+def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) -> NDArray[np.float64]:
+    """Those of a scan's points that are valid in such coordinates."""
+    fields = set(header.point_fields)
     names = [*axes, *(name for name in _INVALID if name in fields and name[:4] == axes[0][:4])]
     data, buffers = source.make_buffers(names, header.point_count)
     reader = header.points.reader(buffers)

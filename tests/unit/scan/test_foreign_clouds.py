@@ -26,7 +26,33 @@ def read(path, unit=None):
     return cloud.points_m + cloud.origin_m
 
 
-def e57(path, scans, *, rotation="wxyz", translation="xyz", scale=0.0, words="", description=""):
+def cartesian(points):
+    return {f"cartesian{axis}": points[:, "XYZ".index(axis)] for axis in "ZXY"}
+
+
+def spherical_beside_invalid(points):
+    """As of a scanner whose export has filled the spherical coordinates alone."""
+    far = np.linalg.norm(points, axis=1)
+    return {
+        **cartesian(0.0 * points),
+        "cartesianInvalidState": np.full(len(points), 2),
+        "sphericalRange": far,
+        "sphericalAzimuth": np.arctan2(points[:, 1], points[:, 0]),
+        "sphericalElevation": np.arcsin(points[:, 2] / far),
+    }
+
+
+def e57(
+    path,
+    scans,
+    *,
+    rotation="wxyz",
+    translation="xyz",
+    scale=0.0,
+    words="",
+    description="",
+    columns_of=cartesian,
+):
     """Scans (points, turn, shift) with the children of their poses in the given order; a scale makes them integers."""
     with pye57.E57(str(path), mode="w") as file:
         image = file.image_file
@@ -52,19 +78,20 @@ def e57(path, scans, *, rotation="wxyz", translation="xyz", scale=0.0, words="",
             if rotation or translation:
                 node.set("pose", pose)
             prototype = libe57.StructureNode(image)
-            for axis in "ZXY":
-                value = (
-                    libe57.ScaledIntegerNode(image, 0, -(2**31), 2**31 - 1, scale, 0.0)
-                    if scale
-                    else libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -1e9, 1e9)
-                )
-                prototype.set(f"cartesian{axis}", value)
+            columns = {name: np.ascontiguousarray(column) for name, column in columns_of(points).items()}
+            for name, column in columns.items():
+                if column.dtype.kind == "i":
+                    value = libe57.IntegerNode(image, 0, 0, 2)
+                elif scale:
+                    value = libe57.ScaledIntegerNode(image, 0, -(2**31), 2**31 - 1, scale, 0.0)
+                else:
+                    value = libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -1e9, 1e9)
+                prototype.set(name, value)
             vector = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
             node.set("points", vector)
             file.data3d.append(node)
             if not len(points):
                 continue
-            columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, k]) for k, axis in enumerate("XYZ")}
             buffers = libe57.VectorSourceDestBuffer()
             for name, column in columns.items():
                 buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
@@ -89,6 +116,12 @@ def test_the_order_of_the_children_of_an_e57_pose_is_the_writers(tmp_path, rotat
     path = e57(tmp_path / "cloud.e57", scans, rotation=rotation, translation=translation, scale=scale)
     np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
     assert set(read_clouds([path]).station) == {0, 1}
+
+
+def test_where_no_cartesian_coordinates_of_an_e57_are_valid_its_spherical_ones_are_read(tmp_path):
+    scans = [(own_frame(POINTS_M, TURN, SHIFT_M), TURN, SHIFT_M)]
+    path = e57(tmp_path / "cloud.e57", scans, columns_of=spherical_beside_invalid)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
 
 
 @pytest.mark.parametrize(("rotation", "translation"), [("", "xyz"), ("wxyz", ""), ("", "")])

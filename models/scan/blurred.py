@@ -52,8 +52,8 @@ def _too_noisy(points_m: Array) -> tuple[str, str] | None:
         return None
     off_m = thick * _WIDTH_VOXELS * patches.voxel_m
     return (
-        f"the cloud is noisy: its patches of {patches.voxel_m:.2g} m lie about {off_m:.2g} m off the surface through "
-        "those around them, from noise, plants or rubble",
+        f"the cloud is noisy or rough: its patches of {patches.voxel_m:.2g} m lie about {off_m:.2g} m off the surface "
+        "through those around them, from noise, plants or rubble",
         f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from nearer, "
         "average repeated scans, leave out far stations, plants and returns at grazing angles",
     )

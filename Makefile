@@ -41,7 +41,7 @@ test: setup  ## the fast tests, at most five minutes
 	$(BIN)/python -m pytest -m $(TESTS) --numprocesses $(CLUSTERS) --dist loadfile tests/cluster
 
 end-to-end: setup  ## the guide, an experiment and the built wheel, minutes
-	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist loadfile tests/end_to_end
+	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal tests/end_to_end
 
 test-all: TESTS := "slow or not slow"
 test-all: CLUSTERS := 0

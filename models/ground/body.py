@@ -255,7 +255,7 @@ class GroundedBody:
         """Whether it stands in the pose of the scene or, having settled, near it."""
         pose = self.resting_pose
         upright = self._up_in_body(self.pose)
-        tilt_rad = np.arccos(np.clip(upright @ self._up_in_body(pose), -1.0, 1.0))
+        tilt_rad = float(np.arccos(np.clip(upright @ self._up_in_body(pose), -1.0, 1.0)))
         most_m = _FARTHEST_SETTLING * np.ptp(self.rock.vertices_m @ upright)
         if self.rolls_on_facets:
             most_m += tilt_rad * self.farthest_m

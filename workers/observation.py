@@ -30,7 +30,7 @@ class Body(NamedTuple):
     first_contact_m: Array  # (3,) centroid of the points that touch at the start, body axes
     first_place_m: Array  # (3,) where it is then
     up: Array  # (3,) upward unit vector
-    ends: Array  # of the pedestal: those of :func:`ends_of_pedestal`
+    ends: Array  # of the pedestal: those of :func:`_ends_of_pedestal`
     gravity_m_s2: float
 
     @classmethod
@@ -46,7 +46,7 @@ class Body(NamedTuple):
             first_contact_m=first,
             first_place_m=start_pose[:3] + to_world(*first, start_pose),
             up=np.ascontiguousarray(contact.scene_from_support[2]),
-            ends=np.ascontiguousarray(ends_of_pedestal(problem.scene)),
+            ends=np.ascontiguousarray(_ends_of_pedestal(problem.scene)),
             gravity_m_s2=problem.scene.gravity_m_s2,
         )
 
@@ -175,7 +175,7 @@ def _is_beyond(body: Body, x: float, y: float, z: float) -> bool:
 
 
 @kept
-def ends_of_pedestal(scene: Scene) -> Array:
+def _ends_of_pedestal(scene: Scene) -> Array:
     """Lines (n, 3) where a scanned pedestal ends, in the support frame: a x + b y + c > 0 beyond one."""
     if scene.pedestal.vertices_m is None:
         return np.zeros((0, 3))

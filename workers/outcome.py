@@ -112,12 +112,12 @@ def result_of(
         residual_yaw_deg=seen.turned_deg,
         slip_m=seen.slip_m,
         ended_by=ended_by,
-        trajectory=trajectory_of(contact, time_s, pose) if trajectory else None,
+        trajectory=_trajectory_of(contact, time_s, pose) if trajectory else None,
         **cost,
     )
 
 
-def trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:
+def _trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:
     """The public view of a trajectory (n, 7) in the support frame."""
     turn = contact.scene_from_support
     relative = quaternion.product(pose[:, 3:], quaternion.inverse(contact.start_quaternion_xyzw))

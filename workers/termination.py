@@ -45,7 +45,7 @@ def slid_off(seen: Observation, problem: Problem) -> bool:  # noqa: ARG001  (a r
     return seen.beyond_end
 
 
-def too_little_energy(seen: Observation, problem: Problem) -> bool:
+def _too_little_energy(seen: Observation, problem: Problem) -> bool:
     """After the motion: the rock rocks with less energy than overturns it, and does not slide.
 
     It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway, or rolls back.
@@ -58,7 +58,7 @@ def too_little_energy(seen: Observation, problem: Problem) -> bool:
     return problem.rolls or seen.tilt_deg <= options.moved_deg or is_displaced(seen, problem)
 
 
-def cannot_overturn(seen: Observation, problem: Problem) -> bool:
+def _cannot_overturn(seen: Observation, problem: Problem) -> bool:
     """Long after the motion: the energy overturns the rock in no yaw, and no slope keeps it sliding."""
     scene, options = problem.scene, problem.options.termination
     if seen.time_s <= problem.motion.duration_s + options.calmed_after * problem.unit_s:
@@ -68,12 +68,12 @@ def cannot_overturn(seen: Observation, problem: Problem) -> bool:
     return settles and seen.energy_j_kg < least_overturning_j_kg(scene, seen.tilt_deg, None)
 
 
-def time_is_up(seen: Observation, problem: Problem) -> bool:
+def _time_is_up(seen: Observation, problem: Problem) -> bool:
     """The rock's fate is still open at the cap."""
     return seen.time_s > problem.motion.duration_s + problem.options.termination.cap_after * problem.unit_s
 
 
-def calms_down(seen: Observation, problem: Problem) -> bool:
+def _calms_down(seen: Observation, problem: Problem) -> bool:
     """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway, or rolls back."""
     options = problem.options.termination
     if not (problem.shortcuts and problem.weak_from_s < seen.time_s <= problem.motion.duration_s):
@@ -90,10 +90,10 @@ FALLS: Rules = (("speed_limit", diverged), ("fallen", fallen), ("tilted", tilted
 """Looked at first; after the last three the rock has toppled whatever its pose."""
 
 ENDS: Rules = (
-    ("rest_certain", too_little_energy),
-    ("rest_certain", cannot_overturn),
-    ("time_cap", time_is_up),
-    ("rest_certain", calms_down),
+    ("rest_certain", _too_little_energy),
+    ("rest_certain", _cannot_overturn),
+    ("time_cap", _time_is_up),
+    ("rest_certain", _calms_down),
 )
 """Looked at of a rock that does not rest."""
 

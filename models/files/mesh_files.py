@@ -65,7 +65,7 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             remedy="check the path",
         )
     found = read_mesh(Path(path)) if suffix == ".ply" else None
-    vertices, faces = found or read_guarded("toppling.models.files.mesh_files:parse_mesh", Path(path))[1]
+    vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
         raise InputError(
             "holds no triangles",
@@ -108,7 +108,7 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
     )
 
 
-def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
+def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
     content, suffix = path.read_bytes(), path.suffix.lower()
     if suffix == ".obj" and _COUNTED_BACK.search(content):

@@ -56,7 +56,7 @@ def bases_on_surface(
         vertices = rock.vertices_m.copy()
         vertices[numbers] = interface.scene(places[number])
         standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")
-        body = grounded_on(standing, interface)
+        body = _grounded_on(standing, interface)
         if body.stands(body.touching(body.pose)):
             rock, nominal = standing, number
             break
@@ -104,6 +104,6 @@ def surface_of(interface: Interface) -> Pedestal:
     )
 
 
-def grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
+def _grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
     """A rock on the carried surface, with the friction that every scanned scene has by default."""
     return GroundedBody.of(rock, surface_of(interface), STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))

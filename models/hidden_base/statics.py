@@ -65,7 +65,7 @@ class DrawStatics:
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            held = held_on_surface(rock, low, self.interface, azimuths_deg)
+            held = _held_on_surface(rock, low, self.interface, azimuths_deg)
             return held, held
         seat = Seat.of(rock, plane)
         lift_off, toppling = zip(
@@ -134,10 +134,10 @@ def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
         for each in (_hull_over(rock, interface), over)
     )
     on_feet = dataclasses.replace(rock, feet_m=interface.scene(feet))
-    return held_on_surface(on_feet, low, interface, tuple(float(each) for each in azimuths_deg))
+    return _held_on_surface(on_feet, low, interface, tuple(float(each) for each in azimuths_deg))
 
 
-def held_on_surface(
+def _held_on_surface(
     rock: Rock, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
 ) -> Array:
     """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.

@@ -39,7 +39,7 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
         if share < _ATTACHED_SHARE:
             raise _no_block(what, f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim")
         return _told(what)
-    rounded = rounded_share(observed, interface)
+    rounded = _rounded_share(observed, interface)
     if rounded is None or rounded < _ROUNDED_TOLD:
         return None
     what = f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crevice or crease"
@@ -85,7 +85,7 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     return float((steepest > _CREASE_DEG).mean())
 
 
-def rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
+def _rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
     """Share of the directions in which the rock's foot bends outward like a fillet; None where too little was seen."""
     surfels, own = observed.surfels, observed.patches
     over = interface.over(surfels.points_m[own])

@@ -23,7 +23,7 @@ def bridged(observed: ObservedRock, interface: Interface) -> Doubt | None:
     """A doubt in the rim of a model whose surface falls away from the rock on all sides, as filled holes do."""
     if observed.hint is not None:
         return None  # the user knows the interface
-    near_deg, beyond_deg = collar_deg(observed, interface), beyond_collar_deg(observed, interface)
+    near_deg, beyond_deg = collar_deg(observed, interface), _beyond_collar_deg(observed, interface)
     if near_deg < _STEEP_DEG or (beyond_deg is not None and beyond_deg > _FLATTER * near_deg):
         return None
     return Doubt(
@@ -42,7 +42,7 @@ def collar_deg(observed: ObservedRock, interface: Interface) -> float:
     return float(np.quantile(every, 1.0 - _ALL_ROUND))
 
 
-def beyond_collar_deg(observed: ObservedRock, interface: Interface) -> float | None:
+def _beyond_collar_deg(observed: ObservedRock, interface: Interface) -> float | None:
     """Slope by which the pedestal falls farther away from the rock, in half of the directions; None if unseen."""
     every = _falls_deg(observed, interface, _BEYOND_PER_HEIGHT, np.inf)
     return float(np.median(every)) if len(every) else None

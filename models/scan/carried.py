@@ -47,7 +47,7 @@ def find_carried(surfels: Surfels) -> list[Candidate]:
     """
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     found: list[Candidate] = []
-    for plane in level_planes(surfels, edges):
+    for plane in _level_planes(surfels, edges):
         found += _on_plane(surfels, edges, plane)
     found.sort(key=lambda each: -each.height_m)
     kept: list[Candidate] = []
@@ -81,7 +81,7 @@ def carried_instead(
     return None
 
 
-def level_planes(surfels: Surfels, edges: NDArray[np.int64]) -> list[Interface]:
+def _level_planes(surfels: Surfels, edges: NDArray[np.int64]) -> list[Interface]:
     """Planes of patches that something can stand on, the widest first."""
     level = surfels.normals[:, 2] > _LEVEL
     alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _LIKE

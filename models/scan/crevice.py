@@ -184,14 +184,14 @@ def _relabelled(
     inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
     near, near_label = flat[inside], label[inside]
     check_seen(int((near_label == PEDESTAL).sum()), "pedestal", given=given)
-    sheet, tolerance = pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
+    sheet, tolerance = _pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
     gap = near[:, 2] - grid.at(sheet, near)
     on_sheet = np.abs(gap) < tolerance
     # Only what the cut called rock is judged: a steep pedestal beside the rock stays pedestal.
     near_label = np.where((near_label == ROCK) & (gap < tolerance), PEDESTAL, near_label)
     near_label = np.where(on_sheet, PEDESTAL, near_label)
     # The cut runs through patches: what it cut off the rock's foot hangs over the sheet, at the rock's outline.
-    rim = rim_polygon(near[near_label == ROCK], height_m, given=given)
+    rim = _rim_polygon(near[near_label == ROCK], height_m, given=given)
     # What lies below the interface's plane is a cliff's face, over which the sheet falls short.
     hanging = np.flatnonzero((near_label == PEDESTAL) & (np.minimum(gap, near[:, 2]) > tolerance))
     near_label[hanging[_outside(rim, near[hanging, :2]) < _FOOT_PER_HEIGHT * height_m]] = ROCK
@@ -200,7 +200,7 @@ def _relabelled(
     return changed
 
 
-def pedestal_sheet(
+def _pedestal_sheet(
     grid: Grid, flat: NDArray[np.float64], pedestal: NDArray[np.bool_], height_m: float
 ) -> tuple[NDArray[np.float64], float]:
     """Heights of the pedestal's sheet, and how far a point of it may lie from it.
@@ -244,7 +244,7 @@ def refitted(
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
     flat = interface.flat(points_m)
-    rim = rim_polygon(flat[label == ROCK], height_m, given=False)
+    rim = _rim_polygon(flat[label == ROCK], height_m, given=False)
     reach = 4 * _NEAR_PER_HEIGHT * height_m
     pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
     pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(
@@ -269,7 +269,7 @@ def refitted(
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
 
 
-def rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
+def _rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
     """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions.
 
     Raises InputError if next to nothing of the rock shows near the interface.

@@ -43,7 +43,7 @@ def of_wkt(wkt: str, where: str) -> Reference:
         raise _not_understood(f"{wkt[:60]}...: {str(error).splitlines()[0][:120]}", where) from None
 
 
-def of_code(code: int, where: str) -> Reference:
+def _of_code(code: int, where: str) -> Reference:
     """Coordinate system by its EPSG code.
 
     Raises InputError as of `of_wkt`.
@@ -97,7 +97,7 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
     if model == _GEOCENTRIC_MODEL:
         raise _geocentric(where)
     code = values.get(_PROJECTED_CODE, _USER_DEFINED)
-    plane = of_code(int(code), where) if 0 < code < _USER_DEFINED else None
+    plane = _of_code(int(code), where) if 0 < code < _USER_DEFINED else None
     across = _unit(values, _LINEAR_UNIT, values.get(_LINEAR_SIZE), where)
     up = _unit(values, _VERTICAL_UNIT, None, where)
     if across is None and plane is None and up is None:
@@ -134,7 +134,7 @@ def of_words(text: str, where: str) -> Reference | None:
     if wkt := _WKT.search(text):
         return of_wkt(_balanced(wkt[0]), where)
     if code := _CODE.search(text):
-        return of_code(int(code[1]), where)
+        return _of_code(int(code[1]), where)
     return None
 
 

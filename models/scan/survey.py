@@ -207,7 +207,7 @@ def _checked_doubts(
     """Doubts in a closed rock, if it was seen enough and can stand."""
     check_seen_enough(observed, interface, closed)
     check_not_sunk(observed, interface)
-    check_can_stand(closed.rock, interface)
+    _check_can_stand(closed.rock, interface)
     rim = unseen_rim(observed, interface, closed.rock.com_m)
     separated = cloud.label is not None
     found = doubts(observed, interface, cloud.points_m, label, separated, closed.rock)
@@ -349,7 +349,7 @@ def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
     return rows[:: -(-len(rows) // _BESIDE_POINTS) or 1]
 
 
-def check_can_stand(rock: Rock, interface: Interface) -> None:
+def _check_can_stand(rock: Rock, interface: Interface) -> None:
     """Refuse a rock that could not stand: the split must be wrong.
 
     Raises InputError if the centre of mass lies outside everything within 2 % of the height of the interface.

@@ -84,7 +84,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
     unit_given: the user says which unit the numbers are in, so that a header may name another than metres.
     Raises InputError if it cannot be told where the numbers part, or which columns are meant.
     """
-    encoding = encoding_of(path)
+    encoding = _encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as lines:
         head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
@@ -158,7 +158,7 @@ def _loaded_again(
         raise _not_whole(str(error)[:200], path) from None
 
 
-def encoding_of(path: Path) -> str:
+def _encoding_of(path: Path) -> str:
     """Encoding of a text file by its first bytes: by a mark, or UTF-8 where it is, else Latin."""
     with path.open("rb") as file:
         head = file.read(65_536)

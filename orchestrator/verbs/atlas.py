@@ -56,13 +56,13 @@ def atlas(
     toppling atlas runs/echo runs/lion --measure pga_m_s2 --out compared
     """
     opened = [open_run(path) for path in runs]
-    of_rocks = rocks_of(opened)
+    of_rocks = _rocks_of(opened)
     folder = out or place_in(runs[0], "atlas")
     if reports:
         _write_reports(of_rocks, samples)
     with bar("rocks", 2 * len(of_rocks)) as advance:
         rocks, common = beside_each_other(of_rocks, measure, samples, only_shared=shared, advance=advance)
-        text = gallery_page(title_of(opened), opened, rocks, common, measure, folder, advance)
+        text = gallery_page(_title_of(opened), opened, rocks, common, measure, folder, advance)
     write_page(text, folder / "atlas.html")
     _write_files(folder, rocks, measure)
     if as_json:
@@ -73,7 +73,7 @@ def atlas(
     _tell(folder, rocks)
 
 
-def rocks_of(opened: list[Run]) -> list[Run]:
+def _rocks_of(opened: list[Run]) -> list[Run]:
     """The rocks of some runs, each once.
 
     Raises InputError if one is there twice.
@@ -90,7 +90,7 @@ def rocks_of(opened: list[Run]) -> list[Run]:
     return found
 
 
-def title_of(opened: list[Run]) -> str:
+def _title_of(opened: list[Run]) -> str:
     """Title of a page about some runs."""
     return ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
 

@@ -57,7 +57,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
         shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
-    title = f"{rock}: {as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
+    title = f"{rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
     write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)
     again = outcome_of(result)
@@ -79,7 +79,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         click.echo("The answer is that of the run.")
 
 
-def as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
+def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
     """A job in words, with what its realisation drew: base, friction, restitution and the turn of the motion."""
     number, contact = spec.realisation, shaken.contact
     base = None if nominal.unseen is None else nominal.unseen.number_of(number)

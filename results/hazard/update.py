@@ -121,7 +121,7 @@ class Update:
     @cached_property
     def mean_curve(self) -> HazardCurve:
         """Mean of the branches before the rocks have a say."""
-        return mean_curve(self.tree, self.before)
+        return _mean_of(self.tree, self.before)
 
     @cached_property
     def draws(self) -> Draws | None:
@@ -168,7 +168,7 @@ class Update:
         return annual_rate_of(np.minimum(self.drawn_posteriors @ probability_of(rates, years), 1.0), years)
 
 
-def mean_curve(tree: HazardTree, curves: Statistics) -> HazardCurve:
+def _mean_of(tree: HazardTree, curves: Statistics) -> HazardCurve:
     """The mean of a tree as a curve, of the levels at which it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]

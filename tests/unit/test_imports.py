@@ -1,6 +1,8 @@
 """The rooms stay apart: who may import whom, in every module, imports inside functions included."""
 
 import ast
+import re
+from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -160,6 +162,24 @@ def test_imports_go_round_in_no_circle():
 
     order = list(TopologicalSorter({name: set(taken(path)) for name, path in names.items()}).static_order())
     assert len(order) == len(names)
+
+
+def test_a_function_that_only_its_own_module_uses_begins_with_an_underscore():
+    anywhere = [
+        path
+        for folder in (*ROOMS, "tests", "benchmarks", "docs")
+        for path in (ROOT / folder).rglob("*.*")
+        if path.suffix in (".py", ".md")
+    ]
+    anywhere += [ROOT / "Makefile", ROOT / "pyproject.toml"]
+    words = Counter(word for path in anywhere for word in set(re.findall(r"\w+", path.read_text("utf-8"))))
+    offences = {
+        f"{path.relative_to(ROOT)}:{node.name}"
+        for path in modules()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and words[node.name] == 1
+    }
+    assert not offences
 
 
 def named_in_face(path):

@@ -319,9 +319,11 @@ def test_a_tall_block_that_slides_slows_as_its_friction_says(friction):
     ),
 )
 def test_a_rocking_block_rebounds_as_newtons_law_at_each_corner_says(preset, alpha_deg, restitution):
-    error = case.rebound_error(alpha_deg, restitution, preset)
+    *leans, rise = case.rebound_error(alpha_deg, restitution, preset)
     # Of alpha. Measured at most 4.7e-4 and, after the stronger rebound of the reference cases, 1.2e-3.
-    assert abs(error).max() < {"standard": 1e-3, "reference": 2.5e-3}[preset]
+    assert np.abs(leans).max() < {"standard": 1e-3, "reference": 2.5e-3}[preset]
+    # Measured at most 6e-3; a restitution that is 0.05 larger lets it rise by 7 % more.
+    assert abs(rise) < 0.02
 
 
 @pytest.mark.slow

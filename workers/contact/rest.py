@@ -84,11 +84,13 @@ class Rest:
     def _held_until(self, index: int, first: int, end: int) -> int:
         """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
         friction = self._problem.scene.contact.friction_static
-        return int(held_until(self._history.sim, index, friction, self._forces, first, end))
+        return int(_first_not_held(self._history.sim, index, friction, self._forces, first, end))
 
 
 @compiled(allocates=True)
-def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array, first: int, end: int) -> int:
+def _first_not_held(
+    sim: Simulation, index: int, friction: float, forces_m_s2: Array, first: int, end: int
+) -> int:
     """First of some specific forces (m, 3) that the points which touch in a pose cannot hold; `end` if they hold all.
 
     The cone of :func:`models.statics.equilibrium_possible`: the force points into the plane, its tangential part is at
@@ -102,7 +104,7 @@ def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array,
         if pose[2] + z <= touching_m:
             arms[count, 0], arms[count, 1], arms[count, 2] = x, y, z
             count += 1
-    ring = convex_ring(arms[:count], touching_m)
+    ring = _convex_ring(arms[:count], touching_m)
     if len(ring) < 3:
         return first
     moments, longest = np.empty((len(ring), 3)), 0.0
@@ -130,7 +132,7 @@ def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array,
 
 
 @compiled(allocates=True)
-def convex_ring(points: Array, width: float) -> Indices:
+def _convex_ring(points: Array, width: float) -> Indices:
     """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
 
     Andrew's monotone chain (1979).

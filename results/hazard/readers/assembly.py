@@ -137,7 +137,7 @@ def combined(
             if all(len(matching) == 1 for matching in alike):
                 found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
     if not found:
-        places = [f"{name} at {place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
+        places = [f"{name} at {_place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
         _refuse("--hazard", f"the curves are of different sites: {_named(places)}",
                 "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
     return found
@@ -195,7 +195,7 @@ def chosen_tree(
         of_measure = named
     if len(of_measure) > 1:
         raise InputError(
-            what=f"has {len(of_measure)} sites: {_named([place_words(tree) for tree in of_measure])}",
+            what=f"has {len(of_measure)} sites: {_named([_place_words(tree) for tree in of_measure])}",
             where=where, expected="one site",
             remedy="choose one with --site LONGITUDE LATITUDE, or by its name",
         )  # fmt: skip
@@ -210,11 +210,11 @@ def _bears_rates(tree: HazardTree) -> bool:
 
 def _refuse_empty(tree: HazardTree) -> NoReturn:
     where = tree.curves[0].source or tree.curves[0].name
-    _refuse(where, f"has fewer than two levels with a rate at {place_words(tree)}",
+    _refuse(where, f"has fewer than two levels with a rate at {_place_words(tree)}",
             "compute the curve at more levels, from where the rock hardly topples to where it always does")  # fmt: skip
 
 
-def place_words(tree: HazardTree) -> str:
+def _place_words(tree: HazardTree) -> str:
     """Name and place of a tree's site."""
     place = f"longitude {tree.site[0]:g} latitude {tree.site[1]:g}" if tree.site else ""
     return (

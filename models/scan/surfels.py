@@ -49,7 +49,8 @@ def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.floa
     key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
     _, index, count = np.unique(key, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(index, points_m[:, axis]) / count for axis in range(3)])
-    near = cKDTree(mean).query(mean, min(13, len(mean)))[1][:, 1:]
+    near = cKDTree(mean).query(mean, min(13, len(mean)))[1].reshape(len(mean), -1)
+    near = near[:, 1:] if len(mean) > 1 else near
     solid = count >= _STRAY_SHARE * np.median(count[near], axis=1)
     renumbered = np.where(solid, np.cumsum(solid) - 1, -1)
     return mean[solid], renumbered[index]

@@ -136,6 +136,13 @@ def test_a_wall_nearer_than_the_rock_is_high_is_named_and_a_low_or_far_one_is_no
     assert kinds(BLOCK, together(ground(), box((1.3, -1.0, 0.0), (1.5, 1.0, 0.9)))) == set()
 
 
+def test_many_points_at_one_place_rise_beside_nothing():
+    observed = seen_of(BLOCK, ground())
+    points = np.vstack([observed.surfels.points_m, np.tile([0.6, 0.0, 0.8], (40, 1))])
+    label = np.append(np.where(observed.patches, ROCK, PEDESTAL), np.full(40, PEDESTAL))
+    assert doubts(observed, LEVEL, points, label) == []
+
+
 @pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])
 def test_points_on_the_closed_rock_that_joined_none_of_its_patches_do_not_rise_beside_it(beside_m, named):
     """Half of a block was seen by few points alone, as by far stations."""

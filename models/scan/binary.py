@@ -179,7 +179,7 @@ def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
     if not possible:
         raise _damaged(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
     points = _e57_columns(source, header, possible[0], path)
-    if len(possible) > 1 and not points.any():
+    if len(possible) > 1 and not np.isfinite(points[points.any(axis=1)]).all(axis=1).any():
         points = _e57_columns(source, header, possible[1], path)
     return points
 

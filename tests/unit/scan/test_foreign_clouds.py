@@ -30,16 +30,23 @@ def cartesian(points):
     return {f"cartesian{axis}": points[:, "XYZ".index(axis)] for axis in "ZXY"}
 
 
-def spherical_beside_invalid(points):
-    """As of a scanner whose export has filled the spherical coordinates alone."""
+def spherical(points):
     far = np.linalg.norm(points, axis=1)
     return {
-        **cartesian(0.0 * points),
-        "cartesianInvalidState": np.full(len(points), 2),
         "sphericalRange": far,
         "sphericalAzimuth": np.arctan2(points[:, 1], points[:, 0]),
         "sphericalElevation": np.arcsin(points[:, 2] / far),
     }
+
+
+def spherical_beside_invalid(points):
+    """As of a scanner whose export has filled the spherical coordinates alone; the library takes no wider states."""
+    state = np.full(len(points), 2, np.int8)
+    return {**cartesian(points + 1.0), "cartesianInvalidState": state, **spherical(points)}
+
+
+def spherical_beside_nan(points):
+    return {**cartesian(np.full_like(points, np.nan)), **spherical(points)}
 
 
 def e57(
@@ -118,9 +125,10 @@ def test_the_order_of_the_children_of_an_e57_pose_is_the_writers(tmp_path, rotat
     assert set(read_clouds([path]).station) == {0, 1}
 
 
-def test_where_no_cartesian_coordinates_of_an_e57_are_valid_its_spherical_ones_are_read(tmp_path):
+@pytest.mark.parametrize("columns_of", [spherical_beside_invalid, spherical_beside_nan])
+def test_where_no_cartesian_coordinates_of_an_e57_are_valid_its_spherical_ones_are_read(tmp_path, columns_of):
     scans = [(own_frame(POINTS_M, TURN, SHIFT_M), TURN, SHIFT_M)]
-    path = e57(tmp_path / "cloud.e57", scans, columns_of=spherical_beside_invalid)
+    path = e57(tmp_path / "cloud.e57", scans, columns_of=columns_of)
     np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
 
 

@@ -60,6 +60,7 @@ _BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
 _IN_REACH_ABOVE, _ON_ROCK = 0.3, 0.05
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high,
 and so far out of the hull of the closed rock; what is not is the rock's own."""
+_HULL_AT_ONCE = 1000
 
 
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
@@ -264,8 +265,7 @@ def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -
     near = np.isfinite(away) & (away > _BESIDE_VOXELS * observed.surfels.voxel_m) & rises
     if closed is not None:
         # Where few points fell on the rock they join no patches of it.
-        planes = ConvexHull(closed.vertices_m).equations
-        near[near] = (others[near] @ planes[:, :3].T + planes[:, 3]).max(axis=1) > _ON_ROCK * height
+        near[near] = _out_of_hull_m(others[near], closed.vertices_m) > _ON_ROCK * height
     if near.sum() < _LEAST_IN_REACH:
         return None
     offset = others[near, :2] - own[:, :2].mean(axis=0)
@@ -275,3 +275,11 @@ def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -
         f"something rises beside the rock within its height, over {len(np.unique(sectors(offset))) * 360 // SECTORS} "
         f"degrees about {direction_told(toward)}: a rock that falls that way may come to lean there",
     )
+
+
+def _out_of_hull_m(points_m: Array, vertices_m: Array) -> Array:
+    """How far points (n, 3) lie out of the planes of the hull of vertices (k, 3) at most; below 0 inside."""
+    planes = ConvexHull(vertices_m).equations
+    # All at once take gigabytes: 30,000 points beside a hull of 10,000 facets.
+    blocks = np.array_split(points_m, len(points_m) // _HULL_AT_ONCE + 1)
+    return np.concatenate([(each @ planes[:, :3].T + planes[:, 3]).max(axis=1) for each in blocks])

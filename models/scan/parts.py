@@ -147,9 +147,19 @@ def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
 
 
 def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segmentation:
-    """Patches around a rock that was separated before."""
+    """Patches around a rock that was separated before.
+
+    Raises InputError if it has no height.
+    """
     rock = points_m[label == ROCK]
     height = float(np.ptp(rock[:, 2]))
+    if height == 0.0:
+        raise InputError(
+            "all points of the rock lie at one height",
+            where="--rock, --pedestal",
+            expected="a rock that rises over its pedestal",
+            remedy="see whether the two are exchanged, or name another class or file",
+        )
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
     share = concave_share(surfels, neighbourhood(surfels.points_m, surfels.voxel_m), surfel_label == ROCK)

@@ -7,6 +7,7 @@ from virtual_rocks import stump_on_a_slope
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
+from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import work_out
 from toppling.orchestrator.public.scan_files import placed_cloud
@@ -105,3 +106,12 @@ def test_points_that_are_not_finite_shift_no_label(stump):
     (folder / "holes.ply").write_bytes(head + b"end_header\n" + rows.tobytes())
     cloud = placed_cloud([folder / "holes.ply"], {"rock": "1", "pedestal": "2"})
     np.testing.assert_array_equal(cloud.label, np.delete(label, np.s_[::7]))
+
+
+def test_a_level_ground_that_is_called_the_rock_is_refused():
+    points = np.random.default_rng(1).uniform(0.0, 1.0, (2000, 3)) * np.repeat(
+        [[1.0, 1.0, 0.0], [0.2, 0.2, 1.0]], 1000, 0
+    )
+    with pytest.raises(InputError, match="lie at one height") as found:
+        as_labelled(points, np.repeat([ROCK, PEDESTAL], 1000).astype(np.int8))
+    assert "exchanged" in str(found.value)

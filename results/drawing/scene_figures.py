@@ -274,8 +274,8 @@ def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
 
 def polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
-    finite = value[np.isfinite(value)]
-    return float(min(2.0 * np.median(finite), finite.max()) * 1.05) if len(finite) else 1.0
+    positive = value[np.isfinite(value) & (value > 0.0)]
+    return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
 
 
 def beyond_frame(value: Array) -> list[str]:

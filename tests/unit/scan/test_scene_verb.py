@@ -159,6 +159,11 @@ def test_azimuths_whose_curve_leaves_the_frame_are_told_to_need_more_than_it_sho
     assert beyond_frame(usual) == [told]
 
 
+def test_a_rock_that_falls_by_itself_leaves_the_frame_a_radius():
+    assert polar_reach_m_s2(np.zeros(72)) > 0.0
+    assert polar_reach_m_s2(np.repeat([0.0, 3.0], [60, 12])) >= 3.0
+
+
 def test_the_picture_and_the_page_say_what_lies_beyond_the_frame(folder, tmp_path):
     # A thin wall: across it little topples it, along it ten times as much.
     wall = Scene.block(0.5, 0.05, 0.5).save(tmp_path / "wall")

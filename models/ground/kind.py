@@ -101,15 +101,15 @@ def _met_as_it_tilts(body: GroundedBody, pose: Array, near: np.ndarray, height_m
             tilted = np.concatenate([com, (turn * Rotation.from_quat(pose[3:])).as_quat()])
             met = body.contacts(tilted, FOUND_WITHIN * body.size_m)
             met = met[met["gap_m"] < FLAT_SHARE * height_m]
-            highest_m = (met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]).max(initial=0.0)
+            ground_m = met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]
+            highest_m = ground_m.max(initial=0.0)
             if highest_m > FLAT_SHARE * height_m:
                 return f"the rock meets what stands {highest_m / height_m:.2f} of its height over the plane"
-            if tilt <= _ROLLED_RAD and _rolls_off(met, FLAT_SHARE * height_m):
+            if tilt <= _ROLLED_RAD and _rolls_off(met, ground_m, FLAT_SHARE * height_m):
                 return f"tilted by {np.degrees(tilt):.0f} degrees, the rock meets ground that falls away below it"
     return None
 
 
-def _rolls_off(met: np.ndarray, off_m: float) -> bool:
+def _rolls_off(met: np.ndarray, ground_m: Array, off_m: float) -> bool:
     """Whether ground that lies below the plane stops a rock which tilts about its outermost contact with that plane."""
-    ground_m = met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]
     return bool(((ground_m < -off_m) & (met["gap_m"] < -off_m) & (met["normal"][:, 2] > _CARRYING)).any())

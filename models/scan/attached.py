@@ -92,7 +92,7 @@ def _rounded_share(observed: ObservedRock, interface: Interface) -> float | None
     up = over[:, 2] / observed.height_m
     dip = np.rad2deg(np.arcsin(np.clip(surfels.normals[own] @ interface.normal, -1.0, 1.0)))
     foot, side = ((up > low) & (up < high) for low, high in (_FOOT, _SIDE))
-    if foot.sum() < _LEAST_PATCHES or patches_apart(observed) > SPARSE:
+    if foot.sum() < _LEAST_PATCHES or observed.patches_apart > SPARSE:
         return None
     ways = over[:, :2] - middle(over[foot])
     (below, foot_deg), (above, side_deg) = (median_by_sector(dip[part], ways[part]) for part in (foot, side))
@@ -101,9 +101,3 @@ def _rounded_share(observed: ObservedRock, interface: Interface) -> float | None
         return None
     rounded = (foot_deg[of_foot] > _ROUNDED_DEG) & (foot_deg[of_foot] - side_deg[of_side] > _TURN_DEG)
     return float(rounded.mean())
-
-
-def patches_apart(observed: ObservedRock) -> float:
-    """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
-    points = observed.surfels.points_m[observed.patches]
-    return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / observed.surfels.voxel_m

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import surfels_of
 
@@ -32,7 +32,7 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
 
 
 def _too_few(points_m: Array) -> tuple[str, str] | None:
-    every = points_m[:: -(-len(points_m) // _SAMPLE) or 1]
+    every = at_most(points_m, _SAMPLE)
     spacing_m = float(np.median(cKDTree(points_m).query(every, min(5, len(points_m)))[0][:, -1]))
     relief_m = float(np.ptp(np.quantile(points_m[:, 2], [0.001, 0.999])))
     if _SPACINGS_PER_HEIGHT * spacing_m < relief_m:

@@ -23,8 +23,11 @@ def bridged(observed: ObservedRock, interface: Interface) -> Doubt | None:
     """A doubt in the rim of a model whose surface falls away from the rock on all sides, as filled holes do."""
     if observed.hint is not None:
         return None  # the user knows the interface
-    near_deg, beyond_deg = collar_deg(observed, interface), _beyond_collar_deg(observed, interface)
-    if near_deg < _STEEP_DEG or (beyond_deg is not None and beyond_deg > _FLATTER * near_deg):
+    near_deg = collar_deg(observed, interface)
+    if near_deg < _STEEP_DEG:
+        return None
+    beyond_deg = _beyond_collar_deg(observed, interface)
+    if beyond_deg is not None and beyond_deg > _FLATTER * near_deg:
         return None
     return Doubt(
         "bridged",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, at_most
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.measure import ObservedRock
 
@@ -34,8 +34,7 @@ def doubled(observed: ObservedRock, rock_m: Array, step_m: float) -> Doubt | Non
     step_m: between coordinates, 0 where they have none.
     """
     surfels = observed.surfels
-    own = np.flatnonzero(observed.patches)
-    own = own[:: -(-len(own) // _LOOKED_AT) or 1]
+    own = at_most(np.flatnonzero(observed.patches), _LOOKED_AT)
     reaches = [each * surfels.voxel_m for each in _REACHES_VOXELS]
     share, apart_m = layers(surfels.points_m[own], rock_m, reaches, step_m)
     if share < _TOLD_SHARE:
@@ -55,7 +54,7 @@ def layers(
 
     reaches_m: of what is around a place.
     """
-    points = points_m[:: -(-len(points_m) // _POINTS) or 1]
+    points = at_most(points_m, _POINTS)
     apart_m = np.zeros(len(places_m))
     judged = np.zeros(len(places_m), bool)
     tree = cKDTree(points)
@@ -76,8 +75,9 @@ def _apart_m(around_m: Array, least_m: float) -> float:
     """How far two layers of points (n, 3) about a place lie apart; 0 if they are one."""
     centred = around_m - around_m.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2]
-    flat, height = centred @ axes[:2].T, np.sort(centred @ axes[2])
-    order = np.argsort(centred @ axes[2])
+    flat, height = centred @ axes[:2].T, centred @ axes[2]
+    order = np.argsort(height)
+    height = height[order]
     split = _halves(height)
     lower, upper = height[:split], height[split:]
     if min(len(lower), len(upper)) < max(3.0, _LEAST_PART * len(height)):

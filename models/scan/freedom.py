@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
-from toppling.models.scan.attached import SPARSE, attached, patches_apart
+from toppling.models.scan.attached import SPARSE, attached
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.doubt import (
     SECTORS,
@@ -79,7 +79,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         )
     elif (sunk := embedded(observed, interface)) is not None:
         what = f"{share}; {sunk.sentence}"
-    elif (apart := patches_apart(observed)) > SPARSE:
+    elif (apart := observed.patches_apart) > SPARSE:
         raise InputError(
             f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
             "times as far apart as they are wide",
@@ -231,7 +231,7 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
 def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt | None:
     joint = weakest_joint(observed, interface)
-    told = _TWO_SPARSE if patches_apart(observed) > SPARSE else _TWO_TOLD
+    told = _TWO_SPARSE if observed.patches_apart > SPARSE else _TWO_TOLD
     if joint is None or joint.creased_share < told:
         return None
     what = (
@@ -253,7 +253,7 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
 
 def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -> Doubt | None:
     own, height = observed.surfels.points_m[observed.patches], observed.height_m
-    others = pedestal_m[:: -(-len(pedestal_m) // _OTHERS) or 1]
+    others = at_most(pedestal_m, _OTHERS)
     others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * height]
     if len(others) < _LEAST_IN_REACH:
         return None

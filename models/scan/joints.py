@@ -6,7 +6,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
-from toppling.models.scan.attached import SPARSE, patches_apart
+from toppling.models.scan.attached import SPARSE
 from toppling.models.scan.candidates import minimum_cut, neighbourhood
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
@@ -40,7 +40,7 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
 
     Wider patches show a crease across a gap into which few points fall.
     """
-    apart = patches_apart(observed)
+    apart = observed.patches_apart
     least = _WIDER * (apart if apart > SPARSE else 1.0)
     found = [
         _weakest_of(_coarser(observed, each), interface) for each in sorted({least, max(least, _WIDEST)})

@@ -1,6 +1,7 @@
 """What the scan knows about its own result: the standing rock, how sure the split is, and how slender it is."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,12 @@ class ObservedRock:
     patches: NDArray[np.bool_]  # (k,): which surfels are the rock's
     height_m: float
     hint: InterfaceHint | None  # the interface as the user knows it
+
+    @cached_property
+    def patches_apart(self) -> float:
+        """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
+        points = self.surfels.points_m[self.patches]
+        return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / self.surfels.voxel_m
 
     def near(self, interface: Interface) -> NearInterface:
         """What shapes the base over an interface, with the rim below sides that were seen higher up only."""

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, at_most
 from toppling.models.scan.doubt import SECTORS, Doubt, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
@@ -80,7 +80,7 @@ def _creases(observed: ObservedRock, interface: Interface) -> Array:
 def _open_places(observed: ObservedRock, interface: Interface, rock_m: Array, centre: Array) -> Array:
     """Points (n, 3), u, v and height, that lie below the rock's surface around them, where more than strays do."""
     surfels = observed.surfels
-    points = rock_m[:: -(-len(rock_m) // _POINTS) or 1]
+    points = at_most(rock_m, _POINTS)
     patches, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
     _, near = cKDTree(patches).query(points, 4)
     off = np.median(np.einsum("ikj,ikj->ik", points[:, None] - patches[near], normals[near]), axis=1)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import at_most
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
@@ -150,7 +151,8 @@ def work_out(
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
-    kept = kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface)
+    seen = at_most(np.flatnonzero(label == PEDESTAL), _BESIDE_POINTS)
+    kept = kept_of(ground, cloud.points_m[seen], interface)
     stands = None
     if interface.edge is None:
         stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
@@ -336,17 +338,12 @@ def _beside(
     if interface.edge is not None:
         rock = rock[~strays_at_edge(interface.over(points_m[rock]), interface.edge, height_m)]
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))
-    standing, below = points_m[_at_most(rock)], points_m[level]
+    standing, below = points_m[at_most(rock, _BESIDE_POINTS)], points_m[level]
     if len(standing):
         margin = 2.0 * _BESIDE_PER_HEIGHT * height_m
         low, high = standing.min(axis=0) - margin, standing.max(axis=0) + margin
         below = below[((below[:, :2] > low[:2]) & (below[:, :2] < high[:2])).all(axis=1)]
-    return standing, _at_most(below)
-
-
-def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
-    """Every k-th row, so that no more than `_BESIDE_POINTS` are left."""
-    return rows[:: -(-len(rows) // _BESIDE_POINTS) or 1]
+    return standing, at_most(below, _BESIDE_POINTS)
 
 
 def _check_can_stand(rock: Rock, interface: Interface) -> None:

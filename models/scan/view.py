@@ -7,7 +7,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, at_most
 
 SHOWN_POINTS = 200_000
 """As many as the graphics of a laptop turn without a pause."""
@@ -47,7 +47,7 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] |
         Rows to choose from; all if not given.
     """
     rows = np.arange(len(points_m)) if among is None else among
-    rows = rows[:: -(-len(rows) // SAMPLED_POINTS) or 1]
+    rows = at_most(rows, SAMPLED_POINTS)
     points = points_m[rows]
     voxel = float(np.ptp(points, axis=0).max()) / np.sqrt(most)
     for _ in range(8):
@@ -56,7 +56,7 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] |
             break
         # A surface's voxels go with the inverse square of their size.
         voxel *= np.clip(np.sqrt(len(first) / (0.9 * most)), 0.3, 3.0)
-    chosen = np.sort(first)[:: -(-len(first) // most)]
+    chosen = at_most(np.sort(first), most)
     return Shown(rows[chosen], _spacing(points[chosen]))
 
 

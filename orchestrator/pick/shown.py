@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import at_most
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
@@ -39,7 +40,7 @@ def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, numbe
     rows, finer = whole.rows, np.zeros(0, np.intp)
     if label is not None:
         rock = np.flatnonzero(label == ROCK)
-        some = points_m[rock[:: -(-len(rock) // SAMPLED_POINTS) or 1]]
+        some = points_m[at_most(rock, SAMPLED_POINTS)]
         low, high = some.min(axis=0), some.max(axis=0)
         middle, reach = (
             0.5 * (low + high),

@@ -53,8 +53,7 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
         if time.monotonic() > end:
             break
         time.sleep(_LOOK_S)
-    msg = f"{LOST}, and none came back within {BACK_WITHIN_S:g} s"
-    raise RunError(msg)
+    raise RunError(f"{LOST}, and none came back within {BACK_WITHIN_S:g} s")
 
 
 def check_workers(client: Client, *run_keys: RunKey) -> None:
@@ -98,8 +97,7 @@ def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
         places[one.scene_id] = Path(one.folder) / one.scene_place
         places[one.ensemble_id] = Path(one.folder) / one.ensemble_place
     if gone := [str(place) for place in places.values() if not place.is_dir()]:
-        msg = f"{gone[0]} is gone: was the run's folder removed or renamed?"
-        raise RunError(msg)
+        raise RunError(f"{gone[0]} is gone: was the run's folder removed or renamed?")
     offer(client, places)
 
 

@@ -103,11 +103,10 @@ class ClusterSupervisor:
         if of_queue and self._ended >= set(cluster.worker_spec):
             self._in_vain += 1
         if self._in_vain > _SUBMITTED_IN_VAIN:
-            msg = (
+            raise RunError(
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
                 "(log-directory in jobqueue.yaml, else the folder of this command)"
             )
-            raise RunError(msg)
         self._came.difference_update(gone)  # their names return
         self._ended.clear()
         # Dask has already dropped some of the local ones: those only have to be asked for again.

@@ -120,8 +120,7 @@ def delivered(name: str) -> Path:
     Raises NotKeptError if no place here can be written.
     """
     if not _ID.fullmatch(name):
-        msg = f"{name!r} is no id of a content"
-        raise NotKeptError(msg)
+        raise NotKeptError(f"{name!r} is no id of a content")
     kept_in = cache_folder() / "delivered"
     folder = kept_in / name
     try:
@@ -133,8 +132,9 @@ def delivered(name: str) -> Path:
                 _forget_old(kept_in)
             os.utime(folder)
     except OSError as error:
-        msg = f"what the client sends cannot be kept in {kept_in} ({error.strerror or error})"
-        raise NotKeptError(msg) from None
+        raise NotKeptError(
+            f"what the client sends cannot be kept in {kept_in} ({error.strerror or error})"
+        ) from None
     return folder
 
 
@@ -146,19 +146,16 @@ def forget(folder: Path) -> None:
 def _fetch(name: str, folder: Path) -> None:
     sizes = _ask(name=name)
     if not sizes:
-        msg = "the client has not sent it"
-        raise NotDeliveredError(msg)
+        raise NotDeliveredError("the client has not sent it")
     with new_folder(folder) as staging:
         for file, size in sizes.items():
             if Path(file).name != file:
-                msg = f"{file!r} is no name of a file"
-                raise NotKeptError(msg)
+                raise NotKeptError(f"{file!r} is no name of a file")
             with (staging / file).open("wb") as target:
                 for offset in range(0, size, _PIECE_BYTES):
                     piece = _ask(name=name, file=file, offset=offset, size=_PIECE_BYTES)
                     if not piece:
-                        msg = f"the scheduler lost {file} while it was sent"
-                        raise NotDeliveredError(msg)
+                        raise NotDeliveredError(f"the scheduler lost {file} while it was sent")
                     target.write(piece)
 
 

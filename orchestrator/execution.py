@@ -220,12 +220,10 @@ class Execution:
             if error.worker:
                 self.client.retire_workers([error.worker], close_workers=True)
             if not self.client.nthreads():
-                msg = f"no fit worker is left: {error}"
-                raise RunError(msg)
+                raise RunError(f"no fit worker is left: {error}")
             self.dispatch.came_back(batch, done=0)
         else:
-            msg = f"the cluster cannot do a task ({type(error).__name__}: {error})"
-            raise RunError(msg) from error
+            raise RunError(f"the cluster cannot do a task ({type(error).__name__}: {error})") from error
 
     def _give_up(self, job: int, batch: Batch) -> None:
         status, message = why_given_up(self.work.limits, self.dispatch.hung[job])

@@ -168,8 +168,7 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] 
             log.warning("%d rows were lost after they were stored", lost)
             in_vain += 1
         if in_vain >= _ROUNDS:
-            msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
-            raise RunError(msg)
+            raise RunError(f"rows are lost after they are stored: is the disk of {folder} sound?")
         sent |= set(pending.tolist())
         progress.total, progress.what = len(selection), selection.what
         Execution(work, pending)()

@@ -137,8 +137,7 @@ def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: P
     try:
         folder = delivered(content_id)
     except NotKeptError as error:
-        reason = f"{why}; {error}"
-        raise _unfit(reason) from None
+        raise _unfit(f"{why}; {error}") from None
     found, why = _tried(what, load, content_id, folder)
     if found is None:
         forget(folder)

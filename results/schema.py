@@ -118,8 +118,7 @@ def columns(*groups: str) -> list[str]:
     """
     unknown = set(groups) - set(GROUPS)
     if unknown:
-        msg = f"unknown column groups {sorted(unknown)}: there are {', '.join(GROUPS)}"
-        raise ValueError(msg)
+        raise ValueError(f"unknown column groups {sorted(unknown)}: there are {', '.join(GROUPS)}")
     return [name for group in GROUPS if group in groups for name, *_ in _COLUMNS[group]]
 
 

@@ -119,8 +119,7 @@ def compact(run_folder: PathLike) -> Path:
     run = Path(run_folder)
     files, table = read_steady([run], lambda: (files := result_files(run), newest_rows(files)))
     if not files:
-        msg = f"{run} holds no results: 'toppling run' writes them"
-        raise FileNotFoundError(msg)
+        raise FileNotFoundError(f"{run} holds no results: 'toppling run' writes them")
     table = table.sort_by([(name, "ascending") for name in SORT_ORDER])
     metadata = {}
     for path in (run / "run.json", run / "campaign.toml"):
@@ -214,12 +213,10 @@ def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
         If there are none, or a row has a column or a value that the schema does not know, or lacks a required one.
     """
     if not rows:
-        msg = "no rows to write"
-        raise ValueError(msg)
+        raise ValueError("no rows to write")
     unknown = set().union(*rows) - set(SCHEMA.names)
     if unknown:
-        msg = f"columns {sorted(unknown)} are not in the schema of results"
-        raise ValueError(msg)
+        raise ValueError(f"columns {sorted(unknown)} are not in the schema of results")
     # from_pandas: NaN becomes null
     values = {
         field: pa.array([row.get(field.name) for row in rows], field.type, from_pandas=True)
@@ -227,8 +224,7 @@ def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
     }
     lacking = [field.name for field, array in values.items() if array.null_count and not field.nullable]
     if lacking:
-        msg = f"a row lacks the required columns {lacking}"
-        raise ValueError(msg)
+        raise ValueError(f"a row lacks the required columns {lacking}")
     return pa.Table.from_arrays(list(values.values()), schema=SCHEMA)
 
 

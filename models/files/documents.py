@@ -242,8 +242,7 @@ def _brief(error: Exception) -> str:
 
 
 def _no_constant(name: str) -> None:
-    msg = f"{name} is no number of JSON"
-    raise ValueError(msg)
+    raise ValueError(f"{name} is no number of JSON")
 
 
 def _unreadable(where: object, what: str, expected: str) -> InputError:

@@ -292,8 +292,7 @@ def _station(asked: _Asked, network: str, station: Any) -> tuple[dict[str, Any],
 def _window(event: Source | None, distance_km: float | None) -> tuple[Any, Any]:
     """From before the origin until the slowest waves have passed."""
     if event is None:
-        msg = "neither an event nor a window"
-        raise ValueError(msg)
+        raise ValueError("neither an event nor a window")
     return event.time - _BEFORE_S, event.time + (distance_km or 0.0) / _SLOWEST_KM_S + _AFTER_S
 
 
@@ -304,8 +303,7 @@ def _instrument(station: Any) -> tuple[str, str]:
         count.setdefault((channel.location_code, channel.code[:2]), set()).add(channel.code[2:])
     whole = [key for key, letters in count.items() if len(letters) >= 3 and key[1] in _BANDS]
     if not whole:
-        msg = "no accelerometer with three components"
-        raise _NothingError(msg)
+        raise _NothingError("no accelerometer with three components")
     return min(whole, key=lambda key: (_BANDS.index(key[1]), key[0]))
 
 

@@ -84,8 +84,7 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        msg = f"module 'toppling' has no attribute {name!r}"
-        raise AttributeError(msg)
+        raise AttributeError(f"module 'toppling' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

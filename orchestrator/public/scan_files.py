@@ -26,8 +26,7 @@ def check_hints(hints: Mapping[str, object]) -> None:
     """
     for name in hints:
         if name not in KEYS:
-            msg = f"'{name}' is no hint of a scan: {did_you_mean(name, KEYS, ', '.join(KEYS))}"
-            raise TypeError(msg)
+            raise TypeError(f"'{name}' is no hint of a scan: {did_you_mean(name, KEYS, ', '.join(KEYS))}")
 
 
 def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":

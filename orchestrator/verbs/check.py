@@ -86,12 +86,11 @@ def check(
         _check_table(table, friction, _given(seismograms, metadata, missing_vertical), as_json=as_json)
         return
     if not seismograms or workers or out:
-        msg = (
+        raise click.UsageError(
             "--workers and --out apply to a table of rocks"
             if seismograms
             else "Missing argument 'SEISMOGRAMS...'."
         )
-        raise click.UsageError(msg)
     if metadata and all((path / CATALOG).is_file() for path in seismograms):
         raise click.UsageError(_METADATA_OF_NOTHING)
     with bar("shaking") as advance:

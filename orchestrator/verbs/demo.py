@@ -65,8 +65,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
 def _clear(out: Path) -> None:
     if out.exists() and any(out.iterdir()):
         if not (out / _MARK).is_file():
-            msg = f"{out} exists and is not an earlier demo's: give another --out"
-            raise FileExistsError(msg)
+            raise FileExistsError(f"{out} exists and is not an earlier demo's: give another --out")
         shutil.rmtree(out)
     out.mkdir(parents=True, exist_ok=True)
     (out / _MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")

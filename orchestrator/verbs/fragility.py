@@ -101,8 +101,7 @@ def fragility(
         _each_rock(opened, out)
         return
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
-        msg = "--samples applies to the fits: give --fit too"
-        raise click.UsageError(msg)
+        raise click.UsageError("--samples applies to the fits: give --fit too")
     bins = Bins(pga_bin, pgv_bin, pgv_pga_bin, duration_bin, pgv_below, duration_below, directions)
     if remark := opened.completeness().remark:
         click.echo(f"{run} is unfinished: {remark}")

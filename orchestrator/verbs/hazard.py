@@ -41,6 +41,7 @@ def years_of(values: str | None) -> float | None:
         return 0.0
     years = float(values) if is_numeral(values) else math.nan
     if not 0 < years < math.inf:
-        msg = f"--values is {values!r}: give 'rate', or the years that probabilities are over"
-        raise click.UsageError(msg)
+        raise click.UsageError(
+            f"--values is {values!r}: give 'rate', or the years that probabilities are over"
+        )
     return years

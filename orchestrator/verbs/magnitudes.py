@@ -160,18 +160,17 @@ def _check_usage(
     site: tuple[float, float] | None, where: str | None,
 ) -> None:  # fmt: skip
     if bool(recurrence) != bool(age):
-        msg = (
+        raise click.UsageError(
             "--recurrence needs the rock's --age"
             if recurrence
             else "--age applies to --recurrence: give it too"
         )
-        raise click.UsageError(msg)
     if bool(faults) != bool(site):
-        msg = "--faults needs the rock's place: --site LON LAT" if faults else "--site applies to --faults"
-        raise click.UsageError(msg)
+        raise click.UsageError(
+            "--faults needs the rock's place: --site LON LAT" if faults else "--site applies to --faults"
+        )
     if where and not rock.is_dir():
-        msg = "--where selects jobs of runs; a file of curves has none"
-        raise click.UsageError(msg)
+        raise click.UsageError("--where selects jobs of runs; a file of curves has none")
     if site and not (-180 <= site[0] <= 360 and -90 <= site[1] <= 90):
         raise InputError(
             what=f"{site[0]:g} {site[1]:g} is no place on Earth", where="--site",

@@ -59,11 +59,10 @@ def query(
         table = _spread(runs)
     elif len(runs) < 2 or _is_run(runs[-1]):
         of = " ".join(runs)
-        msg = (
+        raise click.UsageError(
             f"the query in SQL is missing after {of}: give one, such as toppling query {of} "
             f'"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
         )
-        raise click.UsageError(msg)
     else:
         table = answer_of(runs[:-1], runs[-1], trusted=trusted)
         _say_unfinished(runs[:-1])

@@ -191,11 +191,13 @@ def _refuse_unclear_request(
     event_id: str | None, radius_km: float | None, stations: str | None, start: str | None, end: str | None
 ) -> None:
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
-        message = "give --event with --radius or --stations, or --stations with --start and --end"
-        raise click.UsageError(message)
+        raise click.UsageError(
+            "give --event with --radius or --stations, or --stations with --start and --end"
+        )
     if (radius_km and stations) or bool(start) != bool(end):
-        message = "give --radius or --stations, and --start and --end together: one of them would be ignored"
-        raise click.UsageError(message)
+        raise click.UsageError(
+            "give --radius or --stations, and --start and --end together: one of them would be ignored"
+        )
 
 
 @records.command()

@@ -47,8 +47,7 @@ def report(
     toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """
     if hazard and not age:
-        msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
-        raise click.UsageError(msg)
+        raise click.UsageError("a hazard curve needs the rock's --age, to turn rates into probabilities")
     with bar("report") as advance:
         written = write_report(
             run,

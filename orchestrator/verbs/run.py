@@ -36,8 +36,7 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     names = [] if value is None else [name.strip() for name in value.split(",")]
     for name in names:
         if name not in _AGAIN:
-            msg = f"{name!r} is none of {', '.join(_AGAIN)}"
-            raise click.BadParameter(msg)
+            raise click.BadParameter(f"{name!r} is none of {', '.join(_AGAIN)}")
     return names
 
 
@@ -48,8 +47,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
     try:
         share = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
     except ValueError:
-        msg = f"{value!r} is no share, such as 5% or 0.05"
-        raise click.BadParameter(msg) from None
+        raise click.BadParameter(f"{value!r} is no share, such as 5% or 0.05") from None
     return share
 
 
@@ -155,8 +153,7 @@ def _carry_out(
         with signals_as_stop(), watcher() as watch:
             return carry_out(chosen, folder, cluster=cluster, watch=watch, limits=limits, again=again)
     except RunError as error:
-        message = f"{error}; the rows so far are kept. {to_go_on}"
-        raise click.ClickException(message) from None
+        raise click.ClickException(f"{error}; the rows so far are kept. {to_go_on}") from None
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)

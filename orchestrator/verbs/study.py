@@ -103,8 +103,7 @@ def study(
             say("figures, findings, constraint, report")
             found, page = _report(chosen, out, climbed, as_json)
     except RunError as error:
-        message = f"{error}; finished work is kept, and the same command resumes"
-        raise click.ClickException(message) from None
+        raise click.ClickException(f"{error}; finished work is kept, and the same command resumes") from None
     except KeyboardInterrupt:
         click.echo("stopped; finished work is kept, and the same command resumes", err=True)
         sys.exit(INTERRUPTED)

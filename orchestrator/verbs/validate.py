@@ -129,8 +129,9 @@ def validate(
             folder, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
         )
     except RunError as stopped:
-        msg = f"{stopped}; the rows so far are kept, and the same command resumes"
-        raise click.ClickException(msg) from None
+        raise click.ClickException(
+            f"{stopped}; the rows so far are kept, and the same command resumes"
+        ) from None
     statement = _summary(experiment, ensemble, shaken, learn, sampling)
     _write(folder, statement, "learnt" if learn else "unlearnt")
     click.echo(json.dumps(statement) if as_json else _words(statement, folder))

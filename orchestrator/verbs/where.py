@@ -96,19 +96,18 @@ def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
     }  # fmt: skip
     ways = [name for name, value in given.items() if value]
     if len(ways) > 1:
-        msg = f"{' and '.join(ways)} exclude each other"
-        raise click.UsageError(msg)
+        raise click.UsageError(f"{' and '.join(ways)} exclude each other")
     joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
     tls = None
     files = where["tls_ca"], where["tls_cert"], where["tls_key"]
     if any(files):
         if not joins:
-            msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
-            raise click.UsageError(msg)
+            raise click.UsageError(
+                "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
+            )
         authority, certificate, key = files
         if authority is None or certificate is None or key is None:
-            msg = "--tls-ca, --tls-cert and --tls-key must be given together"
-            raise click.UsageError(msg)
+            raise click.UsageError("--tls-ca, --tls-cert and --tls-key must be given together")
         tls = tls_security(authority, certificate, key)
     if queue_kind:
         return queue(queue_kind, where["queue_jobs"].low, folder.absolute(), most=where["queue_jobs"])

@@ -272,8 +272,7 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
     measures = tuple(str(row["measure"]).split("+"))
     coefficients = tuple(float(row[name]) for name in _PLANE)
     if len(measures) != 2 or not np.isfinite(coefficients).all():
-        msg = f"a surface over {row['measure']} with the coefficients {coefficients}"
-        raise ValueError(msg)
+        raise ValueError(f"a surface over {row['measure']} with the coefficients {coefficients}")
     basis = _basis_of_row(row)
     samples = str(row.get("samples") or "").removeprefix(
         "'"
@@ -296,8 +295,7 @@ def _from_json(text: str) -> list[Lognormal]:
 def _refuse_absent(names: Iterable[str]) -> None:
     """Refuse a table without a column that a curve needs."""
     if absent := [name for name in _FIELDS if name not in set(names)]:
-        msg = f"it has no column {' and '.join(absent)}"
-        raise ValueError(msg)
+        raise ValueError(f"it has no column {' and '.join(absent)}")
 
 
 def _row(curve: Lognormal) -> dict[str, Any]:
@@ -328,8 +326,7 @@ def _of_samples_text(text: str, records: int) -> Resampled:
     parts = text.split(";")
     pairs = [tuple(map(float, part.split())) for part in parts if part]
     if not all(len(pair) == 2 and min(pair) > 0 and max(pair) < math.inf for pair in pairs):
-        msg = "samples are pairs of median and beta, above zero"
-        raise ValueError(msg)
+        raise ValueError("samples are pairs of median and beta, above zero")
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
     return Resampled(
         coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, reflected=True

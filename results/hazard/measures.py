@@ -63,8 +63,7 @@ def imt_of(column: str) -> tuple[str, float]:
         return OPENQUAKE[column]
     if found := _SA_COLUMN.fullmatch(column):
         return f"SA({float(found[1])})", 1.0 / STANDARD_G_M_S2
-    msg = f"{column} has no name in OpenQuake"
-    raise ValueError(msg)
+    raise ValueError(f"{column} has no name in OpenQuake")
 
 
 def measure_with_unit(text: str) -> tuple[str, float] | None:

@@ -192,8 +192,7 @@ def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64
     """
     joint = np.asarray(prior, float) * np.asarray(survivals, float)
     if not joint.sum() > 0:
-        msg = "the rocks cannot have survived under any of the branches"
-        raise ValueError(msg)
+        raise ValueError("the rocks cannot have survived under any of the branches")
     return joint / joint.sum()
 
 

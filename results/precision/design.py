@@ -209,8 +209,7 @@ def _first_free(free: NDArray[np.bool_], cell: int, order: Numbers) -> tuple[int
         open_cells = cells[free[cells, level]]
         if len(open_cells):
             return int(open_cells[0]), int(level)
-    msg = "no job of the record is free"
-    raise ValueError(msg)
+    raise ValueError("no job of the record is free")
 
 
 class Rounds:

@@ -31,13 +31,7 @@ SHADOW_PER_HEIGHT = 0.05
 class BaseRock:
     """A rock on a base of one kind, and its survey.
 
-    Parameters
-    ----------
-    truth : virtual.Truth
-    kind : str
-    half_hidden : bool
-        Whether half of the rim is hidden by rubble that was cleaned out of the cloud.
-    stations : list of virtual.Station
+    half_hidden: whether half of the rim is hidden by rubble that was cleaned out of the cloud.
     """
 
     truth: virtual.Truth

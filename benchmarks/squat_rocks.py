@@ -30,17 +30,9 @@ BESIDE_PER_HEIGHT = 0.1
 class Member:
     """One rock of the family and its survey.
 
-    Parameters
-    ----------
-    truth : virtual.Truth
-    stations : list of virtual.Station
-    kind : str
-        Of the pedestal.
-    slenderness : float
-        Height over base width.
-    crevice_per_width : float
-    buried_share : float
-        Share of the rim that lies under soil.
+    kind: of the pedestal.
+    slenderness: height over base width.
+    buried_share: share of the rim that lies under soil.
     """
 
     truth: virtual.Truth

@@ -71,14 +71,9 @@ def room_for(rows: Sequence[Row], budget_s: float) -> int:
 class Execution:
     """Some jobs of a plan on their way through a cluster.
 
-    Parameters
-    ----------
-    work : Work
-        Whose plan, workers and store they have, and whose progress is counted on.
-    pending : (n,) int array
-        Rows of the plan that need work, in the order to start them.
-    task : callable
-        What a worker does with a batch.
+    work: whose plan, workers and store they have, and whose progress is counted on.
+    pending: (n,) int, rows of the plan that need work, in the order to start them.
+    task: what a worker does with a batch.
     """
 
     def __init__(self, work: Work, pending: NDArray[np.int64], task: Task = shake_batch) -> None:

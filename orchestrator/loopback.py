@@ -20,12 +20,8 @@ _NOTHING = "default-src 'none'"
 class Loopback(ThreadingHTTPServer):
     """Server that listens on loopback only.
 
-    Parameters
-    ----------
-    answers : type
-        Of those that answer.
-    port : int
-        0 for any that is free.
+    answers: of those that answer.
+    port: 0 for any that is free.
     """
 
     daemon_threads = True

@@ -50,19 +50,10 @@ _damaged = refusals(
 def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read:
     """Call a reader in the guarded process.
 
-    Parameters
-    ----------
-    reader : str
-        `module:function`; the function takes a Path and returns what JSON can say, and arrays.
-    path : Path
-    libraries : sequence of str
-        Modules imported before the limits are set, as they take memory of their own.
-
-    Raises
-    ------
-    InputError
-        If the reader refuses the file, raises anything else, crashes, or needs more memory or time than any sound
-        file of its size.
+    reader: `module:function`; the function takes a Path and returns what JSON can say, and arrays.
+    libraries: modules imported before the limits are set, as they take memory of their own.
+    Raises InputError if the reader refuses the file, raises anything else, crashes, or needs more memory or time than
+    any sound file of its size.
     """
     size_mb = path.stat().st_size / 1e6
     request = {

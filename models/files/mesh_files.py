@@ -44,10 +44,7 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
 
     The format is that of the file's name. Nothing beside the file is read: materials, textures, buffers of their own.
 
-    Raises
-    ------
-    InputError
-        If the file is absent, of another format or holds no triangles.
+    Raises InputError if the file is absent, of another format or holds no triangles.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_FORMATS:
@@ -82,16 +79,8 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
 def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
     """Vertices (n, 3) and triangles (m, 3) of a mesh however it is given, and its name in errors.
 
-    Parameters
-    ----------
-    mesh : path, pair of vertices and triangles, or object with both, such as a `trimesh.Trimesh`
-    what : str
-        Its name where it is no file.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_triangles`, or if it is none of these.
+    what: its name where it is no file.
+    Raises InputError as :func:`read_triangles`, or if it is none of these.
     """
     if isinstance(mesh, str | os.PathLike):
         return *read_triangles(mesh), str(mesh)

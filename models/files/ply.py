@@ -90,10 +90,7 @@ class Header:
 def read_header(path: Path) -> Header:
     """Read and check a header.
 
-    Raises
-    ------
-    InputError
-        If it is none of PLY, or counts more rows than the file can hold.
+    Raises InputError if it is none of PLY, or counts more rows than the file can hold.
     """
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
@@ -127,10 +124,7 @@ def _remarks(lines: list[str]) -> tuple[str, ...]:
 def read_vertices(path: Path) -> dict[str, NDArray]:
     """Properties of all vertices by name, each (n,), in the precision of the file.
 
-    Raises
-    ------
-    InputError
-        If the file is not whole, or its vertices have lists, or stand behind rows of any length.
+    Raises InputError if the file is not whole, or its vertices have lists, or stand behind rows of any length.
     """
     header = read_header(path)
     return _rows(header, "vertex")

@@ -139,21 +139,11 @@ def read_scene_document(path: Path) -> dict[str, Any]:
 def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:
     """Read `scene.json` and verify files beside it: that they are whole, and those that it states.
 
-    Parameters
-    ----------
-    folder : Path
-        Of a scene.
-    names : iterable of str
-        Files to compare; those that are absent are no matter of this check.
-    stated : bool
-        Refuse a scene of an earlier version, which states nothing of its files.
-
-    Raises
-    ------
-    InputError
-        If one is damaged, or of another scene, by its name; or as :func:`read_scene_document`.
-    FileNotFoundError
-        If there is no `scene.json`.
+    folder: of a scene.
+    names: files to compare; those that are absent are no matter of this check.
+    stated: refuse a scene of an earlier version, which states nothing of its files.
+    Raises InputError if one is damaged, or of another scene, by its name; or as :func:`read_scene_document`.
+    Raises FileNotFoundError if there is no `scene.json`.
     """
     sealed = digest.check(folder / "scene.json")
     document = read_scene_document(folder / "scene.json")

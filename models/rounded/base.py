@@ -34,11 +34,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 class RoundedBase:
     """A rounded base, and what the mesh of it is worth.
 
-    Parameters
-    ----------
-    rock : Rock
-    rolls : bool
-        Whether it touches with the smooth surface through its vertices, or with its triangles.
+    rolls: whether it touches with the smooth surface through its vertices, or with its triangles.
     """
 
     rock: Rock

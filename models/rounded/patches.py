@@ -38,20 +38,13 @@ SINGULAR = 1e-9
 class Patches:
     """The surface of a rock with a rounded base: patches, and the points that can touch a plane beside them.
 
-    Parameters
-    ----------
-    vertices_m : (n, 3) array
-        Of the mesh, as many as the patches need.
-    corners : (k, 3) int array
-        Vertices of each patch.
-    bulges_m : (k, 3, 3) array
-        Four times the way from the middle of the chord of edge k, from corner k to the next, to that of its curve.
-    beside : (k, 3) int array
-        Patch across each edge; -1 where the rounded part ends.
-    sharp : (k, 3) bool array
-        Edges at which it ends in a crease.
-    points : (p,) int array
-        Vertices that can touch a plane and lie within no rounded part.
+    vertices_m: (n, 3), of the mesh, as many as the patches need.
+    corners: (k, 3) int, vertices of each patch.
+    bulges_m: (k, 3, 3), four times the way from the middle of the chord of edge k, from corner k to the next, to that
+    of its curve.
+    beside: (k, 3) int, patch across each edge; -1 where the rounded part ends.
+    sharp: (k, 3) bool, edges at which it ends in a crease.
+    points: (p,) int, vertices that can touch a plane and lie within no rounded part.
     """
 
     vertices_m: Array

@@ -40,13 +40,8 @@ _BALANCED = 1e-9
 class RollingBody:
     """A rock on a plane that it touches with patches and points.
 
-    Parameters
-    ----------
-    patches : Patches
-    com_m : (3,) array
-    normal : (3,) array
-        Of the plane, upward.
-    gravity_m_s2 : float
+    com_m: (3,).
+    normal: (3,), of the plane, upward.
     """
 
     def __init__(self, patches: Patches, com_m: Array, normal: Array, gravity_m_s2: float) -> None:
@@ -152,10 +147,7 @@ class RollingBody:
 def _balanced_aside(arms: Callable[[Indices, Array], Array], across: Array) -> tuple[Array, Flags]:
     """Arms (n, 3) without a part across, of bodies that roll aside by an angle; and which have one.
 
-    Parameters
-    ----------
-    arms : function of rows and angles
-    across : (n, 3) array
+    across: (n, 3).
     """
     count = len(across)
     rows = np.arange(count)

@@ -65,15 +65,8 @@ def written_again(
 ) -> Scanned:
     """Write a scene whose base was drawn again in place of the former one, or into another folder.
 
-    Parameters
-    ----------
-    scene : path
-        Folder of the former one.
-    out : path or None
-    drawn : Scene
-    kept : WorkedOut
-    replaces : bool
-        Whether the other folder may be there already.
+    scene: folder of the former one.
+    replaces: whether the other folder may be there already.
     """
     draw, notes = pictured(drawn)
     target = scene if out is None else out

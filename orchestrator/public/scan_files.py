@@ -32,10 +32,7 @@ def check_hints(hints: Mapping[str, object]) -> None:
 def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     """Points of files in metres, z up, by what the files and the user say.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or what is said contradicts itself.
+    Raises InputError if a file cannot be read, or what is said contradicts itself.
     """
     from toppling.models.scan.parts import files_with, labelled, parts_of
     from toppling.models.scan.read import read_clouds
@@ -77,10 +74,7 @@ def brought_apart(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "
 def placed_by(hints: CloudHints) -> "tuple[Placement, Reference | None]":
     """How coordinates become metres, z up, and their coordinate system if the user names one.
 
-    Raises
-    ------
-    InputError
-        If what is said contradicts itself.
+    Raises InputError if what is said contradicts itself.
     """
     from toppling.models.scan.placement import placement_of
     from toppling.models.scan.reference import of_user

@@ -126,16 +126,9 @@ def answers(
     Answers are written to the folder `kept` and taken from there when the same jobs are asked for again: a comparison
     may be interrupted, or grow. Another physics version, scene, ensemble or setting makes another file there.
 
-    Returns
-    -------
-    pandas.DataFrame
-        A row a job: its fields, toppled (null without an answer), max_tilt_deg, ended_by, processor_s, simulated_s and
-        penetration_share (of R).
-
-    Raises
-    ------
-    InputError
-        If the rock does not stand.
+    Returns pandas.DataFrame: a row a job: its fields, toppled (null without an answer), max_tilt_deg, ended_by,
+    processor_s, simulated_s and penetration_share (of R).
+    Raises InputError if the rock does not stand.
     """
     stands = settled(scene)  # here: what a process of the pool raises as it starts is not told
     name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)

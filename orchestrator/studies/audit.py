@@ -110,17 +110,9 @@ def drawn(folder: Path) -> pa.Table:
 def audit(work: Work, count: int) -> list[RunProgress]:
     """Do a random sample of a run's jobs again, or go on with it: one progress for each auditor.
 
-    Parameters
-    ----------
-    work : Work
-        The run's.
-    count : int
-        Jobs; more of them begin with the same ones.
-
-    Raises
-    ------
-    InputError
-        If another process audits this run, or nothing here can.
+    work: the run's.
+    count: jobs; more of them begin with the same ones.
+    Raises InputError if another process audits this run, or nothing here can.
     """
     planned, folder = work.planned, work.folder
     able = _auditors(planned.campaign)
@@ -167,10 +159,7 @@ def audit(work: Work, count: int) -> list[RunProgress]:
 def check_versions(folder: Path) -> None:
     """Make sure that the answers done again differ from the run's by their settings alone.
 
-    Raises
-    ------
-    InputError
-        If the run was made with another version of the physics.
+    Raises InputError if the run was made with another version of the physics.
     """
     there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
     if there != here:

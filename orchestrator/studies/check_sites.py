@@ -79,30 +79,14 @@ def check_sites(
 ) -> pd.DataFrame:
     """Shake every rock with the seismograms at its site.
 
-    Parameters
-    ----------
-    sites : sequence of Site
-    given : sequence of Seismogram
-        Of which each rock takes those at its site; none for rocks that have their own.
-    judge : callable
-        What a scene, a record, factors and a preset give: a dataclass with `outcome`.
-    factors : sequence of float
-        By which each is scaled.
-    workers : int or None
-        Processes; one a core unless given.
-    advance : callable
-        Called after each seismogram.
-
-    Returns
-    -------
-    DataFrame
-        A row a rock and seismogram: rock, site, longitude, latitude, scenario, the judge's fields, message. A rock that
-        cannot be shaken, or has no seismogram, has one row that says so.
-
-    Raises
-    ------
-    InputError
-        If no rock has a seismogram.
+    given: of which each rock takes those at its site; none for rocks that have their own.
+    judge: what a scene, a record, factors and a preset give: a dataclass with `outcome`.
+    factors: by which each is scaled.
+    workers: processes; one a core unless given.
+    advance: called after each seismogram.
+    Returns DataFrame: a row a rock and seismogram: rock, site, longitude, latitude, scenario, the judge's fields,
+    message. A rock that cannot be shaken, or has no seismogram, has one row that says so.
+    Raises InputError if no rock has a seismogram.
     """
     chosen = _with_seismograms(sites, given)
     rows: list[dict[str, Any]] = []

@@ -83,21 +83,11 @@ def weigh(
 ) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Whose contacts, engine, preset and unmeasured the shakes have.
-    recorded : Recorded
-        As `Recorded.write` wrote it to the folder.
-    folder : Path
-        Where the shakes go.
-    shake : callable
-        Carries a campaign out in a folder.
-
-    Raises
-    ------
-    InputError
-        If a motion gets no answer, as where the engine refuses to shake this rock.
+    campaign: whose contacts, engine, preset and unmeasured the shakes have.
+    recorded: as `Recorded.write` wrote it to the folder.
+    folder: where the shakes go.
+    shake: carries a campaign out in a folder.
+    Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
     """
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
     scene = Scene.load(campaign.scene)
@@ -154,10 +144,7 @@ def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]
 def refuse_counted(weights: Weights, recorded: Recorded) -> None:
     """Refuse motions that weights rest on already.
 
-    Raises
-    ------
-    InputError
-        By their names.
+    Raises InputError by their names.
     """
     if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
         raise InputError(

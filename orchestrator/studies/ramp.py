@@ -122,22 +122,11 @@ def carry_out(
 ) -> pd.DataFrame:
     """Climb with every waveform, each a task of its own; what is done already is read from the folder.
 
-    Parameters
-    ----------
-    scene, ensemble : Path
-        Folders, which every worker sees.
-    records : sequence of str
-    folder : Path
-        Keeps a table a waveform, so that an interrupted ramp goes on.
-    pool : Executor
-        Processes here, or a cluster's.
-    advance : callable
-        Told each waveform that is done.
-
-    Returns
-    -------
-    DataFrame
-        One row a level of a waveform.
+    scene, ensemble: folders, which every worker sees.
+    folder: keeps a table a waveform, so that an interrupted ramp goes on.
+    pool: processes here, or a cluster's.
+    advance: told each waveform that is done.
+    Returns DataFrame: one row a level of a waveform.
     """
     folder.mkdir(parents=True, exist_ok=True)
     key = _key(Scene.load(scene).id, Ensemble.load(ensemble), ramp)
@@ -162,10 +151,8 @@ def carry_out(
 def summary(levels: pd.DataFrame) -> pd.DataFrame:
     """One row a waveform: its PGV/PGA averaged over the levels, and the PGA that toppled, null where none did.
 
-    Returns
-    -------
-    DataFrame
-        record_id, event, pgv_pga_s, toppling_pga_m_s2, toppling_level_m_s2, strongest_standing_m_s2, levels.
+    Returns DataFrame: record_id, event, pgv_pga_s, toppling_pga_m_s2, toppling_level_m_s2, strongest_standing_m_s2,
+    levels.
     """
     rows = []
     for name, climbed in levels.groupby("record_id", sort=False):

@@ -175,10 +175,7 @@ def climb(study: Study, out: Path, cluster_of: ClusterOf, say: Say) -> tuple[pd.
 def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> Iterator[Path]:
     """Every figure of the study by its number, each with the table behind it.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    Yields each file once it is complete.
     """
     folder = out / "figures"
     folder.mkdir(exist_ok=True)

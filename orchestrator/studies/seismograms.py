@@ -90,10 +90,7 @@ def read_seismograms(
 ) -> Seismograms:
     """Records of ensembles, and of files as 'records import' reads them; of sites, by folders, each its own.
 
-    Raises
-    ------
-    InputError
-        If no file gives a seismogram; its message says why each was left out.
+    Raises InputError if no file gives a seismogram; its message says why each was left out.
     """
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
     from toppling.models.motions.metadata import read_table

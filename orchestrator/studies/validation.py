@@ -182,10 +182,7 @@ def shake_tests(
 ) -> Shaken:
     """Shake all tests, then those whose share is uncertain with more draws; what was done before is not done again.
 
-    Raises
-    ------
-    InputError, RunError
-        As :func:`orchestrator.run.run`.
+    Raises InputError, RunError as :func:`orchestrator.run.run`.
     """
     ids = [test.record_id for test in experiment.tests]
     answers = np.full((sampling.most_draws + 1, len(ids)), np.nan)

@@ -33,17 +33,9 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
 def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
     """Count the toppled jobs by the azimuth they toppled toward.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results.
-    petal_deg : float
-        Width of a petal; the first is centred on azimuth 0.
-
-    Returns
-    -------
-    DataFrame
-        One row a petal: azimuth_deg (its centre), toppled, share_of_toppled.
+    frame: rows of results.
+    petal_deg: width of a petal; the first is centred on azimuth 0.
+    Returns DataFrame: one row a petal: azimuth_deg (its centre), toppled, share_of_toppled.
     """
     petals = round(360.0 / petal_deg)
     azimuth = frame.loc[_toppled(frame), "topple_azimuth_deg"].dropna().to_numpy(float)
@@ -58,10 +50,7 @@ def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
 def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
     """Share of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
 
-    Returns
-    -------
-    dict
-        low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
+    Returns dict: low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
     """
     width = (high_deg - low_deg) % 360.0 or (360.0 if high_deg != low_deg else 0.0)
     toppled = _toppled(frame)

@@ -72,19 +72,10 @@ def write_curves(
 ) -> Path:
     """Write curves as NRML (.xml), CSV or JSON, by the file's suffix.
 
-    Parameters
-    ----------
-    curves : iterable of Lognormal
-        NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
-    name : str
-        Of the rock; NRML's taxonomy is this and the measure.
-    surfaces : sequence of Surface
-        Fragilities over two measures, for CSV and JSON: NRML has none.
-
-    Raises
-    ------
-    InputError
-        If the suffix is another, or NRML has no name for any of the measures.
+    curves: NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
+    name: of the rock; NRML's taxonomy is this and the measure.
+    surfaces: fragilities over two measures, for CSV and JSON: NRML has none.
+    Raises InputError if the suffix is another, or NRML has no name for any of the measures.
     """
     rows = [*map(_row, curves := list(curves)), *map(_surface_row, surfaces)]
     writers = {

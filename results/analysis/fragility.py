@@ -100,12 +100,8 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> NDArray[np.float64]:
     """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
 
-    Parameters
-    ----------
-    azimuth_deg : (n,) array
-        Degrees counter-clockwise from x.
-    bins : int
-        Number of equal bins around the circle.
+    azimuth_deg: (n,), degrees counter-clockwise from x.
+    bins: number of equal bins around the circle.
     """
     width = 360.0 / bins
     azimuth = np.asarray(azimuth_deg, dtype=float)

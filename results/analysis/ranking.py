@@ -62,19 +62,11 @@ def compare_measures(
 ) -> pd.DataFrame:
     """Rank intensity measures by how well they predict records that were not fitted to.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results with an answer (`answered`).
-    measures : sequence of sequences of str
-        `COMPARED` one by one, and PGA with PGV together, if not given. Those that are not known and positive
-        for every job are left out, so that all are compared on the same jobs.
-
-    Returns
-    -------
-    DataFrame
-        Best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
-        worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
+    frame: rows of results with an answer (`answered`).
+    measures: `COMPARED` one by one, and PGA with PGV together, if not given. Those that are not known and positive for
+    every job are left out, so that all are compared on the same jobs.
+    Returns DataFrame: best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
+    worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
     """
     chosen = measures or [*((name,) for name in COMPARED), SURFACES[0]]
     usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
@@ -105,10 +97,7 @@ def compare_measures(
 def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
     """Predicted against observed share of toppling, in bins of equally many jobs.
 
-    Returns
-    -------
-    DataFrame
-        One row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
+    Returns DataFrame: one row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
     """
     known = predicted.notna()
     table = _binned_shares(frame[known], predicted[known], _BINS)
@@ -118,10 +107,7 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
 def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
     """Share of toppling in bins of equally many jobs along a measure, with Wilson's interval by records.
 
-    Returns
-    -------
-    DataFrame
-        One row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
+    Returns DataFrame: one row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
     """
     table = _binned_shares(frame, np.log(frame[measure]), bins)
     return table.assign(value=np.exp(table["value"]))

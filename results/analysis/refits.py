@@ -26,17 +26,11 @@ def refitted(
 ) -> Iterator[Array]:
     """Coefficients at maximum likelihood of each row of weights, by Fisher scoring; nan where the search does not end.
 
-    Parameters
-    ----------
-    design : (jobs, coefficients)
-    share, trials : (jobs,)
-        Of a group's jobs, those that toppled; and their number.
-    link : str
-        probit or logit.
-    start : (coefficients,)
-        Those of the fit with all weights one.
-    weights : (samples, jobs)
-        How often each group was drawn.
+    design: (jobs, coefficients).
+    share, trials: (jobs,), of a group's jobs, those that toppled; and their number.
+    link: probit or logit.
+    start: (coefficients,), those of the fit with all weights one.
+    weights: (samples, jobs), how often each group was drawn.
     """
     each = max(1, _AT_ONCE // max(1, len(design)))
     for first in range(0, len(weights), each):

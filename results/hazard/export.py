@@ -39,19 +39,10 @@ class _Curves:
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
     """Write realizations.csv with the Bayes weights, the curve of each branch, and their updated mean and fractiles.
 
-    Parameters
-    ----------
-    update : Update
-        Its curves state their site.
-    folder : Path
-        Made if absent.
-    ratio : float
-        By which the hazard's motions were multiplied: the files are for its own component again.
-
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    update: its curves state their site.
+    folder: made if absent.
+    ratio: by which the hazard's motions were multiplied: the files are for its own component again.
+    Yields each file once it is complete.
     """
     assert update.posterior is not None
     assert update.after is not None
@@ -72,17 +63,9 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
 
     Probabilities are in `_YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if absent.
-    ratio : float
-        By which the motions were multiplied.
-
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    folder: made if absent.
+    ratio: by which the motions were multiplied.
+    Yields each file once it is complete.
     """
     assert update.posterior is not None
     numbers = range(len(update.events.branches))

@@ -191,11 +191,8 @@ def _intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annua
 def branch_factors_table(update: Update) -> pd.DataFrame:
     """Factors of each branch and their mean, with intervals.
 
-    Returns
-    -------
-    DataFrame
-        One row a branch and one for `MEAN`: name, survival, scale_factor (of motions), rate_factor, and _low and _high
-        of each (95 %, over other records and ages; null where neither is known to vary).
+    Returns DataFrame: one row a branch and one for `MEAN`: name, survival, scale_factor (of motions), rate_factor, and
+    _low and _high of each (95 %, over other records and ages; null where neither is known to vary).
     """
     factors = update.factors
     table = pd.DataFrame({"name": [*(branch.name for branch in update.tree.branches), MEAN]})
@@ -226,12 +223,9 @@ def rates_table(
 def updated_table(update: Update) -> pd.DataFrame:
     """The hazard before and after at every level.
 
-    Returns
-    -------
-    DataFrame
-        level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95: over branches),
-        rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate),
-        rate_kept_* (rejected branches removed; mean, p05, p95).
+    Returns DataFrame: level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95: over branches),
+    rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate),
+    rate_kept_* (rejected branches removed; mean, p05, p95).
     """
     levels = update.before.levels
     table = rates_table(levels, {"prior": update.before, "posterior": update.after})
@@ -248,13 +242,10 @@ def updated_table(update: Update) -> pd.DataFrame:
 def changes_table(update: Update) -> pd.DataFrame:
     """The motions exceeded at some annual rates, before and after.
 
-    Returns
-    -------
-    DataFrame
-        annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05, p50, p95: over branches),
-        level_posterior_mean_low and _high (95 %, over other records and ages), level_change_percent (of the mean's
-        motion), rate_change_percent (of the mean's rate at the prior's motion), level_kept_mean. Null where a curve
-        does not reach the rate.
+    Returns DataFrame: annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05, p50, p95: over
+    branches), level_posterior_mean_low and _high (95 %, over other records and ages), level_change_percent (of the
+    mean's motion), rate_change_percent (of the mean's rate at the prior's motion), level_kept_mean. Null where a curve
+    does not reach the rate.
     """
     means = None if update.after is None else update.drawn_means
     kept = update.without_rejected
@@ -320,11 +311,8 @@ def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
 def levels_table(update: Update) -> pd.DataFrame:
     """Choices of the logic tree's levels before and after, the level that the rocks move most first.
 
-    Returns
-    -------
-    DataFrame
-        level, moved (share of the weight that changes its choice: half the sum of absolute changes), choice,
-        prior_weight, posterior_weight; empty where branches have no paths.
+    Returns DataFrame: level, moved (share of the weight that changes its choice: half the sum of absolute changes),
+    choice, prior_weight, posterior_weight; empty where branches have no paths.
     """
     columns = ["level", "moved", "choice", "prior_weight", "posterior_weight"]
     if update.posterior is None:
@@ -343,10 +331,7 @@ def levels_table(update: Update) -> pd.DataFrame:
 def parts_table(update: Update) -> pd.DataFrame:
     """Shares of the toppling rate that contributions to the hazard have: by source type, by ground-motion model.
 
-    Returns
-    -------
-    DataFrame
-        part, toppling_rate (annual), share; empty where the files state no contributions.
+    Returns DataFrame: part, toppling_rate (annual), share; empty where the files state no contributions.
     """
     curves = [rock.curve for rock in update.rocks]
     total = toppling_rate(curves, update.tree.curves[0])

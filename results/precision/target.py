@@ -43,10 +43,7 @@ class Target:
     def score(self, coefficients: NDArray[np.float64]) -> float:
         """Target on the scale on which its interval is symmetric: a logarithm, for a probability its probit.
 
-        Parameters
-        ----------
-        coefficients : (2,) array
-            Of a probit on the logarithm of the intensity.
+        coefficients: (2,), of a probit on the logarithm of the intensity.
         """
         a, b = coefficients
         if self.name == "probability":

@@ -50,10 +50,7 @@ class Converted:
 def responses(paths: list[Path]) -> Any | None:
     """One inventory of all StationXML files among `paths`; None if there is none.
 
-    Raises
-    ------
-    InputError
-        If one is not readable, with its name.
+    Raises InputError if one is not readable, with its name.
     """
     import obspy
 

@@ -21,10 +21,7 @@ _MOST_BRANCHES = 15
 def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
     """HTML of a constraint, with its pictures inside.
 
-    Parameters
-    ----------
-    statement : dict
-        Its statement (`Constraint.summary`), with the choices that led to it.
+    statement: its statement (`Constraint.summary`), with the choices that led to it.
     """
     remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
     document = Document("; ".join(dict.fromkeys(filter(None, remarks))))

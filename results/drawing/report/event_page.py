@@ -32,12 +32,8 @@ _METHOD = (
 def event_page(statement: dict[str, Any], tables: dict[str, pd.DataFrame]) -> str:
     """HTML of a constraint under a set of events, with its pictures inside.
 
-    Parameters
-    ----------
-    statement : dict
-        With the choices that led to it.
-    tables : dict of DataFrame
-        Of the statement, by name.
+    statement: with the choices that led to it.
+    tables: of the statement, by name.
     """
     document = Document(unfinished(statement))
     names = [rock["name"] for rock in statement["rocks"]]

@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import bounds_of, distinct, inside_cylinder
 from toppling.models.joined import joined_parts
 from toppling.models.scan.surfels import Surfels, orient, thin
 
@@ -50,7 +51,7 @@ class Candidate:
 def surfels_of(points_m: NDArray[np.float64], finest_m: float = 0.0) -> Surfels:
     """Thin a cloud to about `_COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
     sample = points_m[:: max(1, len(points_m) // _SAMPLED_POINTS)]
-    voxel = max(float(np.ptp(sample, axis=0).max()) / 150, finest_m)
+    voxel = max(float(np.diff(bounds_of(sample), axis=0).max()) / 150, finest_m)
     thinned, _ = thin(sample, voxel)
     for _ in range(6):
         enough = 0.7 * _COARSE_SURFELS < len(thinned) < 1.4 * _COARSE_SURFELS or len(thinned) > 0.5 * len(
@@ -95,8 +96,7 @@ def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate
         rock = coarse.surfels.points_m[coarse.rock]
         axis, height = rock[:, :2].mean(axis=0), coarse.height_m
         reach = np.hypot(*(rock[:, :2] - axis).T).max() + _BESIDE_HEIGHTS * height
-        around = np.flatnonzero(points_m[:, 2] > rock[:, 2].min() - _BESIDE_HEIGHTS * height)
-        around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
+        around = inside_cylinder(points_m, axis, reach, rock[:, 2].min() - _BESIDE_HEIGHTS * height)
         around = around[:: max(1, len(around) // _SAMPLED_POINTS)]
         surfels = surfels_of(points_m[around], height / _FINEST_VOXELS_PER_HEIGHT)
         if surfels.voxel_m > 0.9 * coarse.surfels.voxel_m:
@@ -123,7 +123,7 @@ def neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.i
     keep = (length < 3.0 * voxel_m) & (end < len(points_m))
     lower, upper = np.minimum(start[keep], end[keep]), np.maximum(start[keep], end[keep])
     # One number for each pair: rows are slow to sort.
-    return np.column_stack(np.divmod(np.unique(lower * len(points_m) + upper), len(points_m)))
+    return np.column_stack(np.divmod(distinct(lower * len(points_m) + upper), len(points_m)))
 
 
 def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:

@@ -10,6 +10,8 @@ from toppling.models.scan.read import Cloud
 _TOLERATED = 0.4
 """Share of copies below which they stay: coordinates in steps as wide as the points' spacing make a fifth of the points
 copies, and patches of a surface are judged by how many points they have."""
+_SAMPLED, _ENOUGH = np.uint64(32), 20_000
+"""Of so many keys one tells the share of copies, where there are enough: sorting all takes seconds."""
 _AT_ONCE = 1_000_000
 _MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""
@@ -24,13 +26,21 @@ def copies(points_m: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     [False, False, True, True]
     """
     keys = _keys(points_m)
-    in_order = np.sort(keys)
-    if (in_order[1:] == in_order[:-1]).sum() < _TOLERATED * len(keys):
+    some = keys[keys % _SAMPLED == 0]  # copies of one point have one key: all or none of them
+    if len(some) > _ENOUGH and _share(some) < 0.5 * _TOLERATED:
+        return None
+    if _share(keys) < _TOLERATED:
         return None
     order = np.argsort(keys, kind="stable")
     again = np.zeros(len(points_m), bool)
     again[order[1:]] = keys[order[1:]] == keys[order[:-1]]
     return again
+
+
+def _share(keys: NDArray[np.uint64]) -> float:
+    """Share of the keys that equal another one before them."""
+    in_order = np.sort(keys)
+    return float((in_order[1:] == in_order[:-1]).sum() / max(len(keys), 1))
 
 
 def _keys(points_m: NDArray[np.float64]) -> NDArray[np.uint64]:

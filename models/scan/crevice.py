@@ -16,10 +16,12 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.surfels import voxels
 
 _CELLS_PER_HEIGHT = 120
 BAND_PER_HEIGHT = 0.08
@@ -30,6 +32,8 @@ _FOOT_PER_HEIGHT = 0.006
 """What hangs over the sheet, no farther outside the rock's outline on the ground than this, is its foot."""
 _LEVEL_PER_HEIGHT = 0.02
 """Near to the interface plane the sheet's cells tell how rough the pedestal is; on steep sides they do not."""
+_IN_ORDER = 50
+"""Cells along the longest side of points that are asked for in order."""
 LEAST_SEEN = 30
 """Fewer points of rock or pedestal near the interface show no crevice."""
 
@@ -119,11 +123,11 @@ def judge_crevice(
 
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
-    low = points_m[label == ROCK]
-    low = low[np.abs(interface.over(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
+    low = points_m[(label == ROCK) & (np.abs(interface.height_m(points_m)) < BAND_PER_HEIGHT * height_m)]
     check_seen(len(low), "rock", given=not refit)
     margin = 0.15 * height_m
-    around = ((points_m > low.min(axis=0) - margin) & (points_m < low.max(axis=0) + margin)).all(axis=1)
+    lowest, highest = bounds_of(low)
+    around = inside_box(points_m, lowest - margin, highest + margin)
     near, near_label = points_m[around], label[around]
     for _ in range(2):
         if relabel:
@@ -132,7 +136,7 @@ def judge_crevice(
                 judged[sure[around] & (near_label == ROCK)] = ROCK
             near_label = judged
         if refit and interface.sheet is None:
-            interface = refitted(near, near_label, interface, height_m)
+            interface = NearRim.of(near, near_label, interface, height_m).fitted()
     label = label.copy()
     label[around] = near_label
     return label, interface
@@ -181,7 +185,7 @@ def _relabelled(
         low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / _CELLS_PER_HEIGHT
     )
     inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
-    inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
+    inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])
     near, near_label = flat[inside], label[inside]
     check_seen(int((near_label == PEDESTAL).sum()), "pedestal", given=given)
     sheet, tolerance = _pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
@@ -236,37 +240,52 @@ def _scatter_m(gap: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
     return 1.4826 * float(np.median((np.abs(gap - mean[number]) * spread)[several]))
 
 
-def refitted(
-    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
-) -> Interface:
-    """Plane through the pedestal's points, each with a say that fades with its distance from the rock.
+@dataclass(frozen=True, eq=False)
+class NearRim:
+    """The pedestal's points around the rock's rim, each with a say in the interface that fades with its distance."""
 
-    Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
-    """
-    flat = interface.flat(points_m)
-    rim = _rim_polygon(flat[label == ROCK], height_m, given=False)
-    reach = 4 * _NEAR_PER_HEIGHT * height_m
-    pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
-    pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(
-        axis=1
-    )
-    away = _outside(rim, flat[pedestal][:, :2])
-    close = away < reach
-    points = points_m[pedestal][close]
-    check_seen(len(points), "pedestal", given=False)
-    fade = np.exp(-((away[close] / (_NEAR_PER_HEIGHT * height_m)) ** 2))
-    # Equal say to equal areas: near stations see the same crevice more densely.
-    cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[
-        1
-    ].ravel()
-    fade /= np.bincount(cell)[cell]
-    centre, normal, height, weight = reweighted_plane(
-        points,
-        fade,
-        lambda height, weight: max(float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * height_m),
-    )
-    roughness = float(np.sqrt(np.average(height**2, weights=weight)))
-    return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
+    points_m: NDArray[np.float64]  # (n, 3)
+    say: NDArray[np.float64]  # (n,)
+    cell: NDArray[np.int64]  # (n,): of a grid of equal areas: near stations see the same crevice more densely
+    number: NDArray[np.int64]  # (n,): among the points that they were chosen from
+    height_m: float  # of the rock
+
+    @classmethod
+    def of(
+        cls,
+        points_m: NDArray[np.float64],
+        label: NDArray[np.int8],
+        interface: Interface,
+        height_m: float,
+    ) -> "NearRim":
+        """Those of labelled points; InputError if next to nothing of the rock shows near the interface."""
+        flat = interface.flat(points_m)
+        rim = _rim_polygon(flat[label == ROCK], height_m, given=False)
+        reach = 4 * _NEAR_PER_HEIGHT * height_m
+        pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
+        pedestal &= inside_box(flat[:, :2], rim.min(axis=0) - reach, rim.max(axis=0) + reach)
+        number = np.flatnonzero(pedestal)
+        away = _outside(rim, flat[number, :2])
+        number, away = number[away < reach], away[away < reach]
+        say = np.exp(-((away / (_NEAR_PER_HEIGHT * height_m)) ** 2))
+        u, v = np.floor(flat[number, :2] / (0.01 * height_m)).astype(np.int64).T
+        cell = (u - u.min(initial=0)) * (1 + np.ptp(v) if len(v) else 1) + v - v.min(initial=0)
+        return cls(points_m[number], say, cell, number, height_m)
+
+    def fitted(self, kept: NDArray[np.bool_] | None = None) -> Interface:
+        """Plane through the points, or those of them that are kept (n,); InputError if they are next to none."""
+        kept = np.ones(len(self.points_m), bool) if kept is None else kept
+        points, cell = self.points_m[kept], self.cell[kept]
+        check_seen(len(points), "pedestal", given=False)
+        centre, normal, height, weight = reweighted_plane(
+            points,
+            self.say[kept] / np.bincount(cell)[cell],
+            lambda height, weight: max(
+                float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * self.height_m
+            ),
+        )
+        roughness = float(np.sqrt(np.average(height**2, weights=weight)))
+        return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
 
 
 def _rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
@@ -302,5 +321,10 @@ def not_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.bo
     """Which points have their neighbours near: mixed pixels hang alone between rock and pedestal."""
     if len(points) < 7:
         return np.zeros(len(points), bool)  # nobody has six neighbours
-    distance = cKDTree(points).query(points, 7)[0][:, 1:].mean(axis=1)
+    # A tree is asked three times as fast in the order in which places lie beside each other.
+    size = float(np.diff(bounds_of(points), axis=0).max())
+    order = np.argsort(voxels(points, max(size / _IN_ORDER, 1e-12)))
+    places = points[order]
+    distance = np.empty(len(points))
+    distance[order] = cKDTree(places, balanced_tree=False).query(places, 7)[0][:, 1:].mean(axis=1)
     return distance < alone * np.median(distance)

@@ -9,7 +9,7 @@ from toppling.models.arrays import Array, at_most
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.measure import ObservedRock
 
-_LOOKED_AT, _POINTS = 500, 500_000
+_LOOKED_AT, OF_LAYERS = 500, 500_000
 """So many patches, and points around them, tell."""
 _REACHES_VOXELS = (2.5, 6.0)
 """Around a patch: the wider circle shows layers that lie wider apart."""
@@ -54,7 +54,7 @@ def layers(
 
     reaches_m: of what is around a place.
     """
-    points = at_most(points_m, _POINTS)
+    points = at_most(points_m, OF_LAYERS)
     apart_m = np.zeros(len(places_m))
     judged = np.zeros(len(places_m), bool)
     tree = cKDTree(points)

@@ -24,7 +24,7 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.segment import PEDESTAL, ROCK
-from toppling.models.scan.stacked import stacked
+from toppling.models.scan.stacked import OF_JOINT, stacked
 from toppling.models.scan.surfels import in_plants, roughness, thin
 
 _MOST_INVENTED = 0.6
@@ -129,8 +129,8 @@ def doubts(
         embedded(observed, interface),
         _leaning(observed, interface),
         _two(observed, interface, separated),
-        stacked(observed, interface, points_m[label == ROCK]),
-        _hemmed_in(observed, points_m[label == PEDESTAL], closed),
+        stacked(observed, interface, points_m[at_most(np.flatnonzero(label == ROCK), OF_JOINT)]),
+        _hemmed_in(observed, points_m[at_most(np.flatnonzero(label == PEDESTAL), _OTHERS)], closed),
     ]
     return [each for each in found if each is not None]
 
@@ -253,8 +253,7 @@ def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt
 
 def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -> Doubt | None:
     own, height = observed.surfels.points_m[observed.patches], observed.height_m
-    others = at_most(pedestal_m, _OTHERS)
-    others = others[others[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * height]
+    others = pedestal_m[pedestal_m[:, 2] > own[:, 2].min() + _IN_REACH_ABOVE * height]
     if len(others) < _LEAST_IN_REACH:
         return None
     others, _ = thin(others, observed.surfels.voxel_m)

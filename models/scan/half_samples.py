@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import COARSE_DEPTH, close_rock
-from toppling.models.scan.crevice import refitted
+from toppling.models.scan.crevice import NearRim
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import AZIMUTHS_DEG, ObservedRock, toppling
 from toppling.models.scan.segment import PEDESTAL, ROCK
@@ -139,7 +139,7 @@ class _HalfSample:
     ) -> "_HalfSample":
         """Close a half sample; InputError if it leaves too little."""
         kept_plane = observed.hint is not None or not interface.is_bare
-        plane = interface if kept_plane else _half_fitted(beside, interface, rng)
+        plane = interface if kept_plane else beside.half_fitted(rng)
         drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
         near = observed.near(plane)
         near = replace(near, low=_half(near.low, rng), lit=_half(near.lit, rng))
@@ -268,7 +268,18 @@ class _Beside:
     points_m: NDArray[np.float64]
     label: NDArray[np.int8]
     sector: NDArray[np.int64]
+    interface: Interface
     height_m: float
+
+    @cached_property
+    def near_rim(self) -> NearRim:
+        """Those of the pedestal by the rim, the same for every half sample."""
+        return NearRim.of(self.points_m, self.label, self.interface, self.height_m)
+
+    def half_fitted(self, rng: np.random.Generator) -> Interface:
+        """Interface through the pedestal in half of the directions around the contact."""
+        half = rng.choice(_SECTORS, _SECTORS // 2, replace=False)
+        return self.near_rim.fitted(np.isin(self.sector[self.near_rim.number], half))
 
     @classmethod
     def of(cls, observed: ObservedRock, interface: Interface) -> "_Beside":
@@ -283,14 +294,9 @@ class _Beside:
             np.concatenate([observed.rock_m[rock], observed.pedestal_m[pedestal]]),
             np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
             np.floor(turn * _SECTORS).astype(int) % _SECTORS,
+            interface,
             observed.height_m,
         )
-
-
-def _half_fitted(beside: _Beside, interface: Interface, rng: np.random.Generator) -> Interface:
-    """Interface through the pedestal in half of the directions around the contact."""
-    kept = np.isin(beside.sector, rng.choice(_SECTORS, _SECTORS // 2, replace=False)) | (beside.label == ROCK)
-    return refitted(beside.points_m[kept], beside.label[kept], interface, beside.height_m)
 
 
 def _std(values: Any) -> NDArray[np.float64]:

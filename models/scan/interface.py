@@ -46,6 +46,12 @@ class Interface:
         flat = self.flat(points_m)
         return flat if self.sheet is None else flat - self.rise(flat)
 
+    def height_m(self, points_m: Array) -> Array:
+        """Heights (n,) over the pedestal's surface alone: of twenty million points u and v take a second."""
+        if self.sheet is None:
+            return shifted_and_turned(points_m, self.point_m, self.axes[:, 2:])[:, 0]
+        return self.over(points_m)[:, 2]
+
     def rise(self, flat_m: Array) -> Array:
         """The pedestal's surface over the plane at places (n, 2 or 3), as (n, 3): 0, 0, height."""
         height = 0.0 if self.sheet is None else self.sheet.at(flat_m)

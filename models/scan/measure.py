@@ -151,7 +151,8 @@ def confidence(
     rock, pedestal = flat[sides == ROCK], flat[sides == PEDESTAL]
     neighbours = cKDTree(flat).query(flat, 7)[1][:, 1:]
     alone = (sides[neighbours] != sides[:, None]).any(axis=1)
-    beside = pedestal[cKDTree(rock).query(pedestal)[0] < _BESIDE_PER_HEIGHT * height_m]
+    reach = _BESIDE_PER_HEIGHT * height_m
+    beside = pedestal[cKDTree(rock).query(pedestal, distance_upper_bound=reach)[0] < reach]
     centre = 0.5 * (rock[:, :2].min(axis=0) + rock[:, :2].max(axis=0))
     sector = np.floor(np.arctan2(*(beside[:, :2] - centre).T[::-1]) / (2 * np.pi / _SECTORS)).astype(int)
     return {

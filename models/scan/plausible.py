@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import bounds_of
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 from toppling.models.scan.steps import single_precision_step
@@ -37,7 +38,8 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
             expected=f"at least {_MINIMUM_POINTS}",
             remedy="check that the export was complete and that the file's extension names its format",
         )
-    size = np.ptp(points, axis=0)
+    low, high = bounds_of(points)
+    size = high - low
     if not size.any():
         raise InputError(
             "all points are one and the same",
@@ -45,7 +47,7 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
             expected="points of a rock and its pedestal",
             remedy="export the cloud again",
         )
-    level = np.sort(np.abs(points[:, :2]).max(axis=0))  # latitude is the smaller one, or comes first
+    level = np.sort(np.maximum(-low, high)[:2])  # latitude is the smaller one, or comes first
     if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
     step = single_precision_step(points) * scale[0]
@@ -71,10 +73,12 @@ def check_returns(points: NDArray[np.float64], path: Path) -> None:
 
     Raises InputError if there are such points.
     """
-    nothing = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
+    nothing = points[:, 0] == 0.0
+    if nothing.any():
+        nothing &= (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
     if not nothing.any():
         return
-    low, high = points[~nothing].min(axis=0), points[~nothing].max(axis=0)
+    low, high = bounds_of(points[~nothing])
     away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
     if away > np.linalg.norm(high - low):
         raise InputError(

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import bounds_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import MESH_FORMATS
@@ -103,10 +105,10 @@ class Cloud:
     label: NDArray[np.int8] | None = None
     meshes: tuple["Mesh | None", ...] = ()  # of each file that is one, survey coordinates
 
-    @property
+    @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """Lowest and highest survey coordinates, (2, 3)."""
-        return np.vstack([self.points_m.min(axis=0), self.points_m.max(axis=0)]) + self.origin_m
+        return bounds_of(self.points_m) + self.origin_m
 
     @property
     def coarsest(self) -> Source | None:
@@ -182,13 +184,25 @@ def read_clouds(
         sources.append(source)
     _leave_out_buried(meshes, survey, stations, sources)
     origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
-    for each in survey:
-        each -= origin  # in place: twenty million points are half a gigabyte
-    points = survey[0] if len(survey) == 1 else np.concatenate(survey)
+    points = _joined(survey, origin)
     station = stations[0] if len(stations) == 1 else np.concatenate(stations)
     files = tuple((each.name, each.points) for each in sources)
     kept = tuple(meshes[k][:2] if k in meshes else None for k in range(len(sources)))
     return Cloud(points, origin, station, files, tuple(sources), meshes=kept)
+
+
+def _joined(survey: list[NDArray[np.float64]], origin_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """All points less the origin; the parts go one by one, as twenty million points are half a gigabyte."""
+    if len(survey) == 1:
+        survey[0] -= origin_m
+        return survey[0]
+    points = np.empty((sum(map(len, survey)), 3))
+    first = 0
+    while survey:
+        part = survey.pop(0)
+        np.subtract(part, origin_m, out=points[first : first + len(part)])
+        first += len(part)
+    return points
 
 
 def _leave_out_buried(
@@ -364,7 +378,9 @@ def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
     read = {name.lower(): values for name, values in read_vertices(path).items()}
     if not {"x", "y", "z"} <= read.keys():
         raise _unreadable(f"its vertices have {', '.join(read) or 'nothing'}, and not x, y and z", path)
-    points = np.column_stack([read[axis].astype(float) for axis in "xyz"])
+    points = np.empty((len(read["x"]), 3))
+    for column, axis in enumerate("xyz"):
+        points[:, column] = read[axis]
     station = next(
         (read[key] for key in ("station", "point_source_id") if key in read), np.zeros(len(points))
     )

@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from toppling.models.arrays import inside_box
 from toppling.models.errors import InputError
 from toppling.models.frames import shifted_and_turned
 from toppling.models.scan.copies import copies, without
@@ -47,6 +49,10 @@ _WEAK = 1e-3
 class _Thinned:
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        return cKDTree(self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +94,9 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     members = [np.flatnonzero(cloud.station == k) for k in range(count)]
     low, high = np.quantile(cloud.points_m[:: max(1, len(cloud.points_m) // 100_000)], [0.02, 0.98], axis=0)
     voxel = float((high - low).max()) / _VOXELS_PER_EXTENT
-    within = lambda p: p[((p > low) & (p < high)).all(axis=1)]  # noqa: E731
     every = max(1, len(cloud.points_m) // (count * _POINTS_PER_STATION))
-    stations = [_thinned(within(cloud.points_m[rows[::every]]), voxel) for rows in members]
+    samples = (cloud.points_m[rows[::every]] for rows in members)
+    stations = [_thinned(sample[inside_box(sample, low, high)], voxel) for sample in samples]
     pose = [np.eye(4) for _ in stations]
     centre, size = 0.5 * (low + high), 0.5 * float((high - low).max())
     before = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
@@ -182,15 +188,15 @@ def _pairs(
 ) -> list[tuple[int, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
     """Points of one station, normals of another and the distances between them, for all pairs of stations."""
     placed = _placed(stations, pose)
-    trees = [cKDTree(each.points) if len(each.points) else None for each in placed]
     found = []
     for a, b in permutations(range(len(placed)), 2):
-        tree = trees[b]
-        if tree is None or trees[a] is None:
+        if not len(placed[a].points) or not len(placed[b].points):
             continue
         step = max(1, len(placed[a].points) // _SAMPLES)
         points, normals = placed[a].points[::step], placed[a].normals[::step]
-        distance, near = tree.query(points, distance_upper_bound=reach_m)
+        # The other station's tree is in its own frame, and made once.
+        turn, shift = pose[b][:3, :3], pose[b][:3, 3]
+        distance, near = stations[b].tree.query((points - shift) @ turn, distance_upper_bound=reach_m)
         met = np.isfinite(distance)
         met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > _SAME_WAY
         if met.sum() < _LEAST_PAIRS:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import inside_box, inside_cylinder
 from toppling.models.errors import InputError
 from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
@@ -133,8 +134,7 @@ def patches_around(
     """Patches of a hundredth of a rock's height around it, the points that they are of, and the patch of each."""
     axis = rock_m[:, :2].mean(axis=0)
     reach = np.hypot(*(rock_m[:, :2] - axis).T).max() + 0.5 * height_m
-    around = np.flatnonzero(points_m[:, 2] > rock_m[:, 2].min() - 0.7 * height_m)
-    around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
+    around = inside_cylinder(points_m, axis, reach, rock_m[:, 2].min() - 0.7 * height_m)
     voxel = height_m / _FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
     return orient(thinned, voxel), around, index
@@ -193,7 +193,7 @@ def _clutter(
         return clutter
     low = coarse.points_m[thick].min(axis=0) - coarse.voxel_m
     high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
-    around = np.flatnonzero(_within(points_m, low, high))
+    around = np.flatnonzero(inside_box(points_m, low, high))
     around = around[thick[cKDTree(coarse.points_m).query(points_m[around])[1]]]
     if len(around) > _FEWEST_OF_A_SURFACE:
         around = around[~_on_a_surface(points_m[around], fine_m)]
@@ -212,16 +212,6 @@ def label_surfels(
 ) -> NDArray[np.int8]:
     """Label of the point nearest to each surfel."""
     low, high = surfels.points_m.min(axis=0) - surfels.voxel_m, surfels.points_m.max(axis=0) + surfels.voxel_m
-    around = np.flatnonzero(_within(points_m, low, high))
+    around = np.flatnonzero(inside_box(points_m, low, high))
     around = around[:: max(1, len(around) // (_LABELLING_POINTS * len(surfels.points_m)))]
     return label[around[cKDTree(points_m[around]).query(surfels.points_m)[1]]]
-
-
-def _within(
-    points_m: NDArray[np.float64], low_m: NDArray[np.float64], high_m: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Which points lie in a box; axis by axis, as rows of three are slow to reduce."""
-    inside = np.ones(len(points_m), bool)
-    for axis in range(3):
-        inside &= (points_m[:, axis] > low_m[axis]) & (points_m[:, axis] < high_m[axis])
-    return inside

@@ -16,7 +16,7 @@ _FROM, _TO = 0.15, 0.9
 _BAND = 0.01
 """Of the rock's height: half of the band in which a joint runs."""
 _SLOPES = np.tan(np.deg2rad(np.arange(-15.0, 16.0, 5.0)))
-_POINTS = 400_000
+OF_JOINT = 400_000
 """So many of the rock's points tell a joint."""
 _DEEP_NOISES, _DEEP_PER_HEIGHT = 5.0, 0.002
 """A point in an open joint lies so far below the surface around it: in its noise, and at least of the height."""
@@ -80,7 +80,7 @@ def _creases(observed: ObservedRock, interface: Interface) -> Array:
 def _open_places(observed: ObservedRock, interface: Interface, rock_m: Array, centre: Array) -> Array:
     """Points (n, 3), u, v and height, that lie below the rock's surface around them, where more than strays do."""
     surfels = observed.surfels
-    points = at_most(rock_m, _POINTS)
+    points = at_most(rock_m, OF_JOINT)
     patches, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
     _, near = cKDTree(patches).query(points, 4)
     off = np.median(np.einsum("ikj,ikj->ik", points[:, None] - patches[near], normals[near]), axis=1)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import distinct
 from toppling.models.errors import InputError
 
 _TOLD_PER_HEIGHT = 1e-3
@@ -24,7 +25,7 @@ def coordinate_steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> coordinate_steps(np.random.default_rng(1).uniform(0.0, 5.0, (3000, 3)).round(2)).round(6)
     array([0.01, 0.01, 0.01])
     """
-    finite = points[np.isfinite(points).all(axis=1)]
+    finite = points if np.isfinite(points.sum()) else points[np.isfinite(points).all(axis=1)]
     sample = finite[:: max(1, len(finite) // _SAMPLE)]
     if len(sample) < 3:
         return np.zeros(3)
@@ -42,7 +43,7 @@ def _grid_axes(points: NDArray[np.float64], steps: NDArray[np.float64]) -> list[
     if len(axes) != 2:
         return []
     nodes = np.rint((points[:, axes] - points[:, axes].min(axis=0)) / steps[axes])
-    taken = len(np.unique(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
+    taken = len(distinct(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
     alone = taken >= _ALONE * len(points)
     return axes.tolist() if alone and taken >= _TAKEN * np.prod(nodes.max(axis=0) + 1.0) else []
 
@@ -60,7 +61,7 @@ def _single_precision(sample: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _step(values: NDArray[np.float64]) -> float:
     """Step of one coordinate: the widest of some candidates that most distances are multiples of."""
-    apart = np.diff(np.unique(values))
+    apart = np.diff(distinct(values))
     apart = apart[apart > 1e-12 * np.abs(values).max()]
     if len(apart) < 3:
         return 0.0

@@ -7,6 +7,8 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import bounds_of, numbered
+
 _NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
 _ESCAPE_DIRECTIONS = 24
@@ -44,16 +46,24 @@ def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.floa
     A voxel with far fewer points than its neighbours holds strays: mixed pixels hang between surfaces,
     thinly.
     """
-    cell = np.floor((points_m - points_m.min(axis=0)) / voxel_m).astype(np.int64)
-    size = cell.max(axis=0) + 1
-    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
-    _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+    index, count = numbered(voxels(points_m, voxel_m))
     mean = np.column_stack([np.bincount(index, points_m[:, axis]) / count for axis in range(3)])
     near = cKDTree(mean).query(mean, min(13, len(mean)))[1].reshape(len(mean), -1)
     near = near[:, 1:] if len(mean) > 1 else near
     solid = count >= _STRAY_SHARE * np.median(count[near], axis=1)
     renumbered = np.where(solid, np.cumsum(solid) - 1, -1)
     return mean[solid], renumbered[index]
+
+
+def voxels(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+    """A number (n,) of each point's voxel, the same for all in it, from 0 on."""
+    low, high = bounds_of(points_m)
+    size = np.floor((high - low) / voxel_m).astype(np.int64) + 1
+    key = np.zeros(len(points_m), np.int64)
+    for axis in range(3):
+        key *= size[axis]
+        key += np.floor((points_m[:, axis] - low[axis]) / voxel_m).astype(np.int64)
+    return key
 
 
 def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import at_most
+from toppling.models.arrays import at_most, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
 from toppling.models.files.scene_document import LABELS, WORKED_OUT
-from toppling.models.frames import shifted_and_turned
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.rim_seen import unseen_rim
@@ -28,7 +27,7 @@ from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.doubled import doubled
+from toppling.models.scan.doubled import OF_LAYERS, doubled
 from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
@@ -138,7 +137,7 @@ def work_out(
     try:
         parts = _split(cloud, near, hint)
         progress("fitting the interface")
-        observed, label, interface = _classified(cloud, parts, hint)
+        observed, label, pedestal, interface = _classified(cloud, parts, hint)
     except InputError as error:
         raise with_reason(error, cloud.points_m) from error
     _check_sense(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
@@ -149,7 +148,6 @@ def work_out(
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
     progress("meshing the pedestal")
-    pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     seen = at_most(np.flatnonzero(label == PEDESTAL), _BESIDE_POINTS)
     kept = kept_of(ground, cloud.points_m[seen], interface)
@@ -192,7 +190,7 @@ def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
     """The user's interface in the cloud's frame; a place that the cloud does not show is refused."""
     if hint is not None:
         hint = hint.moved(cloud.origin_m)
-        check_near(hint, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
+        check_near(hint, *(cloud.bounds_m - cloud.origin_m), cloud.origin_m)
     return hint
 
 
@@ -214,7 +212,8 @@ def _checked_doubts(
     separated = cloud.label is not None
     found = doubts(observed, interface, cloud.points_m, label, separated, closed.rock)
     step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
-    twice = doubled(observed, cloud.points_m[label == ROCK], step_m)
+    of_rock = at_most(np.flatnonzero(label == ROCK), OF_LAYERS)
+    twice = doubled(observed, cloud.points_m[of_rock], step_m)
     told = [hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]
     if any(mesh is not None for mesh in cloud.meshes):
         told.append(bridged(observed, interface))
@@ -275,7 +274,7 @@ def _segmentation_report(
 def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:
     """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
     near = np.asarray(near_m, float) - cloud.origin_m[:2]
-    low, high = cloud.points_m[:, :2].min(axis=0), cloud.points_m[:, :2].max(axis=0)
+    low, high = (cloud.bounds_m - cloud.origin_m)[:, :2]
     if not ((near >= low) & (near <= high)).all():
         raise InputError(
             "{:.2f}, {:.2f} lies outside the cloud".format(*near_m),
@@ -289,8 +288,8 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float
 
 def _classified(
     cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
-) -> tuple[ObservedRock, NDArray[np.int8], Interface]:
-    """What was seen of rock and pedestal, the label of each point, and the interface."""
+) -> tuple[ObservedRock, NDArray[np.int8], NDArray[np.bool_], Interface]:
+    """What was seen of rock and pedestal, the label of each point, which patches are pedestal, and the interface."""
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
@@ -323,17 +322,14 @@ def _classified(
     standing, below = _beside(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
-    return observed, label, interface
+    return observed, label, pedestal, interface
 
 
 def _beside(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
-    if interface.sheet is None:
-        over = shifted_and_turned(points_m, interface.point_m, interface.axes[:, 2:])[:, 0]
-    else:
-        over = interface.over(points_m)[:, 2]
+    over = interface.height_m(points_m)
     rock = np.flatnonzero((label == ROCK) & (over < _BESIDE_PER_HEIGHT * height_m))
     if interface.edge is not None:
         rock = rock[~strays_at_edge(interface.over(points_m[rock]), interface.edge, height_m)]
@@ -341,8 +337,8 @@ def _beside(
     standing, below = points_m[at_most(rock, _BESIDE_POINTS)], points_m[level]
     if len(standing):
         margin = 2.0 * _BESIDE_PER_HEIGHT * height_m
-        low, high = standing.min(axis=0) - margin, standing.max(axis=0) + margin
-        below = below[((below[:, :2] > low[:2]) & (below[:, :2] < high[:2])).all(axis=1)]
+        low, high = bounds_of(standing[:, :2])
+        below = below[inside_box(below[:, :2], low - margin, high + margin)]
     return standing, at_most(below, _BESIDE_POINTS)
 
 

@@ -163,11 +163,6 @@ class Campaign:
     target: TargetSpec | None = None
     sites: tuple[Site, ...] = ()
 
-    @property
-    def as_recorded(self) -> bool:
-        """Whether records are imposed unscaled."""
-        return not self.pga_m_s2
-
     def with_precision(self, precision: float) -> "Campaign":
         """The same campaign, to end once its target is known so well.
 

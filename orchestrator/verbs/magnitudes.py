@@ -22,14 +22,15 @@ from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, mag
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
-from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
     TARGETS,
     MotionGrid,
     Occurrence,
+    bins_words,
     excess,
+    excluded_bins,
     largest_magnitudes,
     least_distances,
     motion_grid,
@@ -37,6 +38,7 @@ from toppling.results.hazard.magnitudes import (
     recurring,
     toppling_probability,
 )
+from toppling.results.hazard.sites import check_place
 from toppling.results.hazard.survival import Standing
 
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
@@ -171,12 +173,8 @@ def _check_usage(
         )
     if where and not rock.is_dir():
         raise click.UsageError("--where selects jobs of runs; a file of curves has none")
-    if site and not (-180 <= site[0] <= 360 and -90 <= site[1] <= 90):
-        raise InputError(
-            what=f"{site[0]:g} {site[1]:g} is no place on Earth", where="--site",
-            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
-            remedy="give the longitude first: --site LONGITUDE LATITUDE",
-        )  # fmt: skip
+    if site:
+        check_place(site)
 
 
 def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.results.hazard.curves import HazardCurve, any_topples, continued, toppling_rate, unstated_shares
-from toppling.results.hazard.random_rock import RandomRock, random_rock
+from toppling.results.hazard.draws import RandomRock, random_rock
 from toppling.results.hazard.sites import distance_km
 from toppling.results.hazard.survival import Standing, joint_survival, rejected_rate, unexceeded
 from toppling.results.hazard.tree import sources

@@ -68,7 +68,7 @@ class Resampled:
     # probability does not rise.
     fitted: NDArray[np.bool_]
     records: int  # number that are drawn
-    # Whether the coefficients are those of `analysis.reflected`, whose percentiles allow for few records
+    # Whether the coefficients are those of `analysis.resampling.reflected`, whose percentiles allow for few records
     # themselves.
     reflected: bool = False
 
@@ -83,7 +83,7 @@ class Resampled:
         Values may be infinite.
         """
         if self.reflected and len(values):
-            return _ends(values, (1.0 - level) / 2)
+            return ends(values, (1.0 - level) / 2)
         return expanded_interval(values, self.records, level)
 
     def lognormals(self, measure: str) -> list[Lognormal]:
@@ -105,11 +105,11 @@ def expanded_interval(values: NDArray[np.float64], records: int, level: float = 
     if not len(values):
         return np.full((2, *np.shape(values)[1:]), math.nan)
     tail = ndtr(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
-    return _ends(values, float(tail))
+    return ends(values, float(tail))
 
 
-def _ends(values: NDArray[np.float64], tail: float) -> NDArray[np.float64]:
-    """Ends of an interval that occur among the values."""
+def ends(values: NDArray[np.float64], tail: float = 0.025) -> NDArray[np.float64]:
+    """Ends (2, ...) of an interval that occur among the values (samples, ...), which may be infinite."""
     low = np.quantile(values, tail, axis=0, method="lower")
     return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])
 

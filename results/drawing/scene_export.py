@@ -32,7 +32,7 @@ def export_scene(scene: Scene, path: Path) -> None:
             expected=" or ".join(_EXPORTS),
             remedy="name the file by the format that you want",
         )
-    meshes = [(name, mesh) for name, mesh, _ in _meshes(scene)]
+    meshes = _meshes(scene)
     if path.suffix.lower() in (".glb", ".gltf"):
         parts = trimesh.Scene()
         for name, mesh in meshes:
@@ -42,7 +42,7 @@ def export_scene(scene: Scene, path: Path) -> None:
         trimesh.util.concatenate([mesh for _, mesh in meshes]).export(path)
 
 
-def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh, str]]:
+def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh]]:
     surfaces = [
         ("rock", scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR),
         ("pedestal", *scene.pedestal_triangles(), PEDESTAL_COLOUR),
@@ -50,5 +50,5 @@ def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh, str]]:
     meshes = []
     for name, vertices, faces, colour in surfaces:
         rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-        meshes.append((name, trimesh.Trimesh(vertices, faces, face_colors=rgb, process=False), colour))
+        meshes.append((name, trimesh.Trimesh(vertices, faces, face_colors=rgb, process=False)))
     return meshes

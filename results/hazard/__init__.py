@@ -15,6 +15,6 @@ are told beside the answer (`unstated_shares`):
 """
 
 __all__ = [
-    "ages", "curves", "event_update", "events", "excluded_bins", "export", "faults", "gmm", "magnitudes",
-    "measures", "random_rock", "sites", "surfaces", "survival", "tree", "update", "vector",
+    "ages", "curves", "draws", "event_update", "events", "export", "faults", "gmm", "magnitudes",
+    "measures", "sites", "surfaces", "survival", "tree", "update", "vector",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.lognormal import Lognormal, Resampled, ends
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.survival import Standing, drawn_ages
@@ -32,9 +32,7 @@ class Draws:
         """Ends of the 95 % interval (2, ...) of values of each draw (draws, ...), which may be infinite."""
         if self.records is not None:
             return self.records.interval(values)
-        return np.array([
-            np.quantile(values, 0.025, axis=0, method="lower"), np.quantile(values, 0.975, axis=0, method="higher"),
-        ])  # fmt: skip
+        return ends(values)
 
 
 def draws_of(rocks: Sequence[Standing]) -> Draws | None:
@@ -110,3 +108,34 @@ def exponents(
             if spans[index] > 0:
                 found[number] += spans[index] * ((1.0 - standing) @ rates.T)
     return found
+
+
+@dataclass(frozen=True)
+class RandomRock:
+    """Fragility of a theoretical random rock of a site."""
+
+    # Its beta holds the spread between rocks and the mean spread within them: the logarithm's variance of a
+    # mixture of their curves is the sum of both.
+    curve: Lognormal
+    # Root mean square of the rocks' betas, and standard deviation of the logarithms of their medians.
+    beta_within: float
+    beta_between: float
+    # 95 %, over other records; None where these are not known of all rocks.
+    median_interval: tuple[float, float] | None
+
+
+def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
+    """Fragility of a random rock from several; None from fewer than two, or where one never topples."""
+    curves = [rock.curve for rock in rocks]
+    if len(curves) < 2 or not all(math.isfinite(curve.median) for curve in curves):
+        return None
+    logs = np.log([curve.median for curve in curves])
+    within = math.sqrt(np.mean([curve.beta**2 for curve in curves]))
+    between = float(np.std(logs, ddof=1))
+    curve = Lognormal(curves[0].measure, math.exp(logs.mean()), math.hypot(within, between))
+    known = draws_of(rocks)
+    if known is None or "fragility" not in known.carries:
+        return RandomRock(curve, within, between, None)
+    medians = np.array([math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known.curves])
+    low, high = known.interval(medians)
+    return RandomRock(curve, within, between, (float(low), float(high)))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.events import (
     NEGLIGIBLE,
@@ -80,7 +81,7 @@ def _scale_factor_interval(
         )
         once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
         found.append(_scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
-    low, high = _ends(np.array(found))
+    low, high = ends(np.array(found))
     return float(low), float(high)
 
 
@@ -155,7 +156,7 @@ class EventUpdate:
             self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled, others
         )
         with np.errstate(divide="ignore"):
-            rates = _ends(math.log(1.0 - self.confidence) / np.log(drawn))
+            rates = ends(math.log(1.0 - self.confidence) / np.log(drawn))
         return {
             "scale_factor": _scale_factor(self.rocks, felt, self.exposure, self.confidence),
             "scale_factor_low": motions[0], "scale_factor_high": motions[1],
@@ -250,7 +251,7 @@ class EventUpdate:
         means = drawn_weights(self.events.prior, self.drawn) @ counted[1]
         return pd.DataFrame([
             change_at(rate, *found)
-            | dict(zip(DRAWN_LEVELS, level_interval(counted[0], means, rate, _ends), strict=True))
+            | dict(zip(DRAWN_LEVELS, level_interval(counted[0], means, rate, ends), strict=True))
             for rate in RATES
         ])  # fmt: skip
 
@@ -266,13 +267,6 @@ class EventUpdate:
             rate=branch.rate[some],
             motions={name: values[some] for name, values in branch.motions.items()},
         )
-
-
-def _ends(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ends of the 95 % interval of draws, which may be infinite."""
-    return np.array([
-        np.quantile(values, 0.025, method="lower"), np.quantile(values, 0.975, method="higher"),
-    ])  # fmt: skip
 
 
 def _exceeded(

@@ -167,6 +167,3 @@ def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
     if not 0 < magnitude < 11:
         raise _fault_error(f"states the magnitude {found!r}", path)
     return magnitude
-
-
-# fmt: skip

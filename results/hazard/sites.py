@@ -35,6 +35,23 @@ def distance_km(
     return 2.0 * EARTH_RADIUS_KM * np.arcsin(np.sqrt(np.minimum(lengths + widths, 1.0)))
 
 
+def check_place(asked: Place) -> None:
+    """Refuse a place that is none on Earth.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
+        raise InputError(
+            what=f"{asked[0]:g} {asked[1]:g} is no place on Earth",
+            where="--site",
+            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE",
+        )
+
+
 def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     """Number of the site that is meant by a place.
 
@@ -43,20 +60,14 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     InputError
         If the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
     """
-    place = f"{asked[0]:g} {asked[1]:g}"
-    if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
-        raise InputError(
-            what=f"{place} is no place on Earth",
-            where="--site",
-            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
-            remedy="give the longitude first: --site LONGITUDE LATITUDE",
-        )
+    check_place(asked)
     east, north = np.transpose(sites)
     away_km = distance_km(east, north, asked)
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
         raise InputError(
-            what=f"the nearest site to {place}, at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
+            what=f"the nearest site to {asked[0]:g} {asked[1]:g}, "
+            f"at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
             f"is {away_km[number]:.0f} km away",
             where=where,
             expected=f"a site within {SITE_REACH_KM:g} km",

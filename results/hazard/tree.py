@@ -203,12 +203,6 @@ def drawn_weights(prior: NDArray[np.float64], survivals: NDArray[np.float64]) ->
     return (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0]
 
 
-def effective_branches(weights: ArrayLike) -> float:
-    """Kish's number of branches: 1 / sum of squares of weights that sum to 1."""
-    share = np.asarray(weights, float)
-    return float(share.sum() ** 2 / (share**2).sum())
-
-
 def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
     """Choice of each branch at each level of the logic tree, from OpenQuake's abbreviated paths.
 

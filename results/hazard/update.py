@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.shares import effective_number
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
 from toppling.results.hazard.draws import Draws, draws_of
 from toppling.results.hazard.scaling import drawn_factors, motion_factor, rate_factor
@@ -20,7 +21,6 @@ from toppling.results.hazard.tree import (
     branch_weights,
     common_levels,
     drawn_weights,
-    effective_branches,
     level_choices,
     statistics,
 )
@@ -355,8 +355,8 @@ def decided_by(
     gone = np.asarray(rejected, bool)
     return {
         "branches": len(prior),
-        "effective_branches_prior": effective_branches(prior),
-        "effective_branches_posterior": None if posterior is None else effective_branches(posterior),
+        "effective_branches_prior": effective_number(prior),
+        "effective_branches_posterior": None if posterior is None else effective_number(posterior),
         "survival_mean_of_branches": float(prior @ np.asarray(survivals)),
         "weight_rejected": float(prior[gone].sum()),
         "branches_rejected": int(gone.sum()),

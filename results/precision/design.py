@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
-from toppling.results.precision.probit import Answers, Curve, fit_curve
-from toppling.results.precision.shape import Departure, departure
+from toppling.results.precision.probit import Answers, Curve, Departure, departure, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
 
 Numbers = NDArray[np.int64]

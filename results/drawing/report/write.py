@@ -1,5 +1,6 @@
 """The report as HTML and as PDF."""
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -94,14 +95,8 @@ def _printed_by_browser(text: str, target: Path) -> Path:
             browser, "--headless=new", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={folder}/profile",
             f"--print-to-pdf={printed}", source.as_uri(),
         ]  # fmt: skip
-        if _is_root():
+        if os.geteuid() == 0:
             command.insert(1, "--no-sandbox")  # Chromium has no sandbox for root
         subprocess.run(command, check=True, capture_output=True, timeout=_PRINTING_S)
         shutil.copyfile(printed, hidden)
     return target
-
-
-def _is_root() -> bool:
-    import os
-
-    return hasattr(os, "geteuid") and os.geteuid() == 0

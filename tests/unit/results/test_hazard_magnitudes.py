@@ -14,11 +14,12 @@ from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
-from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
+    bins_words,
     excess,
+    excluded_bins,
     largest_magnitudes,
     least_distances,
     motion_grid,

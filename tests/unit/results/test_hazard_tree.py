@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import (
     HazardCurve,
@@ -22,7 +23,6 @@ from toppling.results.hazard.tree import (
     Branch,
     HazardTree,
     branch_weights,
-    effective_branches,
     level_choices,
     statistics,
     weighted_fractile,
@@ -122,8 +122,8 @@ def test_weights_that_do_not_sum_to_one_are_refused():
 
 
 def test_equal_weights_are_as_many_branches_and_one_heavy_one_is_one():
-    assert effective_branches(np.full(36, 1 / 36)) == pytest.approx(36)
-    assert effective_branches([1.0, 0.0]) == pytest.approx(1)
+    assert effective_number(np.full(36, 1 / 36)) == pytest.approx(36)
+    assert effective_number(np.array([1.0, 0.0])) == pytest.approx(1)
 
 
 def test_levels_are_letters_of_the_path_and_those_without_a_choice_are_left_out():

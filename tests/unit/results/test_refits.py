@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from seeded import rows
 
-from toppling.results.analysis.refits import refitted
 from toppling.results.analysis.regression import design_of, fit, grouped, regress
+from toppling.results.analysis.resampling import refitted
 
 
 @pytest.mark.parametrize("link", ["probit", "logit"])

@@ -22,9 +22,8 @@ from scaling import SEED, inputs, pretended_row
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.answers import checked
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from toppling.orchestrator.execution import RunProgress, budget_s, room_for
+from toppling.orchestrator.execution import RunProgress, budget_s, checked, room_for
 from toppling.orchestrator.order import taking_turns
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.task import ROCKS_KEPT

@@ -34,7 +34,7 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import cylinder
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.studies.accuracy import CONVERGED, Job, Setting, answers, compare, settings
-from toppling.results.drawing.presets import front_figure
+from toppling.results.drawing.study_figures import front_figure
 from toppling.results.drawing.style import save
 from toppling.workers.options import PHYSICS_VERSION
 

@@ -124,7 +124,7 @@ def draw_settling(scene: Scene, path: Path) -> bool:
         return False
     if not (found.is_large and scene.ground.is_plane):
         return False
-    from toppling.results.drawing.settling_figure import draw
+    from toppling.results.drawing.roses import draw_settled
 
-    draw(found.scanned, found.stands, found.outline_m, found.rose_scanned, found.rose_stands, path)
+    draw_settled(found.scanned, found.stands, found.outline_m, found.rose_scanned, found.rose_stands, path)
     return True

@@ -11,9 +11,9 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
-from toppling.results.audit_folder import AUDIT_FOLDER
 from toppling.results.completeness import Completeness
 from toppling.results.precision import STATEMENT_FILE
+from toppling.results.run_integrity import AUDIT_FOLDER
 from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 

@@ -1,6 +1,6 @@
 """Answers: the schema and the store of a run, queries, fragility, figures, hazard constraints."""
 
 __all__ = [
-    "audit_folder", "completeness", "queries", "reader", "replayed_job", "run_integrity", "schema", "store",
+    "completeness", "queries", "reader", "replayed_job", "run_integrity", "schema", "store",
     "weights",
 ]  # fmt: skip

@@ -18,10 +18,9 @@ from toppling.models.files.scene_document import read_scene_document
 from toppling.models.files.stores import at_hand
 from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
-from toppling.results.audit_folder import check_audits
 from toppling.results.completeness import Completeness
 from toppling.results.queries import answered, ask, rows_where
-from toppling.results.run_integrity import SCENES, SITES_FILE, check_files
+from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
 from toppling.results.scene_table import scene_table
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files

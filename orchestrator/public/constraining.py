@@ -34,8 +34,7 @@ from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
-from toppling.results.drawing.constraint_words import all_words
-from toppling.results.drawing.event_words import event_words
+from toppling.results.drawing.constraint_words import all_words, event_words
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
 from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update

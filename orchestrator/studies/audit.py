@@ -26,7 +26,7 @@ from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.task import versions
-from toppling.results.audit_folder import (
+from toppling.results.run_integrity import (
     AUDIT_FOLDER,
     DRAWN_FILE,
     LEAST_JOBS,

@@ -5,6 +5,8 @@ matter how many workers there were and how often a run was stopped.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +15,18 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.context import JobSelection
+from toppling.orchestrator.context import JobSelection, Work
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
+from toppling.orchestrator.session import work_off
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.probit import answers_of
 from toppling.results.precision.statement import statement_of, write_statements
 from toppling.results.precision.target import Target
 from toppling.results.reader import open_run
+from toppling.results.store import result_files
 
 _CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
@@ -199,3 +203,26 @@ def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tup
         rows = ordered["row"].to_numpy(np.int64).reshape(len(catalog), -1, len(levels))
         found[tuple(float(value) for value in contact)] = Pool(rows, log_x)
     return found
+
+
+@dataclass(frozen=True)
+class FirstStatement:
+    """A first statement before the maps: rounds as for a precision, which come before a run's other jobs."""
+
+    precision: float  # half of the interval of 95 % at which they end
+    most_jobs: int  # after which they end however wide it is
+    say: Callable[[str], None]  # told the sentence
+    before: bool = True
+
+    def due(self, planned: Plan, folder: Path) -> bool:  # noqa: ARG002
+        """Whether no job has been done yet: later there is no first statement."""
+        return not result_files(folder)
+
+    def carry_out(self, work: Work) -> None:
+        """Shake the rounds, and say what they tell."""
+        wanted = JobsForPrecision(
+            work.planned, work.folder, self.precision, alone=False, most_jobs=self.most_jobs
+        )
+        work_off(wanted, work)
+        for one in wanted.statements:
+            self.say(one.get("words", one["sentence"]))

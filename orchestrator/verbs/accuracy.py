@@ -25,7 +25,7 @@ from toppling.orchestrator.verbs.options import (
     processes_option,
     scene_argument,
 )
-from toppling.results.drawing.presets import front_figure
+from toppling.results.drawing.study_figures import front_figure
 from toppling.results.drawing.style import save
 from toppling.workers.options import PRESETS
 

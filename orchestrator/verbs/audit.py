@@ -43,8 +43,8 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.orchestrator.studies.audit import audit as carry_out
     from toppling.orchestrator.task import versions
     from toppling.results.analysis.audit_statistics import audits_json, audits_of
-    from toppling.results.audit_folder import LEAST_JOBS
     from toppling.results.reader import open_run
+    from toppling.results.run_integrity import LEAST_JOBS
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()

@@ -133,7 +133,7 @@ def _check_table(table: Path, friction: float | None, given: list[Seismogram], *
     matrix = matrix_of(rows)
     if out := asked["out"]:
         from toppling.results.drawing.run_figures import save_table
-        from toppling.results.drawing.scenarios import scenarios_figure
+        from toppling.results.drawing.side_by_side_figures import scenarios_figure
         from toppling.results.drawing.style import save
 
         save_table(rows, out / "rows.csv")

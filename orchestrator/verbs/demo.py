@@ -138,7 +138,7 @@ def _run(out: Path, workers: int) -> int:
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run
     from toppling.orchestrator.studies.audit import Auditing
-    from toppling.orchestrator.studies.first_statement import FirstStatement
+    from toppling.orchestrator.studies.precision import FirstStatement
 
     _say(f"run: starting {workers} workers")
     first = FirstStatement(*_FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))

@@ -18,7 +18,7 @@ from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.verbs.options import FOLDER, option, run_argument
 from toppling.results.analysis.friction import friction_words
-from toppling.results.drawing.replay_page import write_replay
+from toppling.results.drawing.trajectory_figures import write_replay
 from toppling.results.reader import Run, open_run
 from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA, describe

@@ -50,8 +50,8 @@ from toppling.results.analysis.prediction_scores import (
     table,
     were_a_draw_true,
 )
+from toppling.results.drawing.study_figures import calibration_figure
 from toppling.results.drawing.style import save
-from toppling.results.drawing.validation_figures import calibration_figure
 from toppling.workers.options import PRESETS
 
 _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")

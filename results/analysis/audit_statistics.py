@@ -25,7 +25,8 @@ from toppling.models.files.digest import read_json
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact, wilson
 from toppling.results.analysis.regression import fit
-from toppling.results.audit_folder import (
+from toppling.results.reader import Run, as_frame
+from toppling.results.run_integrity import (
     AUDIT_FOLDER,
     DRAWN_FILE,
     LEAST_JOBS,
@@ -33,7 +34,6 @@ from toppling.results.audit_folder import (
     REFERENCE,
     check_place,
 )
-from toppling.results.reader import Run, as_frame
 from toppling.results.store import newest_rows, read_steady, result_files
 
 JOB = [

@@ -5,8 +5,7 @@ from typing import Any
 
 from toppling.models.frames import compass_deg, horizontal_unit_vector
 from toppling.results.analysis.directions import topple_rose
-from toppling.results.analysis.places import on_earth
-from toppling.results.analysis.side_by_side import Beside
+from toppling.results.analysis.side_by_side import Beside, on_earth
 
 ARROW_M = 100.0
 """Length of the line toward which all of a rock's topplings went."""

@@ -11,8 +11,7 @@ from toppling.models.files.folder import new_file
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint_figures import constraint_figure
-from toppling.results.drawing.event_figures import events_figure
-from toppling.results.drawing.hazard_figures import hazard_figure
+from toppling.results.drawing.hazard_figures import events_figure, hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page
 from toppling.results.drawing.report.event_page import event_page, unfinished
 from toppling.results.drawing.report.write import write_page

@@ -28,12 +28,11 @@ from toppling.results.analysis.fragility import (
 from toppling.results.analysis.friction import compare_frictions
 from toppling.results.analysis.lognormal import Resampled
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.fit_figures import fit_figure
+from toppling.results.drawing.fit_figures import fit_figure, surface_figure
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
-from toppling.results.drawing.surface_figures import surface_figure
 from toppling.results.hazard.surfaces import surface_of
 
 FIT_PARTS = 20

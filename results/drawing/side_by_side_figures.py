@@ -1,8 +1,9 @@
-"""Figures of several rocks: their fragilities with the medians beside, and where they stand."""
+"""Figures of several rocks: fragilities with the medians beside, where they stand, which scenarios topple which."""
 
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -19,6 +20,7 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
+from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
 """Rocks beyond which a row each would not be read."""
@@ -105,13 +107,13 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
         axes = figure.subplots()
         points = np.array([rock.place for rock in placed], float).reshape(-1, 2)
         medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
-        frame_map(axes, points)
+        _frame_map(axes, points)
         bare = np.isnan(medians)
         axes.scatter(points[bare, 0], points[bare, 1], marker="x", color="0.4", s=22, lw=0.9)
         if not bare.all():
             low, high = np.nanmin(medians), np.nanmax(medians)
             shades = LogNorm(low / 1.05, high * 1.05)
-            sizes = ring_sizes(points[~bare])
+            sizes = _ring_sizes(points[~bare])
             behind = np.argsort(-sizes)  # of rocks at one place each shows as a ring around the next
             x, y = points[~bare][behind].T
             dots = axes.scatter(
@@ -119,11 +121,11 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
             )
             bar = figure.colorbar(dots, ax=axes, shrink=0.8, label=measure_label(measure))
             plain_log(bar.ax.yaxis)
-        name_points(axes, points, [rock.name for rock in placed])
+        _name_points(axes, points, [rock.name for rock in placed])
     return figure
 
 
-def ring_sizes(points: np.ndarray) -> np.ndarray:
+def _ring_sizes(points: np.ndarray) -> np.ndarray:
     """Areas of dots (points squared), of which those at one place are larger one by one."""
     seen: dict[tuple[float, float], int] = {}
     sizes = []
@@ -133,7 +135,7 @@ def ring_sizes(points: np.ndarray) -> np.ndarray:
     return np.array(sizes)
 
 
-def frame_map(axes: Axes, points: np.ndarray) -> None:
+def _frame_map(axes: Axes, points: np.ndarray) -> None:
     """Axes of a map of longitudes and latitudes, degrees alike on the ground in both directions."""
     middle, reach = points.mean(axis=0), np.ptp(points, axis=0)
     shrink = np.cos(np.deg2rad(middle[1]))
@@ -147,7 +149,7 @@ def frame_map(axes: Axes, points: np.ndarray) -> None:
     axes.grid(lw=0.3, alpha=0.5)
 
 
-def name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
+def _name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
     """Name each point; those at one place share a label."""
     together: dict[tuple[float, float], list[str]] = {}
     for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
@@ -176,3 +178,69 @@ def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
                 arrowprops={"arrowstyle": "->", "color": ALARM_COLOUR, "lw": 1.2},
             )  # fmt: skip
     return figure
+
+
+_MOST_LABELS = 60
+_ROW_IN = 0.16
+
+
+def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
+    """Share of each rock's shakings that topple it under each scenario; below, where places are known, a map.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        From `orchestrator.studies.check_sites`: rock, longitude, latitude, outcome.
+    matrix : DataFrame
+        Share by rock (rows) and scenario (columns).
+    """
+    placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
+    height = 1.6 + _ROW_IN * min(len(matrix), _MOST_LABELS)
+    with style():
+        size = (FULL_WIDTH_IN, height + (4.4 if len(placed) else 0.0))
+        figure = Figure(figsize=size, layout="constrained")
+        if not len(placed):
+            _draw_matrix(figure.subplots(), matrix, figure)
+            return figure
+        above, below = figure.subplots(2, 1, height_ratios=(height, 4.4))
+        _draw_matrix(above, matrix, figure)
+        points = np.array([group[["longitude", "latitude"]].iloc[0] for _, group in placed], float)
+        shares = np.array([_share_as_they_are(group) for _, group in placed])
+        _frame_map(below, points)
+        sizes, bare = _ring_sizes(points), np.isnan(shares)
+        below.scatter(points[bare, 0], points[bare, 1], sizes[bare], marker="x", color="0.4", lw=0.9)
+        behind = np.argsort(-sizes)[~bare[np.argsort(-sizes)]]
+        x, y = points[behind].T
+        below.scatter(x, y, sizes[behind], shares[behind], cmap=COLOURS, vmin=0, vmax=1, ec="0.2", lw=0.5)
+        texts = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in shares]
+        names = [f"{name} {words}" for (name, _), words in zip(placed, texts, strict=True)]
+        _name_points(below, points, names)
+        below.set_title("share of scenarios that topple each rock as they are")
+    return figure
+
+
+def _share_as_they_are(rows: pd.DataFrame) -> float:
+    """Of the seismograms with an answer; not a number where there is none."""
+    known = rows["outcome"].isin(["stands", "moved", *TOPPLED_OUTCOMES])
+    toppled = rows["outcome"].isin(TOPPLED_OUTCOMES)
+    return float(toppled.sum() / known.sum()) if known.any() else float("nan")
+
+
+def _draw_matrix(axes: Axes, matrix: pd.DataFrame, figure: Figure) -> None:
+    values = np.ma.masked_invalid(matrix.to_numpy(float))
+    shades = COLOURS.with_extremes(bad="0.9")
+    image = axes.imshow(values, aspect="auto", cmap=shades, vmin=0, vmax=1, interpolation="nearest")
+    few = max(1, int(np.ceil(matrix.shape[1] / _MOST_LABELS)))
+    axes.set_xticks(
+        range(0, matrix.shape[1], few),
+        [str(name)[:16] for name in matrix.columns[::few]],
+        rotation=90,
+        size=6,
+    )
+    few = max(1, int(np.ceil(matrix.shape[0] / _MOST_LABELS)))
+    axes.set_yticks(range(0, matrix.shape[0], few), [str(name)[:24] for name in matrix.index[::few]], size=6)
+    axes.set(
+        xlabel="scenario",
+        title="share toppled, with the seismogram a little weaker and stronger too (grey: none)",
+    )
+    figure.colorbar(image, ax=axes, shrink=0.9, label="share toppled")

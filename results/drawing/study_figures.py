@@ -1,14 +1,21 @@
-"""Figures that only the study draws: the ramp of figure 4, and what directionality its records have."""
+"""Figures of studies alone: the ramp of figure 4, directionality, cost of presets, calibration of a validation."""
+
+from __future__ import annotations
+
+import math
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from statsmodels.stats.proportion import proportion_confint
 
 from toppling.models.frames import compass_deg
 from toppling.results.analysis.fragility import DIRECTION_BINS, direction_bin_deg
 from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
-from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
 
 _PETAL_DEG = 15.0
 
@@ -125,4 +132,72 @@ def directionality_figure(motions: pd.DataFrame) -> Figure:
         axes.set_title(
             f"{len(values)} records, {int((values > 0.9).sum())} above 0.9: without strong directionality"
         )
+    return figure
+
+
+_FRONT_PANELS = {
+    "median_shift": "median PGA (%)",
+    "share_shift": "share toppled (points)",
+    "tilt_log_ratio": "tilt where both stand (%)",
+}
+
+
+def front_figure(table: pd.DataFrame) -> Figure:
+    """What each setting moves of the answer, against its cost; bars of one standard deviation over jobs.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns setting, processor_s_per_job, and for each panel its shift and, with `_std`, the standard deviation.
+    """
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 2.9))
+        for axes, (column, label) in zip(
+            figure.subplots(1, 3, sharex=True), _FRONT_PANELS.items(), strict=True
+        ):
+            axes.axhline(0.0, color="0.5", linewidth=0.8)
+            for number, (_, row) in enumerate(table.iterrows()):
+                axes.errorbar(
+                    row["processor_s_per_job"], 100.0 * row[column], 100.0 * row[f"{column}_std"],
+                    fmt="osD^vPX"[number % 7], ms=4.5, elinewidth=0.7, capsize=2, label=row["setting"],
+                    color=COLOURS(number / len(table)), zorder=3,
+                )  # fmt: skip
+            axes.set_xscale("log")
+            plain_log(axes.xaxis)
+            axes.margins(x=0.15)
+            axes.set_xlabel("cost (processor s per job)")
+            axes.set_ylabel(f"shift of the\n{label}")
+        figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=3, frameon=False)
+        sns.despine(figure)
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.07 * math.ceil(len(table) / 3)))
+    return figure
+
+
+def calibration_figure(
+    bins: pd.DataFrame, probability: NDArray[np.float64], overturned: NDArray[np.bool_], title: str
+) -> Figure:
+    """Shares that overturned over the predicted probability, and below it how many tests had which probability.
+
+    Intervals of 95 % (Wilson) count tests as independent, which those of one record are not.
+    """
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, 1.25 * HALF_WIDTH_IN), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        above.plot([0, 1], [0, 1], color="0.7", linewidth=0.8)
+        hits = bins["overturned"] * bins["tests"]
+        low, high = proportion_confint(hits, bins["tests"], method="wilson")
+        spread = np.abs(np.vstack([bins["overturned"] - low, high - bins["overturned"]]))
+        above.errorbar(
+            bins["probability"], bins["overturned"], yerr=spread, fmt="o", markersize=4, color="0.1"
+        )
+        for x, y, tests in bins[["probability", "overturned", "tests"]].itertuples(index=False):
+            above.annotate(f"{int(tests)}", (x, y), xytext=(5, -9), textcoords="offset points", fontsize=7)
+        above.set(xlim=(0, 1), ylim=(-0.03, 1.03), ylabel="share that overturned", title=title)
+        edges = np.linspace(0.0, 1.0, 21)
+        below.hist(
+            [probability[~overturned], probability[overturned]], edges, stacked=True, color=["0.75", "0.25"],
+            label=["stood", "overturned"],
+        )  # fmt: skip
+        below.set(xlabel="predicted probability", ylabel="tests")
+        below.legend(fontsize=7, frameon=False)
     return figure

@@ -1,14 +1,20 @@
-"""One shake against time: ground motion, tilt and displacement of the rock."""
+"""One shake seen closely: table, plots against time, a page that plays and a moving picture of the rock."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from toppling.models.files.folder import new_file
 from toppling.models.motions.motion import Motion
-from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, style
+from toppling.results.drawing.animation import moving_picture
+from toppling.results.drawing.page import replay_page
+from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, save, style
+from toppling.results.replayed_job import Replay, trajectory_table
 
 _COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
 AFTER_FALL_S = 1.0
@@ -76,3 +82,24 @@ def _mark_no_return(grid: Sequence[Axes], topple_time_s: float, late: bool) -> N
         "no return", (topple_time_s, 0.88), xycoords=("data", "axes fraction"), size=7, color=ALARM_COLOUR,
         ha="right" if late else "left", xytext=(-3 if late else 3, 0), textcoords="offset points",
     )  # fmt: skip
+
+
+def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
+    """Write table (Parquet, CSV), plots (PNG, SVG), page and moving picture; yields each path once it is whole."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table = trajectory_table(replay)
+    frame = table.to_pandas()
+    with new_file(folder / "trajectory.parquet") as hidden:
+        pq.write_table(table, hidden, compression="zstd")
+    yield folder / "trajectory.parquet"
+    with new_file(folder / "trajectory.csv") as hidden:
+        frame.to_csv(hidden, index=False, float_format="%.7g")
+    yield folder / "trajectory.csv"
+    figure = trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
+    yield from save(figure, folder / "trajectory")
+    with new_file(folder / "replay.html") as hidden:
+        hidden.write_text(replay_page(replay, title), encoding="utf-8")
+    yield folder / "replay.html"
+    with new_file(folder / "replay.gif") as hidden:
+        moving_picture(replay, hidden, title)
+    yield folder / "replay.gif"

@@ -19,8 +19,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies.first_statement import FirstStatement
-from toppling.orchestrator.studies.precision import JobsForPrecision, pools
+from toppling.orchestrator.studies.precision import FirstStatement, JobsForPrecision, pools
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run

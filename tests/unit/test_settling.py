@@ -26,7 +26,7 @@ from toppling.orchestrator.run import run
 from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.drawing import settling_figure as drawing
+from toppling.results.drawing import roses as drawing
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.sections import scene_section

@@ -5,9 +5,8 @@ from typing import Any
 import pandas as pd
 
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.constraint_words import answer
-from toppling.results.drawing.event_figures import MOST_PANELS, events_figure
-from toppling.results.drawing.event_words import event_words
+from toppling.results.drawing.constraint_words import answer, event_words
+from toppling.results.drawing.hazard_figures import MOST_PANELS, events_figure
 from toppling.results.drawing.report.constraint_page import (
     branches_table,
     changes_part,

@@ -10,7 +10,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.answers import checked
+from toppling.orchestrator.execution import checked
 from toppling.results.store import table_of
 from toppling.workers.job import Assets, JobSpec, run_job
 

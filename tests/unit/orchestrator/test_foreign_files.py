@@ -20,10 +20,9 @@ from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.studies.audit import AUDITORS
 from toppling.orchestrator.task import versions
-from toppling.orchestrator.watch import shown
-from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, REFERENCE, write_jobs
+from toppling.orchestrator.verbs.watch import shown
 from toppling.results.reader import open_run
-from toppling.results.run_integrity import NEEDED
+from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, NEEDED, REFERENCE, write_jobs
 from toppling.results.store import compact, finished_ids, write_part
 from toppling.results.weights import WEIGHTS_FILE, Weights
 from toppling.workers.job import Assets, run_job

@@ -13,9 +13,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.advice import warnings_of
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.campaign_template import levels_between
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.pilot import Pilot, levels_to_try, spread_records, try_out
+from toppling.orchestrator.verbs.init import levels_between
 
 
 @pytest.fixture(scope="module")

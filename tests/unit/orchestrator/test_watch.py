@@ -25,7 +25,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.task import lost_row, versions
-from toppling.orchestrator.watch import shown, watching
+from toppling.orchestrator.verbs.watch import shown, watching
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 

@@ -21,8 +21,7 @@ from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.geography import ARROW_M, directions_geojson, geojson
-from toppling.results.analysis.places import on_earth
-from toppling.results.analysis.side_by_side import beside_each_other
+from toppling.results.analysis.side_by_side import beside_each_other, on_earth
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 

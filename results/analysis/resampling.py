@@ -148,8 +148,6 @@ def _plane(coordinates: Array) -> Array:
     )
 
 
-Array = NDArray[np.float64]
-
 _STEPS = 30
 _EPSILON = float(np.finfo(float).eps)
 _TOLERANCE = 1e-9

@@ -430,6 +430,15 @@ def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
     assert not caught.toppled
 
 
+@pytest.mark.parametrize("slope_deg", [15, -15])
+def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_deg):
+    """One foot comes to stand higher than the other by more than a quarter of the centre of mass's height."""
+    scene = block_on(slope_deg, slope_deg, friction=0.4, half_width=0.4, half_height=0.25, foot_m=0.245)
+    slid = shake(scene, pulse(0.8 * G, 0.25), "fast")
+    assert slid.slip_m > 0.1
+    assert (slid.outcome, slid.toppled) == ("moved", False)
+
+
 @pytest.mark.parametrize(
     ("left", "right", "friction"), [(30, 30, 0.6), (0, -15, 0.8), (-15, -15, 0.8), (0, 30, 0.6)]
 )

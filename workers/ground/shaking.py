@@ -240,13 +240,19 @@ class GroundShaking:
         return not self._held_from_below(last) and self._held_from_below(start)
 
     def _held_from_below(self, pose: Array) -> bool:
-        """Whether the contacts below a rock at rest hold it: not steep, and not high above the lowest one."""
+        """Whether contacts below a rock at rest hold it: not steep, and not far up a rock that lies against them."""
+        near, height_m = self._carrying(pose)
+        _, first_m = self._carrying(self.sim.pose[0])
+        low = height_m < first_m.max(initial=-np.inf) + TOPPLED_FALL * self._stood_m
+        return bool(self.body.hold(near[low], self.body.load_m_s2()[None])[0])
+
+    def _carrying(self, pose: Array) -> tuple[np.ndarray, Array]:
+        """Contacts that are not steep, and how high on the rock as it stood at the start they touch it."""
         near = self.body.near_contacts(pose, TOUCHING_SHARE * self.body.size_m)
         up = self.body.scene_from_support[2]
-        over_m = near["place_m"] @ up
-        low = over_m < over_m.min(initial=np.inf) + TOPPLED_FALL * self._stood_m
-        below = near[low & (near["normal"] @ up > _STEEP)]
-        return bool(self.body.hold(below, self.body.load_m_s2()[None])[0])
+        near = near[near["normal"] @ up > _STEEP]
+        upright = quat.matrix(pose[3:]) @ quat.matrix(self.sim.pose[0, 3:]).T @ up
+        return near, near["arm_m"] @ upright
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 1 < len(self.sim.time_s):

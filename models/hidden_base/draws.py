@@ -197,9 +197,10 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
     while True:
         facets = ConvexHull(np.vstack([feet[kept], fixed])).equations
         down = facets[facets[:, 2] < _LEAST_DOWN]
-        below = feet @ down[:, :3].T + down[:, 3]
+        below = down[:, :3] @ feet.T + down[:, 3:]
+        lowest = below.argmax(axis=1)
         worst = np.zeros(len(feet), bool)
-        worst[below.argmax(axis=0)[below.max(axis=0) > tolerance_m]] = True
+        worst[lowest[below[np.arange(len(down)), lowest] > tolerance_m]] = True
         if not (worst & ~kept).any():
             return feet[kept]
         kept |= worst

@@ -12,8 +12,6 @@ from toppling.models.scan.doubt import SECTORS, sectors
 
 LEVELS = 24
 """Over a rock's height, in which outlines are taken."""
-TOP = 0.8
-"""Upward part of a normal from which on a patch belongs to a top and to no outline."""
 _LEAST_PATCHES = 3
 """Of a level in a direction."""
 _FITTED = 8

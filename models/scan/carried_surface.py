@@ -94,7 +94,7 @@ def level_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float, pl
         return plane
     lattice = _lattice_m(_inside(ring, surfels.voxel_m), height_m)
     nothing, middle = np.zeros((0, 3)), ring.mean(axis=0)
-    return replace(plane, sheet=Sheet(np.zeros((1, 3)), "plane", nothing, middle, 0.0, 0.0, lattice, ring))
+    return replace(plane, sheet=Sheet(np.zeros((1, 3)), "plane", nothing, middle, 0.0, lattice, ring))
 
 
 def _ring(
@@ -181,8 +181,7 @@ def _faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
     if (off[best] < 2.0 * _FACET_PER_HEIGHT * height_m) @ area < _EXPLAINED * area.sum():
         return None
     sheet = _refitted(sheets[best], flat)
-    noise = 1.4826 * float(np.median(np.abs(sheet.at(flat) - flat[:, 2])))
-    return replace(sheet, middle_m=flat[:, :2].mean(axis=0), noise_m=noise)
+    return replace(sheet, middle_m=flat[:, :2].mean(axis=0))
 
 
 def _refitted(sheet: Sheet, flat: Array) -> Sheet:
@@ -266,9 +265,9 @@ def _meetings(planes: Planes, flat: Array) -> Iterator[Sheet]:
     """Ways in which facets may meet below the rock."""
     nothing, middle = np.zeros((0, 3)), np.zeros(2)
     for how in ("hollow", "ridge"):
-        yield Sheet(planes, how, nothing, middle, 0.0, 0.0)
+        yield Sheet(planes, how, nothing, middle, 0.0)
     off = np.abs(np.array([_heights(plane, flat) for plane in planes]) - flat[:, 2])
-    yield Sheet(planes, "steps", _sides(off.argmin(axis=0), len(planes), flat), middle, 0.0, 0.0)
+    yield Sheet(planes, "steps", _sides(off.argmin(axis=0), len(planes), flat), middle, 0.0)
 
 
 def _sides(label: NDArray[np.intp], count: int, flat: Array) -> Array:
@@ -302,4 +301,4 @@ def _curved(flat: Array, below: Array, height_m: float) -> Sheet | None:
     a, b, c, uu, uv, vv = bend
     at_zero = np.array([a - b * middle[0] - c * middle[1], b, c])
     reach = float(np.linalg.norm(flat[:, :2] - middle, axis=1).max())
-    return Sheet(at_zero[None], "curve", np.array([[uu, uv, vv]]), middle, reach, noise)
+    return Sheet(at_zero[None], "curve", np.array([[uu, uv, vv]]), middle, reach)

@@ -17,7 +17,7 @@ from toppling.models.scan.candidates import (
 )
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface import fitted_plane
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surfels import LEVEL, Surfels
 
 _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
@@ -25,8 +25,6 @@ _NEAR_HEIGHTS = 1.5
 """A top farther from where the user points than this many of its heights is not meant."""
 _LEAST_LOOP = 3
 """Places of an outline that lie in a plane."""
-_LEVEL = 0.8
-"""Upward part of the normals of a cliff's or wall's top."""
 _TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
 """How near to a thing such a top lies, in its heights, how high, as shares of the way from the ground to the thing's
 top, and how many of its patches are enough."""
@@ -123,7 +121,7 @@ def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
     around = np.hypot(*away_m.T) < _TERRACE_HEIGHTS * thing.height_m
     lowest_m = float(coarse.points_m[around, 2].min())
     up = (coarse.points_m[:, 2] - lowest_m) / max(float(thing.top_m[2]) - lowest_m, coarse.voxel_m)
-    level = around & (coarse.normals[:, 2] > _LEVEL) & (up > _TERRACE[0]) & (up < _TERRACE[1])
+    level = around & (coarse.normals[:, 2] > LEVEL) & (up > _TERRACE[0]) & (up < _TERRACE[1])
     if level.sum() < _LEAST_TERRACE:
         return "", ""
     high_m = float(np.median(coarse.points_m[level, 2])) - lowest_m

@@ -9,8 +9,9 @@ import open3d as o3d
 from scipy.spatial import QhullError
 
 from toppling.models.arrays import Array
-from toppling.models.hidden_base.sides_seen import LEVELS, TOP, SidesSeen
+from toppling.models.hidden_base.sides_seen import LEVELS, SidesSeen
 from toppling.models.hidden_base.unseen_side import UnseenSide
+from toppling.models.scan.surfels import LEVEL
 
 _LEAST_PATCHES = 40
 _NEIGHBOURS = 9
@@ -22,7 +23,7 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
     base: over whose unseen range the side is closed.
     flat_m, normals: (n, 3), of the rock's patches.
     """
-    upright = normals[:, 2] < TOP
+    upright = normals[:, 2] < LEVEL
     side, sides = flat_m[upright], SidesSeen.of(flat_m, normals, base.middle_m)
     levels = np.linspace(side[:, 2].min(), side[:, 2].max(), LEVELS + 1)
     height_m, rings, ways = np.diff(levels)[0], [], []

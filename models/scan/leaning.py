@@ -22,7 +22,7 @@ from toppling.models.scan.choice import circles_around
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import ROCK, Segmentation, segment
-from toppling.models.scan.surfels import Surfels, orient, thin
+from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
 
 _CREASE_VOXELS = 5.0
 """Patches so near to a body are its."""
@@ -43,8 +43,8 @@ _FOOT_VOXELS = 4.0
 _FOOT, _HIGH = 0.12, 0.2
 """Of a body's height: what touches below carries it, what touches above holds it."""
 _LEAST_TOUCHES, _LEAST_FOOT = 8, 8
-_LEVEL, _FACES_DOWN = 0.8, -0.5
-"""Upward parts of normals: what lies so level carries, unless the body's own face leans over it."""
+_FACES_DOWN = -0.5
+"""Upward part of normals: what lies level carries, unless the body's own face leans over it by so much."""
 _BESIDE_VOXELS = 0.7
 """A weight so far outside the foot is not carried by it alone: patches tell the foot to their width."""
 _TOWARD = 0.5
@@ -193,7 +193,7 @@ def _lean(surfels: Surfels, own: Flags, counts: Flags) -> Lean | None:
     if len(foot) < _LEAST_FOOT or len(held) < _LEAST_TOUCHES:
         return None
     below = np.median(surfels.normals[~own & counts][nearest[holds], 2])
-    if below > _LEVEL and np.median(surfels.normals[own][holds, 2]) > _FACES_DOWN:
+    if below > LEVEL and np.median(surfels.normals[own][holds, 2]) > _FACES_DOWN:
         return None  # it is carried there, and hangs down over an edge
     try:
         com = _middle_of_hull(points)

@@ -85,8 +85,8 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     Returns Cloud: the same one where it has one station only or nothing is gained.
     Returns dict: residual (robust standard deviation of the point-to-plane distances) before and after, shift and
     turn of each station; `of_stations`: the residual of each, the share of its points near to others' that show the
-    same place, none where nothing is near, and what it leaves by itself (`own_m`). A residual is none where no two
-    stations show a common place.
+    same place, none where nothing is near, and, of two, what it leaves by itself (`own_m`). A residual is none where no
+    two stations show a common place.
     """
     count = int(cloud.station.max()) + 1
     if count < 2:
@@ -159,14 +159,20 @@ def _check_two(
     fits: list[dict[str, float | None]], voxel_m: float, files: tuple[tuple[str, int], ...]
 ) -> None:
     """Refuse two stations that do not fit each other, however they lie: of two nobody can say which is off."""
-    residuals = [each["residual_m"] or 0.0 for each in fits]
+    residuals = [each["residual_m"] for each in fits if each["residual_m"] is not None]
     own = [each["own_m"] or np.inf for each in fits]
     of_voxel, of_own = _TWO_OFF
-    if min(residuals) < of_voxel * voxel_m or min(np.divide(residuals, own)) < of_own:
+    if len(residuals) < 2:
+        what = "where one saw points, none of the other lies on the same surface"
+    elif min(residuals) < of_voxel * voxel_m or min(np.divide(residuals, own)) < of_own:
         return
+    else:
+        what = (
+            f"where both saw a place they are {max(residuals):.2g} m apart, and points of one lie within "
+            f"{max(own):.2g} m of its own surface"
+        )
     raise InputError(
-        f"the two stations do not fit each other: where both saw a place they are {max(residuals):.2g} m apart, and "
-        f"points of one lie within {max(own):.2g} m of its own surface",
+        f"the two stations do not fit each other: {what}",
         where=" and ".join(dict.fromkeys(name for name, _ in files)),
         expected="stations registered to each other, with what is left small enough to be taken out here",
         remedy="one of them is off, or turned: register the two anew, or give a third station, which tells which",
@@ -229,7 +235,7 @@ def _fits(
             distance, near = cKDTree(points).query(own, distance_upper_bound=_NEARBY_VOXELS * voxel_m)
             nearby = np.isfinite(distance)
         if not len(own) or not len(points) or nearby.sum() < _LEAST_PAIRS:
-            found.append({"residual_m": None, "paired_share": None, "own_m": None})
+            found.append({"residual_m": None, "paired_share": None})
             continue
         normal = normals[near[nearby]]
         met = distance[nearby] < _REACH_VOXELS[-1] * voxel_m
@@ -239,9 +245,11 @@ def _fits(
             {
                 "residual_m": 1.4826 * float(np.median(gap)) if met.any() else None,
                 "paired_share": float(met.mean()),
-                "own_m": _own_residual_m(each),
             }
         )
+    paired = [k for k, fit in enumerate(found) if fit["paired_share"] is not None]
+    for number in paired if len(paired) == 2 else []:  # of more the others tell which is off
+        found[number]["own_m"] = _own_residual_m(placed[number])
     return found
 
 

@@ -28,7 +28,6 @@ class Sheet:
     sides: Array
     middle_m: Array  # (2,)
     reach_m: float  # beyond this distance from the middle a curve goes on as at it
-    noise_m: float  # misfit of what was seen
     # Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same
     # triangles.
     lattice_m: float = 0.0

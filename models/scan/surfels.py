@@ -16,6 +16,8 @@ _STRAY_SHARE = 0.2
 """A voxel with less than this share of the points of a typical neighbour holds strays only."""
 
 
+LEVEL = 0.8
+"""Upward part of a normal from which on a patch lies level: it is of a top, carries, and belongs to no side."""
 _PLANT_ROUGHNESS, _OF_A_PLANT = 0.3, 9
 """Thickness over width, in the median of so many patches, above which they are a plant's."""
 

@@ -126,8 +126,8 @@ def work_out(
     inspection: Inspection | None = None,
 ) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
-    if inspection is not None:
-        inspection.check(*cloud.bounds_m)
+    inspection = inspection or Inspection()
+    inspection.check(*cloud.bounds_m)
     progress("registering stations")
     fitted = cloud if isinstance(cloud, Registered) else registered(cloud)
     cloud = fitted.cloud
@@ -137,10 +137,11 @@ def work_out(
     try:
         parts = _split(cloud, near, hint)
         progress("fitting the interface")
-        observed, label, pedestal, interface = _classified(cloud, parts, hint)
+        judged = _classified(cloud, parts, hint)
     except InputError as error:
         raise with_reason(error, cloud.points_m) from error
-    _check_sense(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
+    observed, label, pedestal, interface = judged.observed, judged.label, judged.pedestal, judged.interface
+    _check_sense(observed, interface, inspection.moved(cloud.origin_m))
     told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
     progress("closing the rock")
     closed, core = close_standing(observed, interface)
@@ -152,7 +153,7 @@ def work_out(
     seen = at_most(np.flatnonzero(label == PEDESTAL), _BESIDE_POINTS)
     kept = kept_of(ground, cloud.points_m[seen], interface)
     stands = None
-    if interface.edge is None:
+    if interface.edge is None and not judged.stands_alone:
         stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
     ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
     report = {
@@ -173,7 +174,7 @@ def work_out(
         cloud.origin_m,
         fitted.bounds_m,
         report,
-        inspection or Inspection(),
+        inspection,
     )
     return worked_out, label, tuple(filter(None, told))
 
@@ -286,10 +287,19 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float
     return near
 
 
-def _classified(
-    cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
-) -> tuple[ObservedRock, NDArray[np.int8], NDArray[np.bool_], Interface]:
-    """What was seen of rock and pedestal, the label of each point, which patches are pedestal, and the interface."""
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What was seen of rock and pedestal."""
+
+    observed: ObservedRock
+    label: NDArray[np.int8]  # (n,), of each point
+    pedestal: NDArray[np.bool_]  # (k,): which patches are the pedestal's
+    interface: Interface
+    stands_alone: bool  # nothing that no map of heights shows is in reach of the tilting rock
+
+
+def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -> _Judged:
+    """Rock, pedestal and interface, by the crevice at full resolution."""
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
@@ -314,7 +324,8 @@ def _classified(
     pedestal = surfel_label == PEDESTAL
     if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
         interface = hangs.interface
-    if interface.is_bare and stands_beside(surfels, rock, pedestal, interface, height):
+    stands_alone = interface.is_bare and not stands_beside(surfels, rock, pedestal, interface, height)
+    if interface.is_bare and not stands_alone:
         interface = level_surface(surfels, rock, height, interface)
     top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
@@ -322,7 +333,7 @@ def _classified(
     standing, below = _beside(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
-    return observed, label, pedestal, interface
+    return _Judged(observed, label, pedestal, interface, stands_alone)
 
 
 def _beside(

@@ -31,7 +31,7 @@ from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 _MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 

@@ -137,9 +137,7 @@ def test_surface_is_linear_within_the_triangles_of_its_mesh():
 
 
 def test_sheet_survives_its_document():
-    sheet = Sheet(
-        np.array([[0.1, 0.2, 0.3]]), "curve", np.array([[1.0, 0.5, 2.0]]), np.ones(2), 0.4, 1e-4, 0.05
-    )
+    sheet = Sheet(np.array([[0.1, 0.2, 0.3]]), "curve", np.array([[1.0, 0.5, 2.0]]), np.ones(2), 0.4, 0.05)
     places = np.random.default_rng(2).normal(size=(20, 2))
     assert np.array_equal(Sheet.of(sheet.to_json()).at(places), sheet.at(places))
 
@@ -171,7 +169,7 @@ def test_a_base_that_fits_its_facets_is_held_as_friction_cones_say(ends_deg):
     left, right = (math.tan(math.radians(each)) for each in ends_deg)
     how = "hollow" if sum(ends_deg) > 0 else "ridge"
     planes = np.array([[0.0, -left, 0.0], [0.0, right, 0.0]])
-    sheet = Sheet(planes, how, np.zeros((0, 3)), np.zeros(2), 0.0, 0.0, 0.025)
+    sheet = Sheet(planes, how, np.zeros((0, 3)), np.zeros(2), 0.0, 0.025)
     interface = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0, sheet)
     found = on_surface(truth_on(height_at).rock, interface, azimuths_deg)
     assert found == pytest.approx(held_in_truth_m_s2(height_at, azimuths_deg), rel=0.01)

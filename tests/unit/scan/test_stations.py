@@ -94,6 +94,14 @@ def test_two_stations_of_which_one_is_turned_about_the_rock_are_refused(cloud, t
     assert error.value.where == "one and other"
 
 
+def test_two_stations_that_show_other_places_though_they_lie_near_are_refused():
+    told = {"voxel_m": 0.02, "of_stations": [{"residual_m": None, "paired_share": 0.0, "own_m": 0.001}] * 2}
+    files = (("one", 2), ("other", 2))
+    two = Cloud(np.zeros((4, 3)), np.zeros(3), np.repeat([0, 1], 2).astype(np.int32), files)
+    with pytest.raises(InputError, match="none of the other lies on the same surface"):
+        check_fit(two, told)
+
+
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
 @pytest.mark.parametrize("turn_deg", [0.0, 3.0])
 def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, noise_m):

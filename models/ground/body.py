@@ -50,6 +50,9 @@ _QUASI_STATIC_STEP = 0.003
 _FOLLOWED_SHARE = 0.4
 """Of R: way on which a rock that tips is followed past the largest: over the facets of a coarse rounded base."""
 
+_ALMOST_SHARE = 0.01
+"""Of R: a rock that is shifted to where it touches is looked for so near, and farther by twice its latest shift."""
+
 _FOOT = 0.2
 """Of the rock's extent upward: contacts below are its foot."""
 
@@ -211,21 +214,22 @@ class GroundedBody:
             If the rock is farther from the ground than a tenth of its size, or as deep in it.
         """
         pose, up = pose.copy(), self.scene_from_support[2]
-        margin = FOUND_WITHIN * self.size_m
+        farthest_m = margin_m = FOUND_WITHIN * self.size_m
         for _ in range(20):
-            near = self.contacts(pose, margin)
+            near = self.contacts(pose, margin_m)
             carrying = near[near["normal"] @ up > 0.1]
             if len(carrying) == 0:
                 raise InputError(
                     "the rock does not touch the ground",
                     where="scene",
-                    expected=f"a rock within {margin:.3g} m of its pedestal's surface",
+                    expected=f"a rock within {farthest_m:.3g} m of its pedestal's surface",
                     remedy="give rock and pedestal in one frame, the rock as it stands",
                 )
             rise = -float((carrying["gap_m"] / (carrying["normal"] @ up)).min())
             pose[:3] += rise * up
             if abs(rise) < 1e-9 * self.size_m:
                 break
+            margin_m = min(2.0 * abs(rise) + _ALMOST_SHARE * self.size_m, farthest_m)
         return pose
 
     @cached_property

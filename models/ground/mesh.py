@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from toppling.models.compiled import Array, Flags, Indices
 
 _CELLS = 40
-"""Cells of the grid along the longest side of what is looked up."""
+"""Cells of the grid along the longest side of what is looked up, or more, that none is longer than the reach."""
 
 _FLAT_SHARE = 1e-6
 """Sine of the angle between two triangles up to which they are one face."""
@@ -28,6 +28,8 @@ class ContactMesh(NamedTuple):
         Unit, toward the free side.
     offsets_m : (m,) array
         Of the triangles' planes from the origin, along their normals.
+    middles_m, radii_m : (m, 3) array, (m,) array
+        Spheres around the triangles.
     edge_of : (m, 3) int array
         Edge opposite to none: edge k of a triangle joins its corners k and k + 1.
     triangles_at_edge : (e,) int array
@@ -39,6 +41,8 @@ class ContactMesh(NamedTuple):
         Unit vectors from point i to its neighbours: ways[first_way[i]:first_way[i + 1]].
     edges : (k, 2) int array
         Vertices of the edges that can touch another body's edges.
+    edge_middles_m, edge_halves_m : (k, 3) array, (k,) array
+        Spheres around these.
     inward : (k, 2, 3) array
         For each of these, unit vectors in its triangles, away from it; of an edge of one triangle twice the same.
     origin_m, cell_m, shape
@@ -53,6 +57,8 @@ class ContactMesh(NamedTuple):
     faces: Indices
     normals: Array
     offsets_m: Array
+    middles_m: Array
+    radii_m: Array
     edge_of: Indices
     triangles_at_edge: Indices
     triangles_at_vertex: Indices
@@ -60,6 +66,8 @@ class ContactMesh(NamedTuple):
     first_way: Indices
     ways: Array
     edges: Indices
+    edge_middles_m: Array
+    edge_halves_m: Array
     inward: Array
     origin_m: Array
     cell_m: float
@@ -73,10 +81,10 @@ class ContactMesh(NamedTuple):
 _NONE = np.zeros((0, 3), np.int64)
 
 NO_MESH = ContactMesh(
-    np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(),
-    _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(), np.zeros((0, 2, 3)),
-    np.zeros(3), 1.0, np.ones(3, np.int64), np.zeros(2, np.int64), _NONE[:, 0].copy(), np.zeros(2, np.int64),
-    _NONE[:, 0].copy(),
+    np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
+    _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(),
+    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), np.zeros(3), 1.0, np.ones(3, np.int64), np.zeros(2, np.int64),
+    _NONE[:, 0].copy(), np.zeros(2, np.int64), _NONE[:, 0].copy(),
 )  # fmt: skip
 """That of a body which touches with no mesh."""
 
@@ -107,6 +115,8 @@ def contact_mesh(
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     offsets = (normals * corners[:, 0]).sum(axis=1)
+    middles = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
     edge_of, ends, shares = _edges(faces)
     stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
     if touching is not None:
@@ -115,15 +125,17 @@ def contact_mesh(
         np.maximum(low_m, vertices.min(axis=0)) - reach_m,
         np.minimum(high_m, vertices.max(axis=0)) + reach_m,
     )
-    cell = float((high - low).max()) / _CELLS
+    cell = min(float((high - low).max()) / _CELLS, reach_m)
     shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)
     first, near = _register(corners, low, cell, shape, reach_m)
     kept = ends[stands_out]
     first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
+    start, end = vertices[kept[:, 0]], vertices[kept[:, 1]]
     points = np.unique(kept)
     return ContactMesh(
-        vertices, faces, normals, offsets, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
-        points, *_ways(vertices, ends, points), kept, inward[stands_out],
+        vertices, faces, normals, offsets, middles, radii, edge_of, shares,
+        np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
+        kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
         low, cell, shape, first, near, first_edge, near_edges,
     )  # fmt: skip
 

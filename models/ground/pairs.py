@@ -18,8 +18,8 @@ MOST_AT_A_POINT, FEATURES_AT_A_POINT = 8, 24
 RADIUS, REACH, WAY, NEAR = range(4)
 """Of `Pairs.lengths_m`."""
 
-_NEAR_MARGINS = 4.0
-"""A list that reaches so many margins beyond the way since is longer than the steps that now come need."""
+_NEAR_MARGINS, _MOST_NEAR_MARGINS = 4.0, 12.0
+"""So many margins beyond the way since a list reaches, and at most: it is longer then than the steps that come need."""
 
 
 class PointRoom(NamedTuple):
@@ -134,7 +134,8 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
             continue
         for place in range(mesh.first[cell], mesh.first[cell + 1]):
             t = mesh.near[place]
-            if abs(dot(mesh.normals[t], q) - mesh.offsets_m[t]) >= reach:
+            aside, far = minus(q, mesh.middles_m[t]), reach + mesh.radii_m[t]
+            if dot(aside, aside) >= far * far or abs(dot(mesh.normals[t], q) - mesh.offsets_m[t]) >= reach:
                 continue
             f = mesh.faces[t]
             _, c = nearest(q, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
@@ -153,17 +154,20 @@ def _list_edges(
     """Pairs of edges within a reach, of the rock's vertices as they are placed, and a mark on each edge of ground."""
     count, (placed, seen) = 0, of
     for i in range(len(rock.edges)):
+        begin = count
         a, b = placed[rock.edges[i, 0]], placed[rock.edges[i, 1]]
         way = minus(b, a)
         length = math.sqrt(dot(way, way))
-        parts = int(length / ground.cell_m) + 1
+        parts, middle = int(length / ground.cell_m) + 1, plus(a, 0.5, way)
         for part in range(parts):
             cell = cell_of(ground, plus(a, (part + 0.5) / parts, way))
             if cell < 0:
                 continue
             for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):
                 j = ground.near_edges[place]
-                if seen[j] == i or count >= len(pairs.rock_edge):
+                aside, far = minus(middle, ground.edge_middles_m[j]), ground.edge_halves_m[j]
+                far += 0.5 * length + reach
+                if dot(aside, aside) >= far * far or seen[j] == i or count >= len(pairs.rock_edge):
                     continue
                 seen[j] = i
                 c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
@@ -171,10 +175,19 @@ def _list_edges(
                     continue
                 _, _, far = between(a, way, c, minus(d, c))
                 if far < reach * reach:
-                    pairs.rock_edge[count], pairs.ground_edge[count] = i, j
-                    pairs.apart_m[2, count] = math.sqrt(far)
+                    _insert_edge(pairs, begin, count, (i, j), math.sqrt(far))
                     count += 1
     return count
+
+
+@inner
+def _insert_edge(pairs: Listed, begin: int, count: int, pair: tuple[int, int], apart_m: float) -> None:
+    """Put a pair where it belongs among those of the same edge of the rock: their order depends on no pose."""
+    k, (i, j) = count, pair
+    while k > begin and pairs.ground_edge[k - 1] > j:
+        pairs.ground_edge[k], pairs.apart_m[2, k] = pairs.ground_edge[k - 1], pairs.apart_m[2, k - 1]
+        k -= 1
+    pairs.rock_edge[count], pairs.ground_edge[k], pairs.apart_m[2, k] = i, j, apart_m
 
 
 @inner
@@ -243,8 +256,8 @@ def look_again(pairs: Pairs, pose: Array, margin_m: float) -> float:
     lengths_m[WAY] += moved_m(pairs.looked_at, pose, lengths_m[RADIUS])
     copy(pose, pairs.looked_at)
     way_m, near_m = lengths_m[WAY], lengths_m[NEAR]
-    if near_m < margin_m + way_m or near_m > _NEAR_MARGINS * margin_m + way_m:
-        near_m = 2.0 * margin_m + way_m
+    if near_m < margin_m + way_m or near_m > _MOST_NEAR_MARGINS * margin_m + way_m:
+        near_m = _NEAR_MARGINS * margin_m + way_m
         e, n = pairs.every, pairs.near
         _list_near(0, near_m, (e, e.rock_point, e.ground_triangle), (n, n.rock_point, n.ground_triangle))
         _list_near(1, near_m, (e, e.ground_point, e.rock_triangle), (n, n.ground_point, n.rock_triangle))

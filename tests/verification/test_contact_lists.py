@@ -42,6 +42,16 @@ def looked_along(rock, ground, pairs, poses, margins_m, out, keys, gaps_m):
             keys[k, i], gaps_m[k, i] = out[i].key, out[i].gap_m
 
 
+def segments_apart_m(starts, ways):
+    """Distances (a, b) of two sets of segments, from many places on each of the first."""
+    (a, b), (u, v) = starts, ways
+    along = np.linspace(0.0, 1.0, 201)
+    places = a[:, None, :] + along[None, :, None] * u[:, None, :]
+    offset = places[:, :, None, :] - b
+    share = ((offset * v).sum(axis=3) / (v * v).sum(axis=1)).clip(0.0, 1.0)
+    return np.linalg.norm(offset - share[..., None] * v, axis=3).min(axis=1)
+
+
 def contacts_anew(rock, ground, pose, margin_m, room):
     out = np.zeros(MOST, CONTACT)
     count = contacts_at(rock, ground, pose, margin_m, LEANING, no_pairs(room), out)
@@ -78,3 +88,35 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
     assert len(touching) >= 1
     assert touching.keys() <= contacts_anew(rock, ground, pose, 0.08, 200).keys()
+
+
+@compiled
+def listed_edges(rock, ground, pose, reach_m, pairs):
+    refresh(rock, ground, pose, reach_m, pairs)
+    return pairs.every.found[2]
+
+
+def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
+    """A cube over a few wide ridges: its edges cross them far from their own middles."""
+    cube = trimesh.creation.box((0.38, 0.38, 0.38))
+    rock = contact_mesh(cube.vertices, cube.faces, *cube.bounds, REACH_M)
+    along = np.linspace(-4.0, 4.0, 62)
+    ridged_m = np.array([(x, y, 0.05 * (i % 2)) for i, x in enumerate(along) for y in (-4.0, 4.0)])
+    first = 2 * np.arange(61)[:, None]
+    faces = np.vstack([first + np.array(corners) for corners in ([0, 2, 3], [0, 3, 1])])
+    ground = contact_mesh(ridged_m, faces, np.full(3, -4.0), np.full(3, 4.0), REACH_M)
+    reach_m, pairs, random = 0.5 * REACH_M, no_pairs(PLENTY), np.random.default_rng(5)
+    for _ in range(100):
+        turn = Rotation.from_euler(
+            "zyx", random.uniform([-90.0, -20.0, -20.0], [90.0, 20.0, 20.0]), degrees=True
+        )
+        corners = turn.apply(rock.vertices_m)
+        place = np.array([*random.uniform(-1.0, 1.0, 2), 0.05 - corners[:, 2].min()])
+        count = listed_edges(rock, ground, np.concatenate([place, turn.as_quat()]), reach_m, pairs)
+        ends, other = (place + corners)[rock.edges], ground.vertices_m[ground.edges]
+        apart_m = segments_apart_m(
+            (ends[:, 0], other[:, 0]), (ends[:, 1] - ends[:, 0], other[:, 1] - other[:, 0])
+        )
+        listed = set(zip(pairs.every.rock_edge[:count], pairs.every.ground_edge[:count], strict=True))
+        assert set(zip(*np.nonzero(apart_m < 0.99 * reach_m), strict=True)) <= listed
+        assert listed <= set(zip(*np.nonzero(apart_m < 1.01 * reach_m), strict=True))

@@ -155,9 +155,10 @@ def e57(path: Path) -> Points:
     headers = [source.get_header(index) for index in range(source.scan_count)]
     headers = [header for header in headers if header.point_count]
     _check_count(sum(header.point_count for header in headers), path)
-    scans, steps, nowhere = [], [np.zeros(3)], 0
+    scans, steps, nowhere, invalid = [], [np.zeros(3)], 0, 0
     for header in headers:
         points = _e57_points(source, header, path)
+        invalid += header.point_count - len(points)
         returned = points.any(axis=1)
         nowhere += int((~returned).sum())
         points = points if returned.all() else points[returned]
@@ -165,7 +166,10 @@ def e57(path: Path) -> Points:
         scans.append(_posed(points, header.node, path))
     stated = _said(lambda: (None, _e57_system(source, headers, path)))
     stated["step"] = np.max(steps, axis=0).tolist()
-    stated["left_out"] = {"lie at 0, 0, 0 of their scanner, where no beam came back,": nowhere}
+    stated["left_out"] = {
+        "are flagged invalid": invalid,
+        "lie at 0, 0, 0 of their scanner, where no beam came back,": nowhere,
+    }
     if not scans:
         return stated, [np.empty((0, 3)), np.empty(0, np.int32)]
     lengths = [len(scan) for scan in scans]

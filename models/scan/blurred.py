@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import surfels_of
+from toppling.models.scan.interface import fitted_plane
 
 _SAMPLE = 5_000
 _SPACINGS_PER_HEIGHT = 50
@@ -15,10 +16,15 @@ _THICK = 0.18
 _WIDTH_VOXELS = 1.1
 """Standard deviation of the places around a patch that its plane is fitted to."""
 _LEAST_NOISES_PER_HEIGHT = 100
+_OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
+"""All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
+and this share of the cloud's extent: of noise alone the farthest of a million lies 5 off."""
 
 
 def with_reason(error: InputError, points_m: Array) -> InputError:
     """The same refusal of a cloud (n, 3) with what of its points may be the reason, and what would do."""
+    if (of_plane := _without_relief(points_m)) is not None:
+        return of_plane
     for told in (_too_noisy(points_m), _too_few(points_m)):
         if told is not None:
             what, remedy = told
@@ -29,6 +35,26 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
                 remedy=f"{remedy}; else: {error.remedy}",
             )
     return error
+
+
+def _without_relief(points_m: Array) -> InputError | None:
+    """The refusal of a wall, a floor or a slope: nothing stands out of its plane but noise."""
+    every = at_most(points_m, _SAMPLE)
+    plane = fitted_plane(every)
+    off_m = np.abs((points_m - plane.point_m) @ plane.normal)
+    noise_m = 1.4826 * float(np.median(off_m))
+    farthest_m = float(np.partition(off_m, -_STRAYS)[-_STRAYS])
+    extent_m = float(np.ptp(every, axis=0).max())
+    if farthest_m > min(_OF_NOISE * noise_m, _OF_EXTENT * extent_m):
+        return None
+    dip_deg = np.rad2deg(np.arccos(min(abs(plane.normal[2]), 1.0)))
+    return InputError(
+        f"nothing in the cloud stands on anything: all of it lies within {farthest_m:.2g} m of a plane that dips by "
+        f"{dip_deg:.0f} degrees, as a floor, a slope or a wall does",
+        where="segmentation",
+        expected="a rock that stands on a pedestal",
+        remedy="give the clouds that show the rock as well, or a larger part of them",
+    )
 
 
 def _too_few(points_m: Array) -> tuple[str, str] | None:

@@ -1,5 +1,6 @@
 """What no cloud of a rock has: too few points, degrees, coordinates in single precision or about the Earth's centre."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +26,24 @@ _NO_HEIGHT_M = 9_000.0
 """No height of a survey is larger: z is none."""
 
 
-def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
+def check_points(
+    points: NDArray[np.float64], path: Path, left_out: Mapping[str, int], scale: tuple[float, float]
+) -> None:
     """Refuse points, in the file's unit, that are no cloud of a rock.
 
+    left_out: how many others the file holds, by what they are.
     Raises InputError if they are few, one and the same, in degrees, or stored in single precision far from zero.
     """
     if len(points) < _MINIMUM_POINTS:
-        also = f", and {left_out} that are deleted or not finite" if left_out else ""
+        others = [f"{count} that {what.rstrip(',')}" for what, count in left_out.items() if count]
+        remedy = "check that the export was complete and that the file's extension names its format"
+        if len(points) + sum(left_out.values()) >= _MINIMUM_POINTS:
+            remedy = f"export again so that they do not count as points that {_of_most(left_out).rstrip(',')}"
         raise InputError(
-            f"holds {len(points)} points{also}",
+            f"holds {', and '.join([f'{len(points)} points', *others])}",
             where=str(path),
             expected=f"at least {_MINIMUM_POINTS}",
-            remedy="check that the export was complete and that the file's extension names its format",
+            remedy=remedy,
         )
     low, high = bounds_of(points)
     size = high - low
@@ -66,6 +73,10 @@ def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: 
             expected=f"steps of at most {_COARSEST_STEP_M} m",
             remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
         )
+
+
+def _of_most(left_out: Mapping[str, int]) -> str:
+    return max(left_out, key=lambda what: left_out[what])
 
 
 def check_returns(points: NDArray[np.float64], path: Path) -> None:

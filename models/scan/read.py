@@ -256,7 +256,7 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64
         counted["are not finite"] = int((~finite).sum())
     left_out = sum(counted.values())
     scale, by, note = _unit_of(read, said)
-    check_points(points, path, left_out, scale)
+    check_points(points, path, counted, scale)
     if scale != (1.0, 1.0):
         points *= (scale[0], scale[0], scale[1])
     check_returns(points, path)

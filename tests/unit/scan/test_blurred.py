@@ -35,6 +35,25 @@ def test_a_noisy_cloud_is_told_how_thick_its_surfaces_are(noise_m):
     assert "less noise than a 100th of the rock's height" in told.remedy
 
 
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_nothing_stands_out_of_a_wall_a_floor_or_a_slope(axis, slope):
+    random = np.random.default_rng(3)
+    points = random.uniform(-4.0, 4.0, (40_000, 3))
+    points[:, axis] = slope * points[:, 1] + random.normal(0.0, 0.003, len(points))
+    told = with_reason(REFUSED, points)
+    assert "few points" not in told.what
+    dip = np.rad2deg(np.arctan(slope)) if axis == 2 else 90.0
+    assert f"a plane that dips by {dip:.0f} degrees" in told.what
+
+
+def test_a_low_stone_on_a_floor_stands_out_of_it():
+    random = np.random.default_rng(3)
+    floor = np.column_stack([random.uniform(-4.0, 4.0, (60_000, 2)), random.normal(0.0, 0.003, 60_000)])
+    stone = random.uniform(0.0, 0.1, (200, 3))
+    assert "of a plane" not in with_reason(REFUSED, np.vstack([floor, stone])).what
+
+
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
 def test_of_a_cloud_that_would_show_a_rock_nothing_else_is_said(noise_m):
     assert with_reason(REFUSED, of_a_scene(150_000, noise_m)) is REFUSED

@@ -168,6 +168,28 @@ def test_beams_without_a_return_do_not_stand_at_their_scanner(tmp_path):
     assert "40 points lie at 0, 0, 0 of their scanner" in source.note
 
 
+def all_invalid(points):
+    return {**cartesian(points), "cartesianInvalidState": np.full(len(points), 2, np.int8)}
+
+
+def test_an_e57_of_points_that_are_all_flagged_invalid_says_so(tmp_path):
+    path = e57(tmp_path / "cloud.e57", [(POINTS_M, TURN, SHIFT_M)], columns_of=all_invalid)
+    with pytest.raises(InputError, match=f"0 points, and {len(POINTS_M)} that are flagged invalid") as error:
+        read(path)
+    assert "so that they do not count as points that are flagged invalid" in error.value.remedy
+
+
+def test_how_many_points_of_an_e57_are_flagged_invalid_is_told(tmp_path):
+    def some_invalid(points):
+        state = (np.arange(len(points)) % 10 == 0) * 2
+        return {**cartesian(points), "cartesianInvalidState": state.astype(np.int8)}
+
+    path = e57(tmp_path / "cloud.e57", [(POINTS_M, TURN, SHIFT_M)], columns_of=some_invalid)
+    (source,) = read_clouds([path]).sources
+    assert source.left_out == len(POINTS_M[::10])
+    assert "are flagged invalid and were left out" in source.note
+
+
 def test_an_e57_whose_words_say_feet_is_refused_and_read_on_the_users_word(tmp_path):
     still = Rotation.identity(), np.zeros(3)
     path = e57(tmp_path / "cloud.e57", [(POINTS_M, *still)], description="units: US survey feet")

@@ -252,9 +252,10 @@ def _unreadable(where: object, what: str, expected: str) -> InputError:
 
 
 def finite(value: Any) -> Any:
-    """The same content with null for numbers that JSON cannot say."""
+    """The same content as JSON can say it: null for what is not finite, Python's numbers for NumPy's."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [finite(each) for each in value]
+    value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -120,6 +120,13 @@ def new_file(target: Path) -> Iterator[Path]:
         hidden.unlink(missing_ok=True)
 
 
+def write_text(text: str, target: Path) -> Path:
+    """Write a text in UTF-8; the file appears complete or not at all."""
+    with new_file(target) as hidden:
+        hidden.write_text(text, encoding="utf-8")
+    return target
+
+
 def cache_folder() -> Path:
     """Folder of this account for what can be made again: compiled code, what workers are sent, copies of stores."""
     named = os.environ.get(_CACHE_VARIABLE)

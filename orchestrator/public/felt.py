@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import finite
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.rocks import Jobs
-from toppling.results.analysis.constraint import plain
 from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import SURFACES, answered, basis_of
 from toppling.results.analysis.regression import fit
@@ -246,7 +246,7 @@ class EventStatement:
             "intervals_carry": [name for name, varies in vary.items() if varies],
             "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
         }  # fmt: skip
-        return plain(summary | {name: table.to_dict("records") for name, table in self.tables.items()})
+        return finite(summary | {name: table.to_dict("records") for name, table in self.tables.items()})
 
 
 def under_events(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from toppling.models.errors import InputError
+from toppling.models.files.folder import write_text
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
 from toppling.results.analysis.resampling import SAMPLES
@@ -91,7 +92,7 @@ def report(
     from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS
-    from toppling.results.drawing.report.write import report_page, write_page, write_pdf
+    from toppling.results.drawing.report.write import report_page, write_pdf
     from toppling.results.hazard.ages import parse_age
 
     _ages_for(hazard, bool(age))
@@ -105,7 +106,7 @@ def report(
         advance(0, total=len(SECTIONS) + pdf)
         content = Content(opened, samples, parse_age(age) if age else None, tree)
         text = report_page(content, lambda title: advance(doing=f"after {title}"))
-    page = write_page(text, target)
+    page = write_text(text, target)
     return Report(page, write_pdf(text, target.with_suffix(".pdf")) if pdf else None)
 
 

@@ -128,7 +128,6 @@ def carry_out(
     advance: told each waveform that is done.
     Returns DataFrame: one row a level of a waveform.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     key = _key(Scene.load(scene).id, Ensemble.load(ensemble), ramp)
     places = {name: folder / f"{number:03d}-{key(name)}.csv" for number, name in enumerate(records)}
     waiting = {

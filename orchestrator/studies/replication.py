@@ -19,7 +19,7 @@ from distributed import Client
 from toppling.models.errors import InputError
 from toppling.models.files.digest import write_json
 from toppling.models.files.documents import read_json
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.models.frames import apart_deg
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -105,7 +105,6 @@ class Study:
                 expected="the options that it was begun with",
                 remedy="give another folder, or the same options to go on",
             )
-        out.mkdir(parents=True, exist_ok=True)
         write_json(path, protocol)
 
     def campaigns(self, out: Path) -> dict[str, Campaign]:
@@ -178,7 +177,6 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     Yields each file once it is complete.
     """
     folder = out / "figures"
-    folder.mkdir(exist_ok=True)
     scene = Scene.load(out / "scene")
     climbed = ramp.summary(levels)
     yield save_table(climbed, folder / "figure_04.csv")
@@ -224,12 +222,9 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
     checked = findings(
         main, _friction_rows(study, out), _weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
     )
-    with new_file(out / "findings.md") as hidden:
-        audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())
-        page = "\n".join(
-            ["# Findings of the study, looked for on this rock", "", *(one.line for one in checked)]
-        )
-        hidden.write_text(f"{page}\n{audit}", encoding="utf-8")
+    audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())
+    page = "\n".join(["# Findings of the study, looked for on this rock", "", *(one.line for one in checked)])
+    write_text(f"{page}\n{audit}", out / "findings.md")
     write_json(out / "findings.json", {"findings": [dataclasses.asdict(one) for one in checked]})
     return checked
 

@@ -74,9 +74,8 @@ def accuracy(
             for name, one in compared.items()
         }
     table = compare(said, said[CONVERGED])
-    out.mkdir(parents=True, exist_ok=True)
-    plain_frame(table).to_csv(out / "accuracy.csv", index=False)
     save(front_figure(table), out / "front")
+    plain_frame(table).to_csv(out / "accuracy.csv", index=False)
     click.echo(_summary(table))
     click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")
 

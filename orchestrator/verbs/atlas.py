@@ -8,7 +8,7 @@ import click
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
@@ -18,7 +18,7 @@ from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.analysis.side_by_side import Beside, beside_each_other
 from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
 from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
-from toppling.results.drawing.report.write import report_page, write_page
+from toppling.results.drawing.report.write import report_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
 from toppling.results.drawing.style import save
@@ -63,7 +63,7 @@ def atlas(
     with bar("rocks", 2 * len(of_rocks)) as advance:
         rocks, common = beside_each_other(of_rocks, measure, samples, only_shared=shared, advance=advance)
         text = gallery_page(_title_of(opened), opened, rocks, common, measure, folder, advance)
-    write_page(text, folder / "atlas.html")
+    write_text(text, folder / "atlas.html")
     _write_files(folder, rocks, measure)
     if as_json:
         click.echo(json.dumps([rock.row for rock in rocks], indent=1, allow_nan=False))
@@ -101,7 +101,7 @@ def _write_reports(rocks: list[Run], samples: int) -> None:
             target = place_in(rock.path, REPORT)
             try:
                 if not target.exists():
-                    write_page(report_page(Content(rock, samples)), target)
+                    write_text(report_page(Content(rock, samples)), target)
             except InputError as error:
                 click.echo(f"{rock.rock} has no report: {error.what}", err=True)
             advance()
@@ -113,8 +113,7 @@ def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
     if any(rock.place for rock in rocks):
         save(places_figure(rocks, measure), folder / "places")
         for name, content in (("rocks", geojson(rocks)), ("directions", directions_geojson(rocks))):
-            with new_file(folder / f"{name}.geojson") as hidden:
-                hidden.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+            write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")
 
 
 def _tell(folder: Path, rocks: list[Beside]) -> None:

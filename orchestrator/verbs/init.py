@@ -11,7 +11,7 @@ import click
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
-from toppling.models.files.folder import new_file, refuse_existing
+from toppling.models.files.folder import refuse_existing, write_text
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.advice import REALISATIONS, least_static
@@ -84,8 +84,7 @@ def init(
         levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
         bases=0 if rock.unseen is None else len(rock.unseen),
     )  # fmt: skip
-    with new_file(out) as hidden:
-        hidden.write_text(starter.text(), encoding="utf-8")
+    write_text(starter.text(), out)
     jobs = records * len(spaced) * len(turned) * len(frictions)
     click.echo(
         f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "

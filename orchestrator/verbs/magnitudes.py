@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
@@ -269,10 +270,7 @@ class Answer:
 
     def write(self, out: Path, statement: dict[str, Any]) -> None:
         """Statement, tables and figures into a folder."""
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "magnitudes.json").write_text(
-            json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", out / "magnitudes.json")
         tables = self.tables()
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
         for index, name in enumerate(("largest_magnitudes", "least_distances")):

@@ -132,7 +132,6 @@ def write(
     at_rest = settled(rock.with_contact(ContactProperties.of(friction)))
     ((_, static_m_s2),) = at_rest.quasi_static_toppling_m_s2([azimuth_deg])
     table = summary(levels)
-    out.mkdir(parents=True, exist_ok=True)
     return [
         save_table(table, out / "ramp.csv"),
         save_table(levels, out / "levels.csv"),

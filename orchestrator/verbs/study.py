@@ -127,10 +127,11 @@ def _session_words(progresses: list[Any]) -> str:
 
 def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as_json: bool) -> Any:
     """Draw the figures, check the findings, write constraint and report: the findings, and the report's file."""
+    from toppling.models.files.folder import write_text
     from toppling.orchestrator.progress import each
     from toppling.orchestrator.studies import replication as stages
     from toppling.results.drawing.report.content import Content
-    from toppling.results.drawing.report.write import report_page, write_page
+    from toppling.results.drawing.report.write import report_page
     from toppling.results.reader import open_run
 
     for path in each(stages.draw(chosen, out, *climbed), "figures", 60):
@@ -140,7 +141,7 @@ def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as
     opened = open_run(out / "runs" / stages.MAIN)
     _have_figure_8(out)
     _have_constraint(out, opened.path)
-    return found, write_page(report_page(Content(opened)), out / "report.html")
+    return found, write_text(report_page(Content(opened)), out / "report.html")
 
 
 def _study_of(pga_step: float, directions: int) -> "Study":

@@ -16,7 +16,7 @@ from rich.progress import Progress
 
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import plain_frame
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import new_file, write_text
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
@@ -206,8 +206,7 @@ def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _write(folder: Path, statement: Mapping[str, Any], name: str) -> None:
     """JSON, the tests' table, the scores' table and the calibration plot."""
-    with new_file(folder / f"{name}.json") as hidden:
-        hidden.write_text(json.dumps(statement, indent=1) + "\n", encoding="utf-8")
+    write_text(json.dumps(statement, indent=1) + "\n", folder / f"{name}.json")
     tests = pd.DataFrame(statement["tests"])
     with new_file(folder / f"{name}_tests.csv") as hidden:
         plain_frame(tests).to_csv(hidden, index=False)

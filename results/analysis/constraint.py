@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from toppling.models.files.documents import finite
 from toppling.results.hazard.curves import HazardCurve, any_topples, continued, toppling_rate, unstated_shares
 from toppling.results.hazard.draws import RandomRock, random_rock
 from toppling.results.hazard.sites import distance_km
@@ -81,7 +82,7 @@ class Constraint:
                 "hazard": _hazard(update),
                 "hazard_ratio": ratio,
             }
-        return plain(summary)
+        return finite(summary)
 
 
 def _place(curve: HazardCurve, asked: tuple[float, float] | None) -> dict[str, Any]:
@@ -101,17 +102,6 @@ def _hazard(update: Update) -> dict[str, Any]:
         "component": next((curve.component for curve in tree.curves if curve.component), ""),
         "site_name": tree.site_name, "site": list(tree.site) if tree.site else None, "files": sources(tree),
     }  # fmt: skip
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON holds it: None for what is no finite number."""
-    if isinstance(value, dict):
-        return {key: plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def branch_table(update: Update) -> pd.DataFrame:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import check_size
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.hazard.measures import imt_of, is_spectral, measure_of
@@ -83,10 +83,7 @@ def write_curves(
     }  # fmt: skip
     if path.suffix not in writers:
         raise _suffix_error(path)
-    text = writers[path.suffix]()
-    with new_file(path) as hidden:
-        hidden.write_text(text)
-    return path
+    return write_text(writers[path.suffix](), path)
 
 
 def read_curves(path: Path) -> dict[str, Lognormal]:
@@ -265,14 +262,11 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
     if len(measures) != 2 or not np.isfinite(coefficients).all():
         raise ValueError(f"a surface over {row['measure']} with the coefficients {coefficients}")
     basis = _basis_of_row(row)
-    samples = str(row.get("samples") or "").removeprefix(
-        "'"
-    )  # which keeps spreadsheets from reading a formula
+    samples = str(row.get("samples") or "").removeprefix("'")  # so that spreadsheets read no formula
     if not (basis and samples):
         return Surface(measures, coefficients, basis)
-    found = [[float(value) for value in part.split()] for part in samples.split(";") if part]
+    found, fitted = _of_samples_text(samples)
     kept = np.array(found).reshape(-1, len(coefficients))
-    fitted = np.array([bool(part) for part in samples.split(";")])
     return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, reflected=True))
 
 
@@ -312,31 +306,31 @@ def _median_and_beta(coefficients: NDArray[np.float64]) -> tuple[float, float]:
     return math.exp(-intercept / slope), 1 / slope
 
 
-def _of_samples_text(text: str, records: int) -> Resampled:
-    """Bootstrap samples as `_samples_text` keeps them."""
+def _of_samples_text(text: str) -> tuple[list[tuple[float, ...]], NDArray[np.bool_]]:
+    """Numbers of the bootstrap samples that `_samples_text` keeps, and which samples had a fit."""
     parts = text.split(";")
-    pairs = [tuple(map(float, part.split())) for part in parts if part]
+    return [tuple(map(float, part.split())) for part in parts if part], np.array(list(map(bool, parts)))
+
+
+def _medians_and_betas(text: str, records: int) -> Resampled:
+    pairs, fitted = _of_samples_text(text)
     if not all(len(pair) == 2 and min(pair) > 0 and max(pair) < math.inf for pair in pairs):
         raise ValueError("samples are pairs of median and beta, above zero")
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
-    return Resampled(
-        coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, reflected=True
-    )
+    return Resampled(coefficients.reshape(-1, 2), fitted, records, reflected=True)
 
 
 def _of_row(row: Mapping[str, Any]) -> Lognormal:
     """Curve of a row of numbers or of their text."""
-    curve = Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"]))
-    return _with_row(curve, row)
+    return _with_row(Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"])), row)
 
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
     """A curve with its basis and its median's interval, each where the row states all of it."""
     basis = _basis_of_row(row)
     low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
-    kept = (
-        _of_samples_text(str(row["samples"]), basis.records) if basis and _stated(row, ["samples"]) else None
-    )
+    told = basis and _stated(row, ["samples"])
+    kept = _medians_and_betas(str(row["samples"]), basis.records) if basis and told else None
     return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None, resampled=kept)
 
 
@@ -346,22 +340,10 @@ def _stated(row: Mapping[str, Any], names: Iterable[str]) -> bool:
 
 def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
     """What a row says that its curve rests on; None where it does not state all of it."""
-
-    def number(name: str) -> int | None:
-        return int(row[name]) if _stated(row, [name]) else None
-
     if not _stated(row, _BASIS_NEEDED):
         return None
-    return Basis(
-        scene_id=str(row["scene_id"]),
-        jobs=int(row["jobs"]),
-        toppled=int(row["toppled"]),
-        records=int(row["records"]),
-        without_answer=int(row["without_answer"]),
-        strongest_shaken=float(row["strongest_shaken"]),
-        jobs_planned=number("jobs_planned"),
-        jobs_done=number("jobs_done"),
-    )
+    kinds: dict[str, Callable[[Any], Any]] = {"scene_id": str, "strongest_shaken": float}
+    return Basis(**{name: kinds.get(name, int)(row[name]) for name in _BASIS if _stated(row, [name])})
 
 
 def _suffix_error(path: Path) -> InputError:

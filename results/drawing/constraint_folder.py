@@ -7,14 +7,13 @@ from typing import Any
 
 import pandas as pd
 
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint_figures import constraint_figure
 from toppling.results.drawing.hazard_figures import events_figure, hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page
 from toppling.results.drawing.report.event_page import event_page, unfinished
-from toppling.results.drawing.report.write import write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.hazard.event_update import EventUpdate
@@ -57,7 +56,7 @@ def write_constraint(
             yield from write_openquake(update, folder / "openquake", ratio)
     if constraint.random_rock is not None:
         yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
-    yield write_page(constraint_page(constraint, statement), folder / "constraint.html")
+    yield write_text(constraint_page(constraint, statement), folder / "constraint.html")
 
 
 def write_events(
@@ -91,16 +90,13 @@ def write_events(
         yield from write_event_openquake(update, folder / "openquake", ratio)
     figure = events_figure(tables["branches"], tables.get("updated"), statement["confidence"])
     yield from save(figure, folder / "constraint", unfinished(statement))
-    yield write_page(event_page(statement, tables), folder / "constraint.html")
+    yield write_text(event_page(statement, tables), folder / "constraint.html")
 
 
 def _write_statement(
     statement: dict[str, Any], tables: dict[str, pd.DataFrame], folder: Path
 ) -> Iterator[Path]:
-    folder.mkdir(parents=True, exist_ok=True)
-    with new_file(folder / "constraint.json") as hidden:
-        hidden.write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    yield folder / "constraint.json"
+    yield write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", folder / "constraint.json")
     for name, table in (tables | {"choices": _choices_table(statement)}).items():
         yield save_table(_safe_table(table), folder / f"{name}.csv")
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import Surface, smooth_surface
 from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of
@@ -54,8 +54,7 @@ _COMPASS = (
 
 def write_scene_page(scene: Scene, path: Path, name: str, notes: Sequence[str] = ()) -> None:
     """Write a page that shows rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
-    with new_file(path) as hidden:
-        hidden.write_text(scene_page(scene, name, notes), encoding="utf-8")
+    write_text(scene_page(scene, name, notes), path)
 
 
 def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:

@@ -150,7 +150,6 @@ def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
     """
     (folder / "audit.csv").unlink(missing_ok=True)
     if audits:
-        folder.mkdir(parents=True, exist_ok=True)
         yield save_table(audit_table(audits), folder / "audit.csv")
 
 

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import new_file, write_text
 from toppling.models.motions.motion import Motion
 from toppling.results.drawing.animation import moving_picture
 from toppling.results.drawing.page import replay_page
@@ -86,7 +86,6 @@ def _mark_no_return(grid: Sequence[Axes], topple_time_s: float, late: bool) -> N
 
 def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
     """Write table (Parquet, CSV), plots (PNG, SVG), page and moving picture; yields each path once it is whole."""
-    folder.mkdir(parents=True, exist_ok=True)
     table = trajectory_table(replay)
     frame = table.to_pandas()
     with new_file(folder / "trajectory.parquet") as hidden:
@@ -97,9 +96,7 @@ def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
     yield folder / "trajectory.csv"
     figure = trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
     yield from save(figure, folder / "trajectory")
-    with new_file(folder / "replay.html") as hidden:
-        hidden.write_text(replay_page(replay, title), encoding="utf-8")
-    yield folder / "replay.html"
+    yield write_text(replay_page(replay, title), folder / "replay.html")
     with new_file(folder / "replay.gif") as hidden:
         moving_picture(replay, hidden, title)
     yield folder / "replay.gif"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.files.csv_text import plain
-from toppling.models.files.folder import new_file
+from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.measures import UNSCALED, imt_of
@@ -97,7 +97,6 @@ def _write(
     folder: Path, branches: Mapping[int, str], weights: NDArray[np.float64], measures: Sequence[_Curves],
     years: float,
 ) -> Iterator[Path]:  # fmt: skip
-    folder.mkdir(parents=True, exist_ok=True)
     mark = zlib.crc32(repr([list(weights), list(branches.values())]).encode())
     common = f"generated_by='toppling {version('toppling')}', checksum={mark}"
     rows = [["rlz_id", "branch_path", "weight"]]
@@ -131,6 +130,4 @@ def _written(target: Path, header: str, rows: list[list[str]]) -> Path:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     first = "#" + "," * (len(rows[0]) - 1) + f'"{header}"\n'
-    with new_file(target) as hidden:
-        hidden.write_text(first + text.getvalue(), encoding="utf-8")
-    return target
+    return write_text(first + text.getvalue(), target)

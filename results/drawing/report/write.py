@@ -55,13 +55,6 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
     return page(f"toppling: {content.run.rock} ({content.run.name})", first, written)
 
 
-def write_page(text: str, target: Path) -> Path:
-    """Write the page; it appears complete or not at all."""
-    with new_file(target) as hidden:
-        hidden.write_text(text, encoding="utf-8")
-    return target
-
-
 def write_pdf(text: str, target: Path) -> Path:
     """Print the page to PDF, with WeasyPrint if it is installed, else with a headless browser.
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 __all__ = [
-    "REALISATIONS", "by_events", "constraining", "constraint_options", "fragility_figures",
+    "REALISATIONS", "by_events", "constraining", "fragility_figures",
     "making", "reading", "rocks", "running", "scan_again", "scan_files",
 ]  # fmt: skip
 

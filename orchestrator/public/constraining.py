@@ -1,6 +1,7 @@
 """What standing rocks say about past ground motion, and about its hazard."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.errors import UsageError
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import (
     EventOptions,
@@ -16,7 +18,6 @@ from toppling.orchestrator.public.by_events import (
     event_set_of,
     judged_by_events,
 )
-from toppling.orchestrator.public.constraint_options import Dates, Given, check_options, has_factor
 from toppling.orchestrator.public.felt import EventStatement, measures_asked
 from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
 from toppling.orchestrator.public.rocks import (
@@ -29,15 +30,92 @@ from toppling.orchestrator.public.rocks import (
     refuse_twins,
     standing_rock,
 )
-from toppling.orchestrator.recorded import Recorded, read_recorded
+from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words, event_words
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
-from toppling.results.hazard.tree import HazardTree, sources
+from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update
+
+
+@dataclass(frozen=True)
+class Dates:
+    """How long rocks have stood, beyond an age of each.
+
+    Parameters
+    ----------
+    common : bool
+        All were uncovered together: one draw of their one age for all.
+    common_error : float
+        Standard deviation of a relative error that all dates share.
+    fragile_since : tuple of str
+        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
+    """
+
+    common: bool = False
+    common_error: float = 0.0
+    fragile_since: tuple[str, ...] = ()
+
+    @property
+    def together(self) -> bool:
+        """Whether the rocks' ages are tied to each other."""
+        return self.common or self.common_error > 0
+
+
+def _check_options(
+    rocks: Sequence[Path],
+    age: Sequence[str],
+    hazard: Sequence[str],
+    asked: HazardQuestion,
+    dates: Dates,
+    sites: Sequence[object],
+    of_runs: Mapping[str, object],
+) -> None:
+    """Refuse options that do not go together, before anything is read for long.
+
+    Raises UsageError: the first of them.
+    """
+    count, since = len(rocks), dates.fragile_since
+    of_ages = {"--common-date": dates.common, "--common-error": dates.common_error, "--fragile-since": since}
+    of_hazard = {"--site": sites, "--ratio": asked.ratio != 1.0, "--values": asked.years is not None}
+    files = [path for path in rocks if not path.is_dir()]
+    if not rocks:
+        _refuse("no rock has topplings and survivals to tell its fragility by", "give a run that has both")
+    if age and len(age) not in (1, count):
+        _refuse(f"got {len(age)} ages for {count} rocks", "give one --age, or one per rock")
+    if hazard and not age:
+        _refuse("a hazard needs the rocks' ages, to turn rates into probabilities", "give --age")
+    if since and len(since) not in (1, count):
+        _refuse(f"got {len(since)} dates for {count} rocks", "give one --fragile-since, or one per rock")
+    if (option := _first(of_ages)) and not age:
+        _refuse(f"{option} applies to ages", "give the rocks' --age too")
+    if (option := _first(of_hazard)) and not hazard:
+        _refuse(f"{option} applies to a hazard", "give --hazard too")
+    if (option := _first(of_runs)) and files:
+        _refuse(f"{option} applies to jobs of runs, and {files[0]} is a file of curves", "give its run")
+    if len(sites) > 1 and not event_set_of(hazard):
+        _refuse("several --site apply to a set of events", "give one: hazard curves are of one site")
+    apart = len(measures_asked(asked.measure)) > 1 or _has_factor([parse_since(text) for text in since])
+    if apart and not hazard:
+        _refuse(
+            "two measures together, and a factor of --fragile-since, need the hazard", "give --hazard too"
+        )
+
+
+def _has_factor(since: Sequence[Since | None]) -> bool:
+    """Whether a rock was stouter before, rather than absent."""
+    return any(one is not None and math.isfinite(one.factor) for one in since)
+
+
+def _first(options: Mapping[str, object]) -> str | None:
+    return next((name for name, value in options.items() if value), None)
+
+
+def _refuse(what: str, remedy: str) -> None:
+    raise UsageError(what, where="constrain", expected="options that go together", remedy=remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +160,7 @@ def constrain(
     *,
     age: Sequence[str] = (),
     hazard: Sequence[str] = (),
-    dates: Dates = Dates(),  # noqa: B008  (frozen)
+    dates: Dates = Dates(),
     where: str | None = None,
     trusted: bool = False,
     stood: Sequence[str | Path] = (),
@@ -121,7 +199,7 @@ def constrain(
     over = "pgv_m_s" if measure is None or "+" in measure else measure
     paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
     asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
-    check_options(paths, age, asked, dates, Given(tuple(hazard), where, tuple(stood), tuple(sites)))
+    _check_options(paths, age, hazard, asked, dates, sites, {"--where": where, "--stood": stood})
     late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
     question = _Question(
@@ -130,7 +208,7 @@ def constrain(
     )  # fmt: skip
     check_event_options(events, event_set_of(hazard), measures_asked(measure))
     recorded = read_recorded([Path(one) for one in stood]) if stood else None
-    jobs = _jobs(paths, where, recorded, trusted=trusted)
+    jobs = {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
     advance(0, total=SAMPLES * len(jobs))
     if question.of_events:
         return _by_events(question, jobs, events, list(sites), advance)
@@ -153,19 +231,13 @@ class _Question:
     @property
     def of_events(self) -> bool:
         """Whether an answer needs events one by one."""
-        apart = len(measures_asked(self.asked.measure)) > 1 or has_factor(self.since)
+        apart = len(measures_asked(self.asked.measure)) > 1 or _has_factor(self.since)
         return bool(self.hazard) and (apart or event_set_of(self.hazard) is not None)
 
     @property
     def joint_ages(self) -> NDArray[np.float64]:
         """Draws of the ages, one column a rock."""
         return joint_ages(self.ages, self.dates.common, self.dates.common_error)
-
-
-def _jobs(
-    paths: Sequence[Path], where: str | None, recorded: Recorded | None, *, trusted: bool
-) -> dict[Path, Jobs]:
-    return {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
 
 
 def _by_events(
@@ -221,15 +293,12 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     ]:
         content["stood"] = bases
     content["warnings"] = warnings = _warnings(paths, rested)
+    files = [Path(one) for one in sources(tree)] if tree else []
 
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))
 
-    return RockStatement(content, all_words(content), warnings, _sources(tree), write)
-
-
-def _sources(tree: HazardTree | None) -> list[Path]:
-    return [Path(one) for one in sources(tree)] if tree else []
+    return RockStatement(content, all_words(content), warnings, files, write)
 
 
 def _warnings(rocks: Sequence[Path], rested: Sequence[Basis | None]) -> list[str]:

@@ -12,8 +12,7 @@ from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint_figures import constraint_figure
 from toppling.results.drawing.hazard_figures import events_figure, hazard_figure
-from toppling.results.drawing.report.constraint_page import constraint_page
-from toppling.results.drawing.report.event_page import event_page, unfinished
+from toppling.results.drawing.report.constraint_page import constraint_page, event_page, unfinished
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.hazard.event_update import EventUpdate

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from toppling.models.files.digest import check
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.results.analysis import fits, ranking, resampling
+from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import (
     PLANES,
@@ -29,7 +30,6 @@ from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_record
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
-from toppling.results.drawing.report.accuracy import accuracy_section
 from toppling.results.drawing.report.constraint_page import branches_table, rejected_part
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
@@ -43,6 +43,7 @@ from toppling.results.drawing.style import (
     short_name,
     with_superscripts,
 )
+from toppling.results.reader import Run
 from toppling.results.weights import records_weight, sentences
 
 _MOST_RECORDS = 150
@@ -348,3 +349,41 @@ def _unit(unit: str) -> str:
 
 def _digits(value: float, digits: int) -> str:
     return "" if value != value else f"{value:.{digits}f}"
+
+
+def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
+    """Engine, preset and time step, deepest penetration, and the results of the run's audit."""
+    presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
+    # A preset's steps may differ beyond the digits that are shown.
+    steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
+    lines = [f"<p>Engine {safe(engines)}; preset {safe(presets)}; time step {steps or 'not stated'} s.</p>"]
+    if frame["penetration_m"].notna().any():
+        lines.append(f"<p>Deepest penetration of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
+    audits = audits_of(run)
+    lines += [f"<p>{safe(audit.sentence)}.</p>" for audit in audits.values()]
+    if not audits:
+        lines.append(
+            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> repeats a sample of its jobs "
+            "and states how far its answers may be off.</p>"
+        )
+    else:
+        caption = "Repeated jobs: differences of the run, with 95 % intervals."
+        lines.append(document.table(pd.DataFrame(map(_audit_row, audits.values())), caption))
+        lines.append(
+            "<p>Near a threshold the answer to a single job is chaotic, whatever the settings; only the share of many "
+            "jobs is meaningful.</p>"
+        )
+    return "".join(lines)
+
+
+def _audit_row(audit: Audit) -> dict[str, object]:
+    """An audit as the page shows it; its other numbers are in `audit.csv`."""
+    return {
+        "again with": audit.by,
+        "jobs": audit.jobs,
+        "topple in the run only": audit.flips_to_toppled,
+        "again only": audit.flips_to_standing,
+        "median PGA, %": audit.median_shift_percent.text("{:+.1f}") if audit.tells else "too few jobs",
+        "share toppled": audit.share_shift.text("{:+.3f}") if audit.tells else "too few jobs",
+        "ln tilt of those standing": audit.tilt_log_ratio.text("{:+.2f}"),
+    }

@@ -20,12 +20,17 @@ from browser import needs_browser, overflow, shown
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.results.drawing.report.accuracy import accuracy_section
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import what_standing_says
 from toppling.results.drawing.report.methods import methods
-from toppling.results.drawing.report.sections import SECTIONS, constraint_section, fit_table, fits_section
+from toppling.results.drawing.report.sections import (
+    SECTIONS,
+    accuracy_section,
+    constraint_section,
+    fit_table,
+    fits_section,
+)
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.tree import Branch, HazardTree

@@ -25,7 +25,8 @@ KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 @cache
 def processor() -> dict[str, str]:
     """Columns of a row that say what computed it: the processor's model, and the kernels of BLAS and LLVM."""
-    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {_llvm_kernel()}"}
+    llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
 
 
 def unlike(kernels: Collection[str]) -> str:
@@ -56,10 +57,6 @@ def one_blas_thread() -> None:
             if hasattr(library, name):
                 getattr(library, name)(1)
                 break
-
-
-def _llvm_kernel() -> str:
-    return os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
 
 
 def _blas_kernel() -> str:

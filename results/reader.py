@@ -254,12 +254,11 @@ class Run:
         check_files(self.root)
         if self.rocks:
             own = {one.entry["ensemble"]: one.rock for one in self.rocks}
-            tables = [
-                _with_constant(
-                    read_table(self.path / folder / CATALOG), "rock", rock if SCENES in folder else None
-                )
-                for folder, rock in own.items()
-            ]
+            tables = []
+            for folder, rock in own.items():
+                table = read_table(self.path / folder / CATALOG)
+                owner = pa.repeat(pa.scalar(rock if SCENES in folder else None, pa.string()), len(table))
+                tables.append(table.append_column("rock", owner))
             return pa.concat_tables(tables, promote_options="default")
         path = self.ensemble_folder / CATALOG
         return read_table(path) if path.exists() else None
@@ -324,10 +323,6 @@ def atlas_of(path: Path) -> Path | None:
         and (root / "run.json").exists()
     )
     return root if known else None
-
-
-def _with_constant(table: pa.Table, name: str, value: str | None) -> pa.Table:
-    return table.append_column(name, pa.array([value] * len(table), pa.string()))
 
 
 def open_run(path: PathLike) -> Run:

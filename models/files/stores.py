@@ -95,7 +95,9 @@ class Copy:
             here = {
                 name: place
                 for place in self.path.rglob("*")
-                if _is_carried(name := str(place.relative_to(self.path)), place)
+                if not _is_hidden(name := str(place.relative_to(self.path)))
+                and place.is_file()
+                and not place.is_symlink()
             }
             for name in sorted(here, key=lambda name: (name == "run.json", name)):
                 with contextlib.suppress(FileNotFoundError):  # merged away meanwhile
@@ -257,10 +259,6 @@ def carry_back() -> None:
 def _is_hidden(name: str) -> bool:
     """Whether a file is half written, a lock, a key or a sign of a writer, and no part of a run."""
     return any(part.startswith(".") for part in PurePosixPath(name).parts)
-
-
-def _is_carried(name: str, place: Path) -> bool:
-    return not _is_hidden(name) and place.is_file() and not place.is_symlink()
 
 
 def _stamp(place: Path) -> Stamp:

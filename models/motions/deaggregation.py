@@ -149,16 +149,12 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
                 return float(bins["Δr"]), float(bins["Δm"])
             except (ValueError, KeyError, TypeError, RecursionError):
                 break
-    widths = [_least_step(values) for values in (distances_km, magnitudes)]
+    edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
+    widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]
     if None in widths:
         _refuse(table, "has one bin of distance or magnitude, and nothing that states how wide it is",
                 "keep summary.txt beside it")  # fmt: skip
     return widths[0] or 0.0, widths[1] or 0.0
-
-
-def _least_step(values: Sequence[float]) -> float | None:
-    known = sorted(set(values))
-    return min((b - a for a, b in pairwise(known)), default=None)
 
 
 def _openquake(table: Path, lines: Sequence[str], imt: str | None, poe: float | None) -> Deaggregation:

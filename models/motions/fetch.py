@@ -265,7 +265,7 @@ def _station(asked: _Asked, network: str, station: Any) -> tuple[dict[str, Any],
     """Write one station's files; its row of the metadata table, and the files."""
     location, band = _instrument(station)
     event = asked.event
-    distance = _distance_km(event, station) if event else None
+    distance = math.hypot(_epicentral_km(event, station), event.depth_km) if event else None
     start, end = asked.window if asked.window is not None else _window(event, distance)
     try:
         stream = asked.client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
@@ -305,11 +305,6 @@ def _instrument(station: Any) -> tuple[str, str]:
     if not whole:
         raise _NothingError("no accelerometer with three components")
     return min(whole, key=lambda key: (_BANDS.index(key[1]), key[0]))
-
-
-def _distance_km(event: Source, station: Any) -> float:
-    """Hypocentral distance."""
-    return math.hypot(_epicentral_km(event, station), event.depth_km)
 
 
 def _epicentral_km(event: Source, station: Any) -> float:

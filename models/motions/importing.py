@@ -57,7 +57,8 @@ def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry |
             check_samples(component)
     motion, azimuths, oriented_how = oriented(channels)
     corrected = _corrected(channels)
-    motion, quality, done = _processed(motion, corrected, options.process, _corner_hz(options, entry))
+    corner_hz = options.corner_hz if options.corner_hz is not None else entry and entry.corner_hz
+    motion, quality, done = _processed(motion, corrected, options.process, corner_hz)
     if options.time_step_s and abs(options.time_step_s / motion.time_step_s - 1) > 1e-9:
         done.append(f"resampled from {motion.time_step_s:g} to {options.time_step_s:g} s, low-passed before")
         motion = resample(motion, options.time_step_s)
@@ -114,13 +115,6 @@ def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
             expected="three components",
             remedy="give the vertical's file, or allow it with --missing-vertical",
         )
-
-
-def _corner_hz(options: ImportOptions, entry: Entry | None) -> float | None:
-    """High-pass corner by the option, then by the table; None to choose one."""
-    if options.corner_hz is not None:
-        return options.corner_hz
-    return entry.corner_hz if entry else None
 
 
 def _corrected(channels: Triple) -> bool | None:

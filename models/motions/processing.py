@@ -67,11 +67,6 @@ def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.
     return scipy.signal.sosfiltfilt(sections, padded, axis=0, padtype=None), pad
 
 
-def _demean(motion: Motion) -> Motion:
-    """Take away the mean."""
-    return Motion(motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0), motion.time_step_s)
-
-
 def taper(motion: Motion) -> Motion:
     """Cosine taper over a share of the record at each end."""
     window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * _TAPER_SHARE)
@@ -116,7 +111,8 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
 
     corner_hz: corner of the high-pass; None chooses the lowest of `_CORNERS_HZ` whose displacement ends near zero.
     """
-    start = taper(_demean(motion))
+    centred = motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0)
+    start = taper(Motion(centred, motion.time_step_s))
     chosen, how = (corner_hz, "as asked") if corner_hz is not None else _corner_by_displacement(start)
     history = (
         "mean removed",

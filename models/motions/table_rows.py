@@ -91,7 +91,9 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
 
     Raises InputError if the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
     """
-    _refuse_contradictions(channels, entry)
+    for name, component in zip(("h1", "h2", "v"), channels.channels, strict=False):
+        _refuse_other_direction(name, component, entry)
+        _refuse_other_unit(component, entry)
 
     def complete(component: Component, bearing: float | None) -> Component:
         values = component.acceleration_m_s2
@@ -118,12 +120,6 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         vertical,
     )
     return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
-
-
-def _refuse_contradictions(channels: Triple, entry: Entry) -> None:
-    for name, component in zip(("h1", "h2", "v"), channels.channels, strict=False):
-        _refuse_other_direction(name, component, entry)
-        _refuse_other_unit(component, entry)
 
 
 def _refuse_other_direction(name: str, component: Component, entry: Entry) -> None:

@@ -62,7 +62,8 @@ def atlas(
         _write_reports(of_rocks, samples)
     with bar("rocks", 2 * len(of_rocks)) as advance:
         rocks, common = beside_each_other(of_rocks, measure, samples, only_shared=shared, advance=advance)
-        text = gallery_page(_title_of(opened), opened, rocks, common, measure, folder, advance)
+        title = ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
+        text = gallery_page(title, opened, rocks, common, measure, folder, advance)
     write_text(text, folder / "atlas.html")
     _write_files(folder, rocks, measure)
     if as_json:
@@ -88,11 +89,6 @@ def _rocks_of(opened: list[Run]) -> list[Run]:
             remedy="leave one of the runs out",
         )
     return found
-
-
-def _title_of(opened: list[Run]) -> str:
-    """Title of a page about some runs."""
-    return ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
 
 
 def _write_reports(rocks: list[Run], samples: int) -> None:

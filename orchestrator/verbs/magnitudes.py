@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import finite
 from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
@@ -303,16 +304,12 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows for JSON; infinite values, which say that nothing or all is excluded, have a word beside a null."""
     rows = []
     for row in table.astype(object).to_dict("records"):
-        plain = {name: None if _unsaid(value) else value for name, value in row.items()}
+        plain = finite(row)
         bound = row.get("magnitude") if "occurrence" in row or next(iter(row)) == "distance_km" else None
         if isinstance(bound, float) and math.isinf(bound):
             plain["excluded_magnitudes"] = "none" if bound > 0 else "all"
         rows.append(plain)
     return rows
-
-
-def _unsaid(value: object) -> bool:
-    return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
 def _words(statement: dict[str, Any]) -> str:

@@ -67,7 +67,8 @@ def query(
         table = answer_of(runs[:-1], runs[-1], trusted=trusted)
         _say_unfinished(runs[:-1])
     if parquet:
-        _write_parquet(table, parquet)
+        with new_file(parquet) as hidden:
+            pq.write_table(table, hidden, compression="zstd")
     if form == "csv":
         click.echo(plain_frame(_frame(table)).to_csv(index=False), nl=False)
     elif form == "json":
@@ -140,8 +141,3 @@ def _readable(table: pa.Table) -> str:
     shown = _frame(table.slice(0, _SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
     left = len(table) - _SHOWN_ROWS
     return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown
-
-
-def _write_parquet(table: pa.Table, target: Path) -> None:
-    with new_file(target) as hidden:
-        pq.write_table(table, hidden, compression="zstd")

@@ -147,7 +147,7 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
            for end, value in zip(("low", "high"), pair, strict=True)},
         jobs=len(jobs),
         records_drawn=records,
-        bases=_bases(jobs, draws),
+        bases=(jobs["base"].nunique() if "base" in jobs else 0) or draws,
     )  # fmt: skip
 
 
@@ -172,12 +172,6 @@ def component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.
     tails = np.array([0.975, 0.025])
     least = of_cause.square - error.square * f.ppf(tails, of_cause.freedom, error.freedom)
     return np.maximum(least, 0.0) / (times * chi2.ppf(tails, of_cause.freedom) / of_cause.freedom)
-
-
-def _bases(jobs: pd.DataFrame, draws: int) -> int:
-    """Distinct bases among some jobs; the number of draws where the scene has none."""
-    drawn = jobs["base"].nunique() if "base" in jobs else 0
-    return drawn or draws
 
 
 def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:

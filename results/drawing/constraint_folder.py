@@ -97,7 +97,7 @@ def _write_statement(
 ) -> Iterator[Path]:
     yield write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", folder / "constraint.json")
     for name, table in (tables | {"choices": _choices_table(statement)}).items():
-        yield save_table(_safe_table(table), folder / f"{name}.csv")
+        yield save_table(table, folder / f"{name}.csv")
 
 
 def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:
@@ -124,13 +124,3 @@ def _fragility(rock: dict[str, Any]) -> str:
     if "median" in rock:
         return f"median {rock['median']:.6g}, beta {rock['beta']:.6g}"
     return f"probit {', '.join(f'{value:.6g}' for value in rock['coefficients'])}"
-
-
-def _safe_table(table: pd.DataFrame) -> pd.DataFrame:
-    """A table whose words no spreadsheet takes for a formula: some names come from other people's files."""
-    words = table.select_dtypes(include=["object", "string"]).columns
-    return table.assign(**{name: [_safe_cell(value) for value in table[name]] for name in words})
-
-
-def _safe_cell(value: object) -> object:
-    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value

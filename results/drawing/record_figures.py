@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.files.folder import new_file
@@ -58,7 +57,9 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         source.scatter(distance_km, value["magnitude"][known], **look)
         source.set_xscale("log")
         plain_log(source.xaxis)
-        source.set(xlabel="distance (km)", ylabel="magnitude", title=_unknown(known))
+        missing = int((~known).sum())
+        title = f"{missing} not drawn: magnitude or\ndistance unknown" if missing else ""
+        source.set(xlabel="distance (km)", ylabel="magnitude", title=title)
         events = len(set(ensemble.catalog.column("event").to_pylist()))
         figure.suptitle(f"{len(names)} records, {events} event{'' if events == 1 else 's'}")
     return figure
@@ -130,8 +131,3 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
 
 def _shortened(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"
-
-
-def _unknown(known: NDArray[np.bool_]) -> str:
-    missing = int((~known).sum())
-    return f"{missing} not drawn: magnitude or\ndistance unknown" if missing else ""

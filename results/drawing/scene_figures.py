@@ -57,7 +57,9 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     notes: sentences below the numbers.
     width_in: three panels a row on a page's width, one on less.
     """
-    printed = [line for sentence in [*numbers_of(scene, notes), _LEGEND] for line in _wrapped(sentence)]
+    printed: list[str] = []
+    for sentence in [*numbers_of(scene, notes), _LEGEND]:
+        printed += wrap(sentence, _PRINTED_WIDTH, subsequent_indent="   ") or [""]
     with style():
         if width_in >= FULL_WIDTH_IN:
             lines_in = 0.13 * len(printed)
@@ -84,11 +86,6 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             0.0, 1.0, "\n".join(printed), va="top", size=6.5, linespacing=1.35, transform=axes.transAxes
         )
     return figure
-
-
-def _wrapped(line: str) -> list[str]:
-    """A line of the numbers broken for print, what follows indented."""
-    return wrap(line, _PRINTED_WIDTH, subsequent_indent="   ", drop_whitespace=True) or [""]
 
 
 def wind_of(azimuth_deg: float) -> str:

@@ -176,7 +176,7 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
         telling = np.asarray((free & tells[:, None, :]).any(axis=(1, 2)))
         designed = curve is not None and not random_level and bool(telling.any())
         record = _least_visited(telling if designed else open_records, visits, seed)
-        cell = _in_turn(seed, 1, len(chosen) + index, pool.rows.shape[1])
+        cell = _in_turn(seed, len(chosen) + index, pool.rows.shape[1])
         if curve is None or not designed:
             order = random.permutation(pool.rows.shape[2])
         else:
@@ -195,10 +195,10 @@ def _least_visited(able: NDArray[np.bool_], visits: Numbers, seed: int) -> int:
     return int(next(record for record in order if able[record] and visits[record] == least))
 
 
-def _in_turn(seed: int, stream: int, number: int, count: int) -> int:
+def _in_turn(seed: int, number: int, count: int) -> int:
     """Member of a balanced random sequence: all come once, in a random order, before any comes again."""
     turn, index = divmod(number, count)
-    return int(np.random.default_rng([seed, 1 + stream, turn]).permutation(count)[index])
+    return int(np.random.default_rng([seed, 2, turn]).permutation(count)[index])
 
 
 def _first_free(free: NDArray[np.bool_], cell: int, order: Numbers) -> tuple[int, int]:

@@ -244,7 +244,7 @@ def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
              "worse_by_low": "from", "worse_by_high": "to"}  # fmt: skip
     for column, name in names.items():
         if column in ranking:
-            table[name] = [_digits(value, 3) for value in ranking[column]]
+            table[name] = ["" if value != value else f"{value:.3f}" for value in ranking[column]]
     return table
 
 
@@ -345,10 +345,6 @@ SECTIONS = (
 
 def _unit(unit: str) -> str:
     return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
-
-
-def _digits(value: float, digits: int) -> str:
-    return "" if value != value else f"{value:.{digits}f}"
 
 
 def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:

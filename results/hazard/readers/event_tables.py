@@ -147,12 +147,8 @@ def branch_of(
         grid[event, site] = values * factor
         motions[measure] = grid
     rate = np.full(len(events), rate_of(len(events)) if len(events) else 0.0)
-    return EventBranch(name, rate, motions, weight, _model_of(name))
-
-
-def _model_of(path: str) -> str:
-    """Ground-motion part of a branch's path; the whole path where it has no parts."""
-    return path.partition("~")[2] or path
+    model = name.partition("~")[2] or name  # ground-motion part of a branch's path
+    return EventBranch(name, rate, motions, weight, model)
 
 
 def _check_values(values: NDArray[np.float64], where: str) -> None:

@@ -39,10 +39,10 @@ def show(folder: Path, out: Path | None) -> None:
     target = out or folder
     with bar("scene", _SHOW_PARTS) as advance:
         advance(0, "settling")
-        from toppling.models.files.folder import rock_name
+        from toppling.models.files.folder import rock_name, write_text
         from toppling.models.hidden_base.intervals import base_sentences
         from toppling.orchestrator.settling_notes import draw_settling, settling_notes
-        from toppling.results.drawing.page import write_scene_page
+        from toppling.results.drawing.page import scene_page
         from toppling.results.drawing.scene_figures import draw_scene
 
         loaded = Scene.load(folder)
@@ -51,7 +51,7 @@ def show(folder: Path, out: Path | None) -> None:
         advance(3, "scene.png")
         draw_scene(loaded, target / "scene.png", notes)
         advance(5, "scene.html")
-        write_scene_page(loaded, target / "scene.html", rock_name(folder), notes)
+        write_text(scene_page(loaded, rock_name(folder), notes), target / "scene.html")
         drawn = [target / name for name in ("scene.png", "scene.html")]
         advance(1, "settling.png")
         if draw_settling(loaded, target / "settling.png"):

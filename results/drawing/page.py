@@ -5,7 +5,6 @@ import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
-from toppling.models.files.folder import write_text
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import Surface, smooth_surface
 from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of
@@ -52,17 +50,8 @@ _COMPASS = (
 )
 
 
-def write_scene_page(scene: Scene, path: Path, name: str, notes: Sequence[str] = ()) -> None:
-    """Write a page that shows rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
-    write_text(scene_page(scene, name, notes), path)
-
-
 def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
-    """A scene's page.
-
-    name: of the rock.
-    notes: sentences below the numbers.
-    """
+    """HTML of a scene: rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), _eye(35.0))
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on

@@ -24,10 +24,6 @@ _PRINTED = 2e-6
 """Share by which a value may exceed the one at a lower level: files print seven figures, some six."""
 
 
-def _no_levels() -> NDArray[np.float64]:
-    return np.empty(0)
-
-
 @dataclass(frozen=True, eq=False)
 class HazardCurve:
     """Annual rate at which an intensity is exceeded at a site, a power law between its points."""
@@ -48,8 +44,8 @@ class HazardCurve:
     years: float | None = None  # time that the file's probabilities are over; None where it states rates
     # Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that
     # underflowed): they bear no rate, and count where probabilities are averaged over branches.
-    certain: NDArray[np.float64] = field(default_factory=_no_levels)
-    never: NDArray[np.float64] = field(default_factory=_no_levels)
+    certain: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    never: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         x, rate = self.intensity, self.annual_rate

@@ -61,15 +61,11 @@ def _seal(told: str) -> str:
     return hashlib.blake2b(told.encode(), digest_size=8).hexdigest()
 
 
-def deciding_files() -> list[Path]:
+def _deciding() -> dict[Path, ast.Module]:
     """The modules of which a shake is made: all of `workers`, and what they, scenes and ensembles import of `models`.
 
     How a scan becomes a scene decides the scene, not its shakes.
     """
-    return sorted(_deciding())
-
-
-def _deciding() -> dict[Path, ast.Module]:
     left = [path for path in _SOURCES if path.is_relative_to(_WORKERS)]
     left += [_MODELS / "scene.py", _MODELS / "motions/ensemble.py"]
     found: dict[Path, ast.Module] = {}

@@ -12,7 +12,7 @@ import pytest
 
 import toppling.models
 from toppling.orchestrator import code_identity
-from toppling.orchestrator.code_identity import code, deciding_files, decisive
+from toppling.orchestrator.code_identity import code, decisive
 
 MODULE = b'''"""What it knows."""
 import math
@@ -140,7 +140,7 @@ def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
     loaded = json.loads(
         subprocess.run([sys.executable, "-c", LOADED], check=True, capture_output=True).stdout
     )
-    missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in deciding_files()}
+    missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in code_identity._deciding()}
     assert {path.name for path in missing if path.name != "__init__.py"} <= {
         "hints_file.py",
         "spelling.py",
@@ -151,7 +151,8 @@ def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
 def test_no_module_that_only_scans_and_readers_of_records_use_is_part_of_it():
     """A run goes on when one of them has changed."""
     decides = {
-        path.relative_to(Path(toppling.models.__path__[0]).parent).as_posix() for path in deciding_files()
+        path.relative_to(Path(toppling.models.__path__[0]).parent).as_posix()
+        for path in code_identity._deciding()
     }
     assert {"models/hidden_base/draws.py", "models/motions/ensemble.py", "workers/shake.py"} <= decides
     assert not decides & {

@@ -61,7 +61,7 @@ def check_run_document(
 
     Parameters
     ----------
-    told : dict
+    document : dict
     path : Path
         Of the file.
     whole_document : bool

@@ -16,7 +16,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, listed
@@ -79,7 +78,14 @@ class Experiment:
     def records(self) -> Iterator[Record]:
         """The tests' motions, measured."""
         for test, motion in zip(self.tests, self.motions, strict=True):
-            yield _record(test, motion)
+            yield Record.of(
+                test.record_id,
+                motion,
+                event=test.ground_motion,
+                station="shaking table",
+                component_azimuths_deg=_ALONG_X_DEG,
+                quality="corrected",
+            )
 
 
 def read_experiment(folder: Path, outcome: str) -> Experiment:
@@ -142,13 +148,12 @@ def _motions(path: Path) -> dict[int, Motion]:
     except (OSError, pa.ArrowException) as error:
         raise _unreadable(path, error, "Parquet with the columns test_no, dt_s and acc_m_s2") from None
     # A time step kept in single precision is that of the decimal it stands for.
-    return {row["test_no"]: _along_x(row["acc_m_s2"], float(f"{row['dt_s']:.6g}")) for row in rows}
-
-
-def _along_x(acceleration_m_s2: Iterable[float] | NDArray[np.float64], time_step_s: float) -> Motion:
-    """A motion of the table along one axis."""
-    along = np.asarray(acceleration_m_s2, float)
-    return Motion(np.outer(along, [1.0, 0.0, 0.0]), time_step_s)
+    return {
+        row["test_no"]: Motion(
+            np.outer(np.asarray(row["acc_m_s2"], float), [1.0, 0.0, 0.0]), float(f"{row['dt_s']:.6g}")
+        )
+        for row in rows
+    }
 
 
 def _test(row: Mapping[str, Any], outcome: str) -> Test:
@@ -177,17 +182,6 @@ def _ends_at_rest(motion: Motion) -> bool:
 
 def _is_known(value: object) -> bool:
     return value is not None and value != "" and not (isinstance(value, float) and math.isnan(value))
-
-
-def _record(test: Test, motion: Motion) -> Record:
-    return Record.of(
-        test.record_id,
-        motion,
-        event=test.ground_motion,
-        station="shaking table",
-        component_azimuths_deg=_ALONG_X_DEG,
-        quality="corrected",
-    )
 
 
 def _unreadable(path: Path, error: Exception, expected: str) -> InputError:

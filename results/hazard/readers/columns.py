@@ -52,12 +52,12 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     levels, values = _columns(path, lines[0], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
     years, rate_of = _values(path, header[values], hints)
-    pairs = [
-        (number(path, line, row[levels]) * factor, rate_of(number(path, line, row[values])))
-        for line, row in rows
-        if _whole(path, line, row, len(header))
-    ]
-    x, y = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    x, y = [], []
+    for line, row in rows:
+        if len(row) != len(header):
+            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
+        x.append(number(path, line, row[levels]) * factor)
+        y.append(rate_of(number(path, line, row[values])))
     origin = {"source": str(path)}
     if not years:
         return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
@@ -102,12 +102,6 @@ def _cells(lines: Sequence[str]) -> list[list[str]]:
     if sign:
         return [line.replace(",", ".").split(sign) for line in lines]  # decimal commas
     return [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
-
-
-def _whole(path: Path, line: int, row: list[str], columns: int) -> bool:
-    if len(row) != columns:
-        refuse(path, f"line {line} has {len(row)} columns, the header {columns}")
-    return True
 
 
 def _plain(name: str) -> str:

@@ -57,7 +57,8 @@ def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry |
             check_samples(component)
     motion, azimuths, oriented_how = oriented(channels)
     corrected = _corrected(channels)
-    corner_hz = options.corner_hz if options.corner_hz is not None else entry and entry.corner_hz
+    of_table = entry.corner_hz if entry else None
+    corner_hz = of_table if options.corner_hz is None else options.corner_hz
     motion, quality, done = _processed(motion, corrected, options.process, corner_hz)
     if options.time_step_s and abs(options.time_step_s / motion.time_step_s - 1) > 1e-9:
         done.append(f"resampled from {motion.time_step_s:g} to {options.time_step_s:g} s, low-passed before")

@@ -175,12 +175,7 @@ def fragility(
         write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))
-    fits = {
-        name: pd.read_csv(folder / name / "fits" / "fits.csv", dtype={"problem": object}).fillna(
-            {"problem": ""}
-        )
-        for name in (contacts if fit else ())
-    }
+    fits = {name: _fits_in(folder / name) for name in (contacts if fit else ())}
     return Fragility(opened, folder, written, jobs, done, audits, fits)
 
 
@@ -188,6 +183,10 @@ def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Pa
     for path in files:
         yield path
         advance()
+
+
+def _fits_in(folder: Path) -> pd.DataFrame:
+    return pd.read_csv(folder / "fits" / "fits.csv", dtype={"problem": object}).fillna({"problem": ""})
 
 
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.compiled import Array, Flags, Indices
+from toppling.models.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.models.ground.vectors import cross, dot, minus, plus
 
 _CELLS = 40
 """Cells of the grid along the longest side of what is looked up, or more, that none is longer than the reach."""
@@ -155,9 +157,11 @@ def _within(
 
 def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
     """Number of each triangle's edges (m, 3), their ends (e, 2), and of how many triangles they are."""
-    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    unique, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    return number.reshape(-1, 3), unique, count
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    vertices = int(faces.max(initial=0)) + 1
+    name = np.minimum(a, b) * vertices + np.maximum(a, b)
+    unique, number, count = np.unique(name, return_inverse=True, return_counts=True)
+    return number.reshape(-1, 3), np.column_stack(np.divmod(unique, vertices)), count
 
 
 def _convexity(
@@ -204,34 +208,57 @@ def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Arr
     return first.astype(np.int64), way / np.linalg.norm(way, axis=1)[:, None]
 
 
+@compiled(allocates=True)
 def _register(
     corners: Array, low: Array, cell: float, shape: Indices, reach_m: float
 ) -> tuple[Indices, Indices]:
-    """For each cell the triangles (m, 3, 3) within a reach of it: by their boxes, and by their planes."""
-    begin = np.floor((corners.min(axis=1) - reach_m - low) / cell).astype(np.int64).clip(0, shape - 1)
-    end = np.floor((corners.max(axis=1) + reach_m - low) / cell).astype(np.int64).clip(0, shape - 1)
-    span = end - begin + 1
-    count = span.prod(axis=1)
-    owner = np.repeat(np.arange(len(corners)), count)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    index = np.empty((len(owner), 3), np.int64)
-    for axis in (2, 1, 0):
-        within, index[:, axis] = np.divmod(within, span[owner, axis])
-    index += begin[owner]
-    near = _is_near(corners, owner, low + (index + 0.5) * cell, reach_m + 0.5 * np.sqrt(3.0) * cell)
-    flat = index[near] @ np.array([shape[1] * shape[2], shape[2], 1])
-    order = np.argsort(flat, kind="stable")
-    first = np.searchsorted(flat[order], np.arange(int(np.prod(shape)) + 1))
-    return first.astype(np.int64), owner[near][order]
+    """For each cell the triangles (m, 3, 3) within a reach of it: by their boxes, and by their planes or lines."""
+    # Counted one cell further on, then summed: where each cell begins moves on as it is filled, to where it ends.
+    first = np.zeros(shape[0] * shape[1] * shape[2] + 2, np.int64)
+    near = np.zeros(0, np.int64)
+    begin, end = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    far_m = reach_m + 0.5 * math.sqrt(3.0) * cell
+    for fills in (False, True):
+        if fills:
+            first[:] = np.cumsum(first)
+            near = np.zeros(first[-1], np.int64)
+        for owner in range(len(corners)):
+            of = corners[owner]
+            for k in range(3):
+                least, most = min(of[0, k], of[1, k], of[2, k]), max(of[0, k], of[1, k], of[2, k])
+                begin[k] = min(max(math.floor((least - reach_m - low[k]) / cell), 0), shape[k] - 1)
+                end[k] = min(max(math.floor((most + reach_m - low[k]) / cell), 0), shape[k] - 1)
+            for x in range(begin[0], end[0] + 1):
+                for y in range(begin[1], end[1] + 1):
+                    for z in range(begin[2], end[2] + 1):
+                        middle = (
+                            low[0] + (x + 0.5) * cell,
+                            low[1] + (y + 0.5) * cell,
+                            low[2] + (z + 0.5) * cell,
+                        )
+                        if not _is_near(of, middle, far_m):
+                            continue
+                        number = (x * shape[1] + y) * shape[2] + z
+                        if fills:
+                            near[first[number + 1]] = owner
+                            first[number + 1] += 1
+                        else:
+                            first[number + 2] += 1
+    return first[:-1].copy(), near
 
 
-def _is_near(corners: Array, owner: Indices, places: Array, far_m: float) -> Flags:
-    """Which places lie within a distance of their triangle's plane, or of its line where it is one."""
-    origin, way, other = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(way, other)
-    size = np.linalg.norm(normal, axis=1)
-    offset = places - origin[owner]
-    if (size > 0.0).all():
-        return np.abs((offset * normal[owner]).sum(axis=1)) <= far_m * size[owner]
-    share = ((offset * way[owner]).sum(axis=1) / (way * way).sum(axis=1)[owner]).clip(0.0, 1.0)
-    return np.linalg.norm(offset - share[:, None] * way[owner], axis=1) <= far_m
+@inner
+def _is_near(corners: Array, place: Vector, far_m: float) -> bool:
+    """Whether a place lies within a distance of a triangle's plane, or of its line where it is one."""
+    way, other, offset = (
+        minus(corners[1], corners[0]),
+        minus(corners[2], corners[0]),
+        minus(place, corners[0]),
+    )
+    normal = cross(way, other)
+    size = math.sqrt(dot(normal, normal))
+    if size > 0.0:
+        return abs(dot(offset, normal)) <= far_m * size
+    share = min(max(dot(offset, way) / dot(way, way), 0.0), 1.0)
+    aside = plus(offset, -share, way)
+    return dot(aside, aside) <= far_m * far_m

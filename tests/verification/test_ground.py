@@ -439,6 +439,32 @@ def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_
     assert (slid.outcome, slid.toppled) == ("moved", False)
 
 
+def test_a_rock_that_stands_on_two_levels_and_falls_against_a_wall_has_lodged():
+    """Its right feet stand on a step of more than a quarter of its centre of mass's height: both feet carry it."""
+    step_m, away_m, s = 0.14, 0.45, 6.0
+    vertices, faces = legged(HALF_WIDTH_M, 0.4, 0.2)
+    raised = np.isclose(vertices[:, 2], 0.0) & (vertices[:, 0] > 0.0)
+    vertices[raised, 2] = step_m
+    wall = -HALF_WIDTH_M - away_m
+    profile = [
+        (-s, 0),
+        (wall - 0.3, 0),
+        (wall - 0.3, 1),
+        (wall, 1),
+        (wall, 0),
+        (0, 0),
+        (0, step_m),
+        (s, step_m),
+    ]
+    ground = np.array([[x, y, z] for y in (-s, s) for x, z in profile])
+    n, i = len(profile), np.arange(len(profile) - 1)
+    strips = np.vstack([np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])])
+    scene = Scene.from_mesh((vertices, faces), pedestal=(ground, strips), friction=0.8)
+    fallen = shake(scene, pulse(8.0, 0.3, after_s=6.0), "fast")
+    assert (fallen.outcome, fallen.toppled) == ("lodged", True)
+    assert 30.0 < fallen.residual_tilt_deg < 45.0
+
+
 @pytest.mark.parametrize(
     ("left", "right", "friction"), [(30, 30, 0.6), (0, -15, 0.8), (-15, -15, 0.8), (0, 30, 0.6)]
 )

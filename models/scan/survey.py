@@ -191,7 +191,8 @@ def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
     """The user's interface in the cloud's frame; a place that the cloud does not show is refused."""
     if hint is not None:
         hint = hint.moved(cloud.origin_m)
-        check_near(hint, *(cloud.bounds_m - cloud.origin_m), cloud.origin_m)
+        low_m, high_m = cloud.bounds_m - cloud.origin_m
+        check_near(hint, low_m, high_m, cloud.origin_m)
     return hint
 
 

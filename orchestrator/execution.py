@@ -311,9 +311,8 @@ def checked(specs: Sequence[JobSpec], rows: Any) -> list[Row]:
         return [_failed(specs[0], f"{what} for {len(specs)} jobs")]
     problems = [_problem(spec, row) for spec, row in zip(specs, rows, strict=False)]
     sound = [row for row, problem in zip(rows, problems, strict=True) if not problem]
-    if sound and _unstorable(
-        sound
-    ):  # one by one only if need be: a table a row costs more than all else of a job
+    # One by one only if need be: a table a row costs more than all else of a job.
+    if sound and _unstorable(sound):
         problems = [problem or _unstorable([row]) for row, problem in zip(rows, problems, strict=True)]
     return [
         _failed(spec, problem) if problem else dict(row)

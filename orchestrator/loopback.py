@@ -20,7 +20,7 @@ _NOTHING = "default-src 'none'"
 class Loopback(ThreadingHTTPServer):
     """Server that listens on loopback only.
 
-    answers: of those that answer.
+    answers: class of what answers a request.
     port: 0 for any that is free.
     """
 

@@ -144,7 +144,7 @@ def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]
 def refuse_counted(weights: Weights, recorded: Recorded) -> None:
     """Refuse motions that weights rest on already.
 
-    Raises InputError by their names.
+    Raises InputError that names them.
     """
     if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
         raise InputError(

@@ -207,8 +207,8 @@ class _Answers(Answers):
         except InputError as error:
             self.send(str(error).encode(), TEXT)
             return
-        state_shown = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
-        waiting = WAITING.replace("TOLD", state_shown)
+        told = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
+        waiting = WAITING.replace("TOLD", told)
         self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 

@@ -267,8 +267,11 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
 def _summary(scene: Scene, out: Path) -> str:
     """Say what the scan found in one line."""
     rock, pedestal = scene.rock, scene.pedestal
+    east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)
+    # Beside the height the width shows where x and y are in another unit than z.
     return (
-        f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that dips "
+        f"{out}: rock of {rock.volume_m3:.4g} m³, {east_m:.3g} by {north_m:.3g} m wide (x, y) and "
+        f"{rock.height_m:.3g} m high, on a pedestal that dips "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"
     )

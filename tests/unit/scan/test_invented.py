@@ -45,6 +45,7 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
         "volume_share": 0.003,
         "inertia_share": 0.003,
         "toppling_share": 0.02,
+        "height_share": 0.006,
     }
     assert partly["volume_share"] == pytest.approx(0.367, abs=0.001)
     assert partly["inertia_share"] == pytest.approx(0.367, abs=0.001)

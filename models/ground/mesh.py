@@ -220,7 +220,8 @@ def _register(
     far_m = reach_m + 0.5 * math.sqrt(3.0) * cell
     for fills in (False, True):
         if fills:
-            first[:] = np.cumsum(first)
+            for number in range(1, len(first)):
+                first[number] += first[number - 1]
             near = np.zeros(first[-1], np.int64)
         for owner in range(len(corners)):
             of = corners[owner]

@@ -214,7 +214,7 @@ class GroundedBody:
             If the rock is farther from the ground than a tenth of its size, or as deep in it.
         """
         pose, up = pose.copy(), self.scene_from_support[2]
-        farthest_m = margin_m = FOUND_WITHIN * self.size_m
+        most_m = margin_m = FOUND_WITHIN * self.size_m
         for _ in range(20):
             near = self.contacts(pose, margin_m)
             carrying = near[near["normal"] @ up > 0.1]
@@ -222,14 +222,14 @@ class GroundedBody:
                 raise InputError(
                     "the rock does not touch the ground",
                     where="scene",
-                    expected=f"a rock within {farthest_m:.3g} m of its pedestal's surface",
+                    expected=f"a rock within {most_m:.3g} m of its pedestal's surface",
                     remedy="give rock and pedestal in one frame, the rock as it stands",
                 )
             rise = -float((carrying["gap_m"] / (carrying["normal"] @ up)).min())
             pose[:3] += rise * up
             if abs(rise) < 1e-9 * self.size_m:
                 break
-            margin_m = min(2.0 * abs(rise) + _ALMOST_SHARE * self.size_m, farthest_m)
+            margin_m = min(2.0 * abs(rise) + _ALMOST_SHARE * self.size_m, most_m)
         return pose
 
     @cached_property

@@ -19,7 +19,7 @@ RADIUS, REACH, WAY, NEAR = range(4)
 """Of `Pairs.lengths_m`."""
 
 _NEAR_MARGINS, _MOST_NEAR_MARGINS = 4.0, 12.0
-"""So many margins beyond the way since a list reaches, and at most: it is longer then than the steps that come need."""
+"""Beyond the way since, a new list reaches so many margins; one that reaches more is longer than the steps need."""
 
 
 class PointRoom(NamedTuple):
@@ -165,17 +165,17 @@ def _list_edges(
                 continue
             for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):
                 j = ground.near_edges[place]
-                aside, far = minus(middle, ground.edge_middles_m[j]), ground.edge_halves_m[j]
-                far += 0.5 * length + reach
-                if dot(aside, aside) >= far * far or seen[j] == i or count >= len(pairs.rock_edge):
+                aside = minus(middle, ground.edge_middles_m[j])
+                within = 0.5 * length + ground.edge_halves_m[j] + reach
+                if dot(aside, aside) >= within * within or seen[j] == i or count >= len(pairs.rock_edge):
                     continue
                 seen[j] = i
                 c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
                 if _boxes_apart(a, b, c, d, reach):
                     continue
-                _, _, far = between(a, way, c, minus(d, c))
-                if far < reach * reach:
-                    _insert_edge(pairs, begin, count, (i, j), math.sqrt(far))
+                _, _, squared = between(a, way, c, minus(d, c))
+                if squared < reach * reach:
+                    _insert_edge(pairs, begin, count, (i, j), math.sqrt(squared))
                     count += 1
     return count
 

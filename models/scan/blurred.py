@@ -43,7 +43,8 @@ def _without_relief(points_m: Array) -> InputError | None:
     plane = fitted_plane(every)
     off_m = np.abs((points_m - plane.point_m) @ plane.normal)
     noise_m = 1.4826 * float(np.median(off_m))
-    farthest_m = float(np.partition(off_m, -_STRAYS)[-_STRAYS])
+    strays = min(_STRAYS, len(off_m))
+    farthest_m = float(np.partition(off_m, -strays)[-strays])
     extent_m = float(np.ptp(every, axis=0).max())
     if farthest_m > min(_OF_NOISE * noise_m, _OF_EXTENT * extent_m):
         return None

@@ -10,7 +10,7 @@ from toppling.models.scan.doubt import Doubt
 from toppling.models.scan.measure import ObservedRock
 
 _LOOKED_AT, OF_LAYERS = 500, 500_000
-"""So many patches, and points around them, tell."""
+"""So many patches, and points around them, tell; more points are not to be given."""
 _REACHES_VOXELS = (2.5, 6.0)
 """Around a patch: the wider circle shows layers that lie wider apart."""
 _FEWEST = 24
@@ -30,7 +30,7 @@ _LEAST_STEPS = 3.0
 def doubled(observed: ObservedRock, rock_m: Array, step_m: float) -> Doubt | None:
     """A doubt where the rock's points lie in two layers.
 
-    rock_m: (n, 3), points of the rock at full resolution.
+    rock_m: (n, 3), points of the rock.
     step_m: between coordinates, 0 where they have none.
     """
     surfels = observed.surfels
@@ -54,16 +54,15 @@ def layers(
 
     reaches_m: of what is around a place.
     """
-    points = at_most(points_m, OF_LAYERS)
     apart_m = np.zeros(len(places_m))
     judged = np.zeros(len(places_m), bool)
-    tree = cKDTree(points)
+    tree = cKDTree(points_m)
     for reach in reaches_m:
         for number, rows in enumerate(tree.query_ball_point(places_m, reach)):
             if len(rows) < _FEWEST or apart_m[number]:
                 continue
             judged[number] = True
-            apart_m[number] = _apart_m(points[rows] - places_m[number], _LEAST_STEPS * step_m)
+            apart_m[number] = _apart_m(points_m[rows] - places_m[number], _LEAST_STEPS * step_m)
     double = apart_m > 0.0
     if not double.any():
         return 0.0, 0.0

@@ -122,7 +122,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
 def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
-    told: what `register` says.
+    registration: what `register` says.
     Raises InputError if one of three stations or more pairs far less and far worse than the others, or two do not fit
     each other.
     """

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array, at_most
+from toppling.models.arrays import Array
 from toppling.models.scan.doubt import SECTORS, Doubt, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
@@ -17,7 +17,7 @@ _BAND = 0.01
 """Of the rock's height: half of the band in which a joint runs."""
 _SLOPES = np.tan(np.deg2rad(np.arange(-15.0, 16.0, 5.0)))
 OF_JOINT = 400_000
-"""So many of the rock's points tell a joint."""
+"""So many of the rock's points tell a joint; more are not to be given."""
 _DEEP_NOISES, _DEEP_PER_HEIGHT = 5.0, 0.002
 """A point in an open joint lies so far below the surface around it: in its noise, and at least of the height."""
 _OPEN_SHARE = 0.02
@@ -80,13 +80,12 @@ def _creases(observed: ObservedRock, interface: Interface) -> Array:
 def _open_places(observed: ObservedRock, interface: Interface, rock_m: Array, centre: Array) -> Array:
     """Points (n, 3), u, v and height, that lie below the rock's surface around them, where more than strays do."""
     surfels = observed.surfels
-    points = at_most(rock_m, OF_JOINT)
     patches, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
-    _, near = cKDTree(patches).query(points, 4)
-    off = np.median(np.einsum("ikj,ikj->ik", points[:, None] - patches[near], normals[near]), axis=1)
+    _, near = cKDTree(patches).query(rock_m, 4)
+    off = np.median(np.einsum("ikj,ikj->ik", rock_m[:, None] - patches[near], normals[near]), axis=1)
     noise = 1.4826 * np.median(np.abs(off - np.median(off)))
     deep = off < -max(_DEEP_NOISES * noise, _DEEP_PER_HEIGHT * observed.height_m)
-    flat = interface.flat(points)
+    flat = interface.flat(rock_m)
     level = np.floor(flat[:, 2] / (_BAND * observed.height_m)).astype(int)
     cell = np.unique(level * SECTORS + sectors(flat[:, :2] - centre), return_inverse=True)[1]
     share = np.bincount(cell, deep) / np.bincount(cell)

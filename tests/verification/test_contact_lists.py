@@ -106,6 +106,7 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
     faces = np.vstack([first + np.array(corners) for corners in ([0, 2, 3], [0, 3, 1])])
     ground = contact_mesh(ridged_m, faces, np.full(3, -4.0), np.full(3, 4.0), REACH_M)
     reach_m, pairs, random = 0.5 * REACH_M, no_pairs(PLENTY), np.random.default_rng(5)
+    found = 0
     for _ in range(100):
         turn = Rotation.from_euler(
             "zyx", random.uniform([-90.0, -20.0, -20.0], [90.0, 20.0, 20.0]), degrees=True
@@ -120,3 +121,5 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         listed = set(zip(pairs.every.rock_edge[:count], pairs.every.ground_edge[:count], strict=True))
         assert set(zip(*np.nonzero(apart_m < 0.99 * reach_m), strict=True)) <= listed
         assert listed <= set(zip(*np.nonzero(apart_m < 1.01 * reach_m), strict=True))
+        found += count
+    assert found > 200

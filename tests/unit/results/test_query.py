@@ -204,7 +204,7 @@ def test_a_damaged_file_of_a_run_is_named(run_folder, name):
     ids = [*open_run(run_folder).table()["job_id"].to_pylist(), *(f"{number:024x}" for number in range(2000))]
     jobs = pa.table({"job_id": ids})
     write_table(jobs, run_folder / "jobs.parquet")
-    write_text(run_folder / "campaign.toml", "")
+    write_text("", run_folder / "campaign.toml")
     compact(run_folder)
     victim = run_folder / name
     content = bytearray(victim.read_bytes())

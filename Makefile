@@ -3,6 +3,8 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Containers often set it: each of the hundreds of processes that tests start would then compile what it imports.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup system-libraries demo study test end-to-end test-all lint compiled format lock site gallery packages clean
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -47,6 +48,12 @@ _NEAR_VOXELS = 2.5
 """Of the reconstructed surface so much about the patches was seen; holes in it are closed."""
 _ERROR_PER_HEIGHT = 0.002
 """Triangles are joined while the surface moves by less: what is flat becomes a few."""
+_WITHIN, _CORNERS = 0.99, 5.0
+"""Share of the places that lie within the error, and how many times it the others, at corners, may."""
+_OF_ENDS = 0.1
+"""Share of the way along a surface to where it ends that counts as an error."""
+_JOINED_PER_HEIGHT, _HALVINGS = 0.25, 10
+"""Triangles so wide are joined at first, and of half the width until the surface stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +136,8 @@ def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface,
     away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
     shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
     shown &= ~is_ground(flat, surfels.normals, interface, height_m)
-    shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
+    shown &= ~_goes_on(surfels, rock, shown)
+    shown[shown] = np.bincount(sheet := _sheets(surfels, shown))[sheet] >= _LEAST_PATCHES
     return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)
 
 
@@ -165,15 +173,23 @@ def _nearest(vertices_m: Array, faces: Indices, points_m: Array) -> tuple[Array,
     return places[order], float(distance[order])
 
 
-def _in_sheets(points_m: Array, normals: Array, voxel_m: float) -> Flags:
-    """Which patches go on in one sheet with many others; those of mixed pixels hang between surfaces."""
-    pairs = cKDTree(points_m).query_pairs(2.0 * voxel_m, output_type="ndarray")
+def _goes_on(surfels: Surfels, rock: Flags, shown: Flags) -> Flags:
+    """Patches (n,) shown beside a rock that are its own foot: sheets that go on from its patches without a bend."""
+    either = rock | shown
+    sheet = _sheets(surfels, either)
+    found = np.zeros(len(rock), bool)
+    found[either] = np.bincount(sheet, rock[either])[sheet] > 0.0
+    return found & shown
+
+
+def _sheets(surfels: Surfels, which: Flags) -> Indices:
+    """Number (k,) of the sheet in which each of some patches goes on: those of mixed pixels hang between surfaces."""
+    points_m, normals = surfels.points_m[which], surfels.normals[which]
+    pairs = cKDTree(points_m).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
     along = points_m[pairs[:, 1]] - points_m[pairs[:, 0]]
     off = np.abs(np.einsum("ij,kij->ki", along, normals[pairs.T])).max(axis=0)
     alike = np.abs(np.einsum("ij,ij->i", *normals[pairs.T])) > _ALIKE
-    pairs = pairs[alike & (off < _OFF_VOXELS * voxel_m)]
-    part = joined_parts(pairs, len(points_m))
-    return np.asarray(np.bincount(part)[part] >= _LEAST_PATCHES)
+    return joined_parts(pairs[alike & (off < _OFF_VOXELS * surfels.voxel_m)], len(points_m))
 
 
 def _toward(axis_m: Array, points_m: Array, normals: Array, up: Array) -> Array:
@@ -207,14 +223,37 @@ def _surface(
 
 
 def few_triangles(vertices_m: Array, faces: Indices, height_m: float) -> tuple[Array, Indices]:
-    """A mesh with its triangles joined while its surface moves by less than the error that is allowed."""
+    """A mesh with its triangles joined while its surface stays within the error that is allowed."""
     used, numbers = np.unique(faces, return_inverse=True)
-    mesh = o3d.geometry.TriangleMesh(
+    whole = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(vertices_m[used]),
         o3d.utility.Vector3iVector(numbers.reshape(-1, 3).astype(np.int32)),
     )
-    mesh = mesh.simplify_quadric_decimation(1, (_ERROR_PER_HEIGHT * height_m) ** 2, 1.0)
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    error_m = _ERROR_PER_HEIGHT * height_m
+    # What Open3D bounds is an area times a squared distance, of an area that grows as triangles are joined.
+    for width_m in _JOINED_PER_HEIGHT * height_m * 0.5 ** np.arange(_HALVINGS):
+        mesh = whole.simplify_quadric_decimation(1, (error_m * width_m) ** 2, 1.0)
+        off_m = np.append(_off_m(whole, mesh), _off_m(mesh, whole))
+        if np.quantile(off_m, _WITHIN) <= error_m and off_m.max() <= _CORNERS * error_m:
+            return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    return np.asarray(whole.vertices), np.asarray(whole.triangles).astype(np.int64)
+
+
+def _off_m(mesh: Any, other: Any) -> Array:
+    """How far a mesh's vertices, and the middles of its faces, lie off the surface of another one.
+
+    Where a surface ends is not known as well as where it lies: a place beyond the end of the other counts less.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    places = np.vstack([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
+    if len(places) == 0 or len(other.triangles) == 0:
+        return np.full(max(len(places), 1), 0.0 if len(places) == len(other.triangles) else np.inf)
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(other))
+    found = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places.astype(np.float32)), nthreads=1)
+    way = places - found["points"].numpy()
+    off = np.abs(np.einsum("ij,ij->i", way, found["primitive_normals"].numpy()))
+    return np.asarray(np.maximum(off, _OF_ENDS * np.linalg.norm(way, axis=1)))
 
 
 def _holes(faces: Indices, unseen: Flags, ends: Flags) -> Flags:

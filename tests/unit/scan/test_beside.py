@@ -9,7 +9,8 @@ from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, beside, in_reach
+from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, beside, few_triangles, in_reach
+from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL
 from toppling.models.scan.surfels import Surfels
@@ -103,7 +104,29 @@ def test_what_the_rock_hides_of_a_wall_is_closed():
     surfels, rock = patches(0.1)
     whole, _ = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
     assert area.sum() == pytest.approx(whole.sum(), rel=0.03)
-    assert off_m.max() < 0.05 * HEIGHT_M
+    assert off_m[area > 1e-4].max() < 0.05 * HEIGHT_M
+
+
+def test_no_place_of_a_rough_ground_is_lost_where_its_triangles_are_joined():
+    """A stone beside the rock stays a stone however small its triangles are, in metres."""
+    for height_m in (0.2, 2.0, 20.0):
+        u, v = np.meshgrid(*(np.linspace(-0.6, 0.6, 60),) * 2, indexing="ij")
+        bump = 0.05 * np.exp(-((u - 0.2) ** 2 + v**2) / 0.04**2)
+        vertices = height_m * np.column_stack([u.ravel(), v.ravel(), bump.ravel()])
+        few, faces = few_triangles(vertices, grid_triangles(u.shape), height_m)
+        assert len(faces) < 300
+        assert few[:, 2].max() == pytest.approx(0.05 * height_m, rel=0.1)
+
+
+def test_the_rocks_own_foot_is_nothing_that_stands_beside_it():
+    """Where no ground was seen beside a rock, its foot may have been taken for ground: it goes on without a bend."""
+    surfels, rock = patches(0.4)
+    foot = rock & (surfels.points_m[:, 2] < 0.3 * HEIGHT_M) & (surfels.points_m[:, 0] < -0.9 * HALF_WIDTH_M)
+    assert foot.sum() > 500
+    rock, other = rock & ~foot, ~rock | foot
+    standing = beside(surfels, rock, other, LEVEL, HEIGHT_M)
+    assert standing is not None
+    assert standing.vertices_m[:, 0].min() > HALF_WIDTH_M  # of the wall alone
 
 
 def beside_a_wall(gap_m):

@@ -74,7 +74,8 @@ class Beside:
         return (
             f"what stands beside the rock, {self.nearest_m:.2g} m from it toward azimuth {self.azimuth_deg:.0f} "
             f"(compass {float(compass_deg(self.azimuth_deg)):.0f}) and up to {self.highest_m:.2g} m high where the "
-            f"tilting rock can reach it, is part of the ground ({len(self.faces)} triangles)"
+            f"tilting rock can reach it, is part of the ground ({len(self.faces)} triangles); crop it if it "
+            "stood there for the scan only, as a tripod or a person"
         )
 
 

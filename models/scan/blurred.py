@@ -1,4 +1,7 @@
-"""Why a cloud itself may show no rock: too few points, or so much noise that a crevice is lost in it."""
+"""Why a cloud itself may show no rock: too few points, plants, or so much noise that a crevice is lost in it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -7,6 +10,7 @@ from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import surfels_of
 from toppling.models.scan.interface import fitted_plane
+from toppling.models.scan.surfels import Surfels, in_plants
 
 _SAMPLE = 5_000
 _SPACINGS_PER_HEIGHT = 50
@@ -16,6 +20,8 @@ _THICK = 0.18
 _WIDTH_VOXELS = 1.1
 """Standard deviation of the places around a patch that its plane is fitted to."""
 _LEAST_NOISES_PER_HEIGHT = 100
+_PLANTS = 0.15
+"""Share of the patches that are thick: at most 0.1 without plants, 0.2 to 0.7 where grass stands all around a rock."""
 _OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
 """All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
 and this share of the cloud's extent: of noise alone the farthest of a million lies 5 off."""
@@ -25,16 +31,41 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
     """The same refusal of a cloud (n, 3) with what of its points may be the reason, and what would do."""
     if (of_plane := _without_relief(points_m)) is not None:
         return of_plane
-    for told in (_too_noisy(points_m), _too_few(points_m)):
-        if told is not None:
-            what, remedy = told
-            return InputError(
-                f"{error.what}; {what}",
-                where=error.where,
-                expected=error.expected,
-                remedy=f"{remedy}; else: {error.remedy}",
-            )
-    return error
+    patches = surfels_of(points_m)
+    return _with(error, _too_noisy(patches) or _grown_over(patches) or _too_few(points_m))
+
+
+@contextmanager
+def plants_named(points_m: Array) -> Iterator[None]:
+    """What is refused within has the plants in a cloud (n, 3) as a reason, if it shows many."""
+    try:
+        yield
+    except InputError as error:
+        raise _with(error, _grown_over(surfels_of(points_m))) from error
+
+
+def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
+    if told is None:
+        return error
+    what, remedy = told
+    return InputError(
+        f"{error.what}; {what}",
+        where=error.where,
+        expected=error.expected,
+        remedy=f"{remedy}; else: {error.remedy}",
+    )
+
+
+def _grown_over(patches: Surfels) -> tuple[str, str] | None:
+    share = float(in_plants(patches.points_m, patches.roughness).mean())
+    if share < _PLANTS:
+        return None
+    return (
+        f"{share:.0%} of the patches of the cloud are as thick as they are wide, as grass, twigs and rubble are: where "
+        "these hide the rock's foot, what seems to be its pedestal is none",
+        "crop plants from the cloud (CloudCompare's CSF or a filter of last returns leaves the ground), or clear the "
+        "rock's foot and scan again",
+    )
 
 
 def _without_relief(points_m: Array) -> InputError | None:
@@ -72,8 +103,7 @@ def _too_few(points_m: Array) -> tuple[str, str] | None:
     )
 
 
-def _too_noisy(points_m: Array) -> tuple[str, str] | None:
-    patches = surfels_of(points_m)
+def _too_noisy(patches: Surfels) -> tuple[str, str] | None:
     thick = float(np.median(patches.roughness))
     if thick < _THICK:
         return None

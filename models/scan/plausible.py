@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 from toppling.models.scan.steps import single_precision_step
 
-_MINIMUM_POINTS = 1000
+MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
 _COARSEST_STEP_M = 0.01
 """Coordinates stored in steps wider than this have lost the crevice."""
@@ -34,15 +34,15 @@ def check_points(
     left_out: how many others the file holds, by what they are.
     Raises InputError if they are few, one and the same, in degrees, or stored in single precision far from zero.
     """
-    if len(points) < _MINIMUM_POINTS:
+    if len(points) < MINIMUM_POINTS:
         others = [f"{count} that {what.rstrip(',')}" for what, count in left_out.items() if count]
         remedy = "check that the export was complete and that the file's extension names its format"
-        if len(points) + sum(left_out.values()) >= _MINIMUM_POINTS:
+        if len(points) + sum(left_out.values()) >= MINIMUM_POINTS:
             remedy = f"export again so that they do not count as points that {_of_most(left_out).rstrip(',')}"
         raise InputError(
             f"holds {', and '.join([f'{len(points)} points', *others])}",
             where=str(path),
-            expected=f"at least {_MINIMUM_POINTS}",
+            expected=f"at least {MINIMUM_POINTS}",
             remedy=remedy,
         )
     low, high = bounds_of(points)

@@ -17,6 +17,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import shifted_and_turned
 from toppling.models.scan.copies import copies, without
 from toppling.models.scan.overlap import check_overlap
+from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
 
 _VOXELS_PER_EXTENT = 250
@@ -70,10 +71,17 @@ def registered(cloud: Cloud) -> Registered:
     Raises
     ------
     InputError
-        If stations do not overlap, or do not fit.
+        If stations do not overlap or do not fit, or few points are left without copies.
     """
     check_overlap(cloud)
     again = copies(cloud.points_m)
+    if again is not None and (left := int((~again).sum())) < MINIMUM_POINTS:
+        raise InputError(
+            f"{left} of {len(again)} points are different ones, the others copies of them",
+            where=", ".join(name for name, _ in cloud.files),
+            expected=f"at least {MINIMUM_POINTS} different points",
+            remedy="check that the export was complete, with all decimals of the coordinates",
+        )
     fitted, report = register(cloud)
     check_fit(fitted, report)
     return Registered(without(fitted, again), report, cloud.bounds_m)

@@ -22,7 +22,7 @@ from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.beside import beside, stands_beside
-from toppling.models.scan.blurred import with_reason
+from toppling.models.scan.blurred import plants_named, with_reason
 from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
@@ -141,11 +141,12 @@ def work_out(
     except InputError as error:
         raise with_reason(error, cloud.points_m) from error
     observed, label, pedestal, interface = judged.observed, judged.label, judged.pedestal, judged.interface
-    _check_sense(observed, interface, inspection.moved(cloud.origin_m))
-    told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
-    progress("closing the rock")
-    closed, core = close_standing(observed, interface)
-    doubted = _checked_doubts(observed, interface, closed, cloud, label)
+    with plants_named(cloud.points_m):
+        _check_sense(observed, interface, inspection.moved(cloud.origin_m))
+        told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
+        progress("closing the rock")
+        closed, core = close_standing(observed, interface)
+        doubted = _checked_doubts(observed, interface, closed, cloud, label)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
     progress("meshing the pedestal")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from virtual_rocks import stump_on_a_slope
 
+from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan import virtual
 from toppling.models.scan.copies import copies, without
@@ -47,6 +48,17 @@ def test_points_told_many_times_are_read_once(tmp_path, suffix, times):
     assert fitted.sources[0].note == f"{1500 * (times - 1)} points are copies of others and were left out"
     found = np.unique((fitted.points_m + fitted.origin_m).round(3), axis=0)
     np.testing.assert_allclose(found, np.unique(once, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("different", [1, 5, 998])
+def test_a_cloud_of_few_points_told_many_times_is_refused(tmp_path, different):
+    once = np.random.default_rng(different).uniform(0.0, 2.0, (different, 3)).round(3)
+    write_xyz(tmp_path / "cloud.xyz", np.vstack([np.repeat(once, 2000, axis=0), [[9.0, 9.0, 9.0]]]))
+    with pytest.raises(
+        InputError, match=f"{different + 1} of {2000 * different + 1} points are different"
+    ) as refused:
+        registered(read_clouds([tmp_path / "cloud.xyz"]))
+    assert "cloud.xyz" in str(refused.value)
 
 
 def test_no_two_different_points_are_taken_for_copies():

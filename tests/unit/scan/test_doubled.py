@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import test_freedom as patches
 
+from toppling.models.errors import InputError
 from toppling.models.scan.doubled import doubled, layers
 
 RADIUS_M, REACHES_M = 1.0, (0.05, 0.12)
@@ -57,13 +58,24 @@ def test_levels_a_step_of_the_coordinates_apart_are_no_layers():
     assert layers(level[:100], level, REACHES_M, step_m=0.02)[0] == 0.0
 
 
-def test_a_rock_that_was_seen_twice_is_named_with_the_distance_and_what_to_do():
-    rock, rest = patches.ball_at((0.0, 0.0, 0.4)), patches.ground(0.62)
-    observed = patches.seen_of(rock, rest)
-    fine = 0.4 * ball(1e-3) + [0.0, 0.0, 0.4]
+def seen_twice(off_m):
+    """What is said of a ball of .8 m and its copy so far off."""
+    observed = patches.seen_of(patches.ball_at((0.0, 0.0, 0.4)), patches.ground(0.62))
+    fine = 0.4 * ball(1e-3 if off_m > 0.01 else 2e-4) + [0.0, 0.0, 0.4]
     assert doubled(observed, fine, 0.0) is None
-    doubt = doubled(observed, np.vstack([fine, fine + np.array([0.03, 0.0, 0.0])]), 0.0)
+    return doubled(observed, np.vstack([fine, fine + np.array([off_m, 0.0, 0.0])]), 0.0)
+
+
+def test_a_rock_that_was_seen_twice_is_named_with_the_distance_and_what_to_do():
+    doubt = seen_twice(0.0058)
     assert doubt is not None
     assert doubt.kind == "doubled"
-    assert re.search(r"seen twice, about 0\.0(27|28|29|3) m apart", doubt.sentence)
+    assert re.search(r"seen twice, about 0\.00(5[4-9]|6) m apart", doubt.sentence)
     assert "leave one of the two out" in doubt.sentence
+
+
+def test_layers_so_far_apart_that_no_interval_holds_are_refused():
+    with pytest.raises(InputError, match=r"seen twice, about 0\.0(27|28|29|3) m apart") as refused:
+        seen_twice(0.03)
+    assert "within 0.0061 m" in refused.value.expected
+    assert "register the stations anew" in refused.value.remedy

@@ -6,7 +6,7 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices
 from toppling.models.errors import InputError
-from toppling.models.ground.body import RESTING_SHARE, GroundedBody
+from toppling.models.ground.body import FOUND_WITHIN, RESTING_SHARE, GroundedBody
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_triangles
 
@@ -47,8 +47,13 @@ def surface_below(
         )
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
+    if not _overlap(rock.vertices_m, vertices_m[faces], FOUND_WITHIN * rock.half_diagonal_m):
+        raise _apart(rock, vertices_m, where)
     body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction), smooth=True)
-    touching, touched_m = body.touching(body.pose), RESTING_SHARE * body.size_m
+    try:
+        touching, touched_m = body.touching(body.pose), RESTING_SHARE * body.size_m
+    except InputError:
+        raise _apart(rock, vertices_m, where) from None
     shift = body.scene_from_support @ (touching[:3] - body.pose[:3])
     near = body.contacts(body.resting_pose, touched_m)
     if len(near) == 0:  # it has fallen past the surface's edge: what shakes it says so
@@ -61,6 +66,26 @@ def surface_below(
     if normal[2] < np.cos(np.radians(_STEEPEST_DEG)):
         normal = np.array([0.0, 0.0, 1.0])
     return rock.moved(np.eye(3), shift), Pedestal(places.mean(axis=0), normal, level.vertices_m, faces)
+
+
+def _overlap(places_m: Array, corners_m: Array, margin_m: float) -> bool:
+    """Whether a box around places (n, 3), wider by a margin, meets that of one of some triangles (m, 3, 3)."""
+    low, high = places_m.min(axis=0) - margin_m, places_m.max(axis=0) + margin_m
+    return bool(((corners_m.min(axis=1) <= high) & (corners_m.max(axis=1) >= low)).all(axis=1).any())
+
+
+def _apart(rock: Rock, vertices_m: Array, where: str) -> InputError:
+    own, other = (np.array([each.min(axis=0), each.max(axis=0)]) for each in (rock.vertices_m, vertices_m))
+    sizes = [" by ".join(f"{side:.3g}" for side in np.ptp(each, axis=0)) for each in (own, other)]
+    off = other.mean(axis=0) - own.mean(axis=0)
+    return InputError(
+        f"the rock does not touch the ground: the middle of a ground of {sizes[1]} m lies {off[0]:+.3g} m east, "
+        f"{off[1]:+.3g} m north and {off[2]:+.3g} m up from that of a rock of {sizes[0]} m",
+        where=where,
+        expected=f"a rock no farther from its pedestal's surface, and no deeper in it, than "
+        f"{FOUND_WITHIN * rock.half_diagonal_m:.3g} m",
+        remedy="give rock and pedestal in one frame and in metres, the rock as it stands",
+    )
 
 
 def _facing_up(vertices_m: Array, faces: Indices) -> Indices:

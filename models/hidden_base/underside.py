@@ -241,8 +241,10 @@ def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed."""
     hull = ConvexHull(np.argwhere(seen)).volume
     for reach in _CLOSING_CELLS:
-        closed = ndimage.binary_closing(np.pad(seen, reach), iterations=reach)[reach:-reach, reach:-reach]
-        hidden = ndimage.binary_fill_holes(closed | seen) & ~seen
+        # Filled while it is thick: through a rim of single cells what is outside gets in.
+        thick = ndimage.binary_dilation(np.pad(seen, reach), iterations=reach)
+        filled = ndimage.binary_erosion(ndimage.binary_fill_holes(thick), iterations=reach)
+        hidden = ndimage.binary_fill_holes(filled[reach:-reach, reach:-reach] | seen) & ~seen
         hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
         if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break

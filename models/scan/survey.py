@@ -153,10 +153,9 @@ def work_out(
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     seen = at_most(np.flatnonzero(label == PEDESTAL), _BESIDE_POINTS)
     kept = kept_of(ground, cloud.points_m[seen], interface)
-    stands = None
     if interface.edge is None and not judged.stands_alone:
         stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
-    ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
+        ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
     report = {
         **_surface_report(closed, interface, hint, ground),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
@@ -166,17 +165,8 @@ def work_out(
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
     told += [size_note(observed.height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
-    worked_out = WorkedOut(
-        observed,
-        interface,
-        closed,
-        core,
-        ground.pedestal,
-        cloud.origin_m,
-        fitted.bounds_m,
-        report,
-        inspection,
-    )
+    seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
+    worked_out = WorkedOut(observed, interface, closed, core, *seat, report, inspection)
     return worked_out, label, tuple(filter(None, told))
 
 

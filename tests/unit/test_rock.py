@@ -74,3 +74,23 @@ def test_a_mesh_with_a_part_turned_inside_out_is_refused():
 def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
     with pytest.raises(InputError, match="slope_azimuth_deg is"):
         Scene.from_mesh((ROCK.vertices_m, ROCK.faces), slope_deg=5.0, slope_azimuth_deg=azimuth_deg)
+
+
+@pytest.mark.parametrize(
+    ("scale", "shift_m", "told"),
+    [
+        (1.0, (127.0, 0.0, 0.0), r"2 by 2 by 0 m lies \+127 m east, \+0 m north"),
+        (1.0, (0.0, -1.7, 0.0), "-1.7 m north"),
+        (1.0, (0.0, 0.0, 3.0), r"\+2.4 m up"),
+        (1.0, (0.0, 0.0, -0.5), "-1.1 m up"),
+        (1000.0, (50.0, 80.0, -900.0), r"2e\+03 by 2e\+03 by 0 m lies \+50 m east"),
+        (1.0, (4e5, 4e6, 0.0), r"\+4e\+05 m east, \+4e\+06 m north"),
+    ],
+)
+def test_a_pedestal_that_is_elsewhere_is_refused_with_where_it_lies(scale, shift_m, told):
+    rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
+    corners = scale * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + shift_m
+    with pytest.raises(InputError, match=f"does not touch the ground: .*{told}") as refused:
+        Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=(corners, np.array([[0, 1, 2], [0, 2, 3]])))
+    assert "0.0663 m" in refused.value.expected
+    assert "of a rock of 0.4 by 0.4 by 1.2 m" in refused.value.what

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.underside import Base, hidden_base
+from toppling.models.hidden_base.underside import Base, Underside, hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
@@ -134,3 +134,14 @@ def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
     # The octree's cells are 0.07 m wide, and round the edges off by as much.
     np.testing.assert_allclose(np.ptp(rock.vertices_m, axis=0), [7.0, 1.6, 1.0], atol=0.07)
     assert rock.volume_m3 == pytest.approx(table.volume, rel=0.03)
+
+
+@pytest.mark.parametrize("radius_per_height", [0.2, 0.4, 0.7])
+def test_a_rim_seen_as_one_row_of_points_encloses_the_base_however_wide_it_is(radius_per_height):
+    height_m, spacing_m = 2.0, 0.018
+    count = int(2.0 * np.pi * radius_per_height * height_m / spacing_m)
+    turn = 2.0 * np.pi * np.arange(count) / count
+    rim = radius_per_height * height_m * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
+    under = Underside.of(NearInterface(rim, 1.5 * rim, height_m))
+    area_m2 = under.grid.cell_m**2 * under.hidden.sum()
+    assert area_m2 == pytest.approx(np.pi * (radius_per_height * height_m) ** 2, rel=0.05)

@@ -152,23 +152,22 @@ def reweighted_plane(
     given: (n,), weights that each point has anyhow.
     std_m: standard deviation of the heights, from heights and weights.
     """
-    weight = given
+    weight, least_m = given, 1e-8 * float(np.ptp(points, axis=0).max())
     for _ in range(20):
         centre = np.average(points, axis=0, weights=weight)
         offset = points - centre
         normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
         normal *= np.sign(normal[2]) or 1.0
         height = offset @ normal
-        spread = 4.7 * std_m(height, weight)
+        spread = 4.7 * max(std_m(height, weight), least_m)
         weight = given * np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
     return centre, normal, height, weight
 
 
 def fitted_plane(points: Array) -> Interface:
     """Plane through most of some points, by reweighted least squares (Tukey's biweight)."""
-    least = 1e-8 * float(np.ptp(points, axis=0).max())
     centre, normal, height, weight = reweighted_plane(
-        points, np.ones(len(points)), lambda height, _: max(1.4826 * float(np.median(np.abs(height))), least)
+        points, np.ones(len(points)), lambda height, _: 1.4826 * float(np.median(np.abs(height)))
     )
     kept = weight > 0.05
     u, v = plane_axes(normal)

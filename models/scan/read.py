@@ -29,7 +29,7 @@ from toppling.models.scan.meshes import (
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.plausible import check_axes, check_points, check_returns
 from toppling.models.scan.reference import Reference, names_a_system
-from toppling.models.scan.steps import coordinate_steps
+from toppling.models.scan.steps import coordinate_steps, steps_of_mesh
 from toppling.models.scan.text import read_text
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
@@ -355,7 +355,7 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
     points, triangle = points_on(vertices, faces)
     station = np.zeros(len(points), np.int32)
     mesh = (vertices, faces, triangle)
-    return _Read(points, station, coordinate_steps(vertices), unit, system, mesh)
+    return _Read(points, station, steps_of_mesh(vertices, faces), unit, system, mesh)
 
 
 def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[str | None, Reference | None]:

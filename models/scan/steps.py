@@ -13,6 +13,8 @@ _COARSEST_PER_HEIGHT = 1e-2
 _SAMPLE = 200_000
 _MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
+_DRAWN = 1.5
+"""Steps along a mesh's median edge below which it was drawn in them: rounded so, many triangles would have no area."""
 _ALONE, _TAKEN = 0.99, 0.5
 """Shares of a grid of heights: of its points that have a node to themselves, and of its nodes that have a point."""
 
@@ -46,6 +48,17 @@ def _grid_axes(points: NDArray[np.float64], steps: NDArray[np.float64]) -> list[
     taken = len(distinct(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
     alone = taken >= _ALONE * len(points)
     return axes.tolist() if alone and taken >= _TAKEN * np.prod(nodes.max(axis=0) + 1.0) else []
+
+
+def steps_of_mesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The same (3,) for the vertices (n, 3) of triangles (m, 3): a mesh whose edges are a step wide was drawn so."""
+    steps = coordinate_steps(vertices)
+    edges = np.abs(vertices[faces] - vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3)
+    for axis in np.flatnonzero(steps):
+        along = edges[edges[:, axis] > 0.0, axis]
+        if len(along) and np.median(along) < _DRAWN * steps[axis]:
+            steps[axis] = 0.0
+    return np.maximum(steps, _single_precision(vertices[:: max(1, len(vertices) // _SAMPLE)]))
 
 
 def single_precision_step(points: NDArray[np.float64]) -> float:

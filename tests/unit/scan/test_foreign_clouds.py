@@ -7,13 +7,14 @@ import numpy as np
 import open3d as o3d
 import pye57
 import pytest
+import trimesh
 from pye57 import libe57
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.steps import coordinate_steps, step_note
+from toppling.models.scan.steps import coordinate_steps, step_note, steps_of_mesh
 
 FOREIGN = Path(__file__).parents[4] / "shared" / "data" / "foreign"
 POINTS_M = np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + np.array([331000.0, 3777000.0, 470.0])
@@ -368,6 +369,16 @@ def test_steps_show_through_a_pose_that_turns(tmp_path):
 
 def test_continuous_coordinates_show_no_step():
     assert not coordinate_steps(np.random.default_rng(1).normal(size=(5000, 3))).any()
+
+
+def test_the_edges_of_a_mesh_are_no_step_in_which_coordinates_are_stored():
+    block = trimesh.creation.box((4.0, 4.0, 1.0))
+    for _ in range(4):
+        block = block.subdivide()
+    assert steps_of_mesh(block.vertices, block.faces).max() < 1e-5
+    ball = trimesh.creation.icosphere(5, 1.0)
+    rounded = np.round(ball.vertices, 2)
+    assert steps_of_mesh(rounded, ball.faces) == pytest.approx([0.01, 0.01, 0.01])
 
 
 @pytest.mark.parametrize("upward", [1, 2])

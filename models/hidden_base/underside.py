@@ -16,6 +16,8 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
+_MOST_CELLS_ACROSS = 400
+"""A base twice as wide as the rock is high and wider is laid out in so many: a sheet of a million takes a minute."""
 _RIM_CELLS = 5
 """Of seen cells so near to each other, the lowest carries the hidden base; the others are the rock's side."""
 _RIM_SPREAD_PER_HEIGHT = 0.0003
@@ -113,12 +115,15 @@ class Underside:
         """
         low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)
-        cell = height_m / CELLS_PER_HEIGHT
+        lattice_m = 0.0 if interface is None else interface.lattice_m or 0.0
+        cell = max(height_m / CELLS_PER_HEIGHT, float(np.ptp(low[:, :2], axis=0).max()) / _MOST_CELLS_ACROSS)
+        if lattice_m and cell > height_m / CELLS_PER_HEIGHT:
+            cell = lattice_m / max(1, round(lattice_m / cell))
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
         side = None if hint is not None and hint.encloses else UnseenSide.of(low, led_down=near.led_down)
         if side is not None:
             first, last = np.minimum(first, side.reach_m[0]), np.maximum(last, side.reach_m[1])
-        if interface is not None and (lattice_m := interface.lattice_m):
+        if lattice_m:
             first, last = np.floor(first / lattice_m) * lattice_m, np.ceil(last / lattice_m) * lattice_m
         grid = Grid.over(first, last, cell)
         seen_height, seen = _lowest(grid, low)

@@ -25,7 +25,7 @@ from toppling.models.ground.facets import (
     not_looked_at,
     rounded_contacts_at,
 )
-from toppling.models.ground.mesh import ContactMesh, contact_mesh
+from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
 from toppling.models.ground.pairs import Pairs, no_pairs
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
@@ -219,12 +219,7 @@ class GroundedBody:
             near = self.contacts(pose, margin_m)
             carrying = near[near["normal"] @ up > 0.1]
             if len(carrying) == 0:
-                raise InputError(
-                    "the rock does not touch the ground",
-                    where="scene",
-                    expected=f"a rock within {most_m:.3g} m of its pedestal's surface",
-                    remedy="give rock and pedestal in one frame, the rock as it stands",
-                )
+                raise not_touching(most_m)
             rise = -float((carrying["gap_m"] / (carrying["normal"] @ up)).min())
             pose[:3] += rise * up
             if abs(rise) < 1e-9 * self.size_m:

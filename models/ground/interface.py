@@ -47,13 +47,12 @@ def surface_below(
         )
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
-    if not _overlap(rock.vertices_m, vertices_m[faces], FOUND_WITHIN * rock.half_diagonal_m):
-        raise _apart(rock, vertices_m, where)
-    body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction), smooth=True)
     try:
-        touching, touched_m = body.touching(body.pose), RESTING_SHARE * body.size_m
+        body = GroundedBody.of(rock, level, gravity_m_s2, (friction, friction), smooth=True)
+        touching = body.touching(body.pose)
     except InputError:
         raise _apart(rock, vertices_m, where) from None
+    touched_m = RESTING_SHARE * body.size_m
     shift = body.scene_from_support @ (touching[:3] - body.pose[:3])
     near = body.contacts(body.resting_pose, touched_m)
     if len(near) == 0:  # it has fallen past the surface's edge: what shakes it says so
@@ -66,12 +65,6 @@ def surface_below(
     if normal[2] < np.cos(np.radians(_STEEPEST_DEG)):
         normal = np.array([0.0, 0.0, 1.0])
     return rock.moved(np.eye(3), shift), Pedestal(places.mean(axis=0), normal, level.vertices_m, faces)
-
-
-def _overlap(places_m: Array, corners_m: Array, margin_m: float) -> bool:
-    """Whether a box around places (n, 3), wider by a margin, meets that of one of some triangles (m, 3, 3)."""
-    low, high = places_m.min(axis=0) - margin_m, places_m.max(axis=0) + margin_m
-    return bool(((corners_m.min(axis=1) <= high) & (corners_m.max(axis=1) >= low)).all(axis=1).any())
 
 
 def _apart(rock: Rock, vertices_m: Array, where: str) -> InputError:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.models.errors import InputError
 from toppling.models.ground.vectors import cross, dot, minus, plus
 
 _CELLS = 40
@@ -111,8 +112,15 @@ def contact_mesh(
         Triangles and edges so near a place are found there.
     touching : (n,) bool array, optional
         Vertices that may be points and ends of edges that touch: all unless given.
+
+    Raises
+    ------
+    InputError
+        If no triangle lies in the box.
     """
     vertices, faces, used = _within(vertices_m, faces, low_m - reach_m, high_m + reach_m)
+    if len(faces) == 0:
+        raise not_touching(reach_m)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -140,6 +148,16 @@ def contact_mesh(
         kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
         low, cell, shape, first, near, first_edge, near_edges,
     )  # fmt: skip
+
+
+def not_touching(within_m: float) -> InputError:
+    """The refusal of a rock that is farther from the ground than `within_m`, or as deep in it."""
+    return InputError(
+        "the rock does not touch the ground",
+        where="scene",
+        expected=f"a rock within {within_m:.3g} m of its pedestal's surface",
+        remedy="give rock and pedestal in one frame, the rock as it stands",
+    )
 
 
 def _within(

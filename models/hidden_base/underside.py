@@ -115,7 +115,7 @@ class Underside:
         """
         low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)
-        lattice_m = 0.0 if interface is None else interface.lattice_m or 0.0
+        lattice_m = 0.0 if interface is None else interface.lattice_m
         cell = max(height_m / CELLS_PER_HEIGHT, float(np.ptp(low[:, :2], axis=0).max()) / _MOST_CELLS_ACROSS)
         if lattice_m and cell > height_m / CELLS_PER_HEIGHT:
             cell = lattice_m / max(1, round(lattice_m / cell))
@@ -249,7 +249,7 @@ def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         # Filled while it is thick: through a rim of single cells what is outside gets in.
         thick = ndimage.binary_dilation(np.pad(seen, reach), iterations=reach)
         filled = ndimage.binary_erosion(ndimage.binary_fill_holes(thick), iterations=reach)
-        hidden = ndimage.binary_fill_holes(filled[reach:-reach, reach:-reach] | seen) & ~seen
+        hidden = filled[reach:-reach, reach:-reach] & ~seen
         hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
         if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break

@@ -139,7 +139,9 @@ def work_out(
         progress("fitting the interface")
         judged = _classified(cloud, parts, hint)
     except InputError as error:
-        raise error if cloud.label is not None else with_reason(error, cloud.points_m) from error
+        if cloud.label is not None:  # given apart, not found in one cloud
+            raise
+        raise with_reason(error, cloud.points_m) from error
     observed, label, pedestal, interface = judged.observed, judged.label, judged.pedestal, judged.interface
     with plants_named(cloud.points_m):
         _check_sense(observed, interface, inspection.moved(cloud.origin_m))

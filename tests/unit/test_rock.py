@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
@@ -94,3 +95,10 @@ def test_a_pedestal_that_is_elsewhere_is_refused_with_where_it_lies(scale, shift
         Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=(corners, np.array([[0, 1, 2], [0, 2, 3]])))
     assert "0.0663 m" in refused.value.expected
     assert "of a rock of 0.4 by 0.4 by 1.2 m" in refused.value.what
+
+
+def test_a_scene_whose_pedestal_is_elsewhere_is_refused_too():
+    far = np.array([[126.0, -1, 0], [128, -1, 0], [128, 1, 0], [126, 1, 0]])
+    pedestal = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), far, np.array([[0, 1, 2], [0, 2, 3]]))
+    with pytest.raises(InputError, match="does not touch the ground"):
+        _ = Scene(ROCK, pedestal).ground

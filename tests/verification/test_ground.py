@@ -291,11 +291,7 @@ def with_wall(distance_m, height_m=1.0, thickness_m=0.3):
         (x + thickness_m, 0.0),
         (s, 0.0),
     ]
-    vertices = np.array([[px, y, pz] for y in (-s, s) for px, pz in profile])
-    n, i = len(profile), np.arange(len(profile) - 1)
-    return vertices, np.vstack(
-        [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
-    )
+    return strips(profile)
 
 
 def test_a_wall_beside_the_rock_is_not_passed():
@@ -456,13 +452,66 @@ def test_a_rock_that_stands_on_two_levels_and_falls_against_a_wall_has_lodged():
         (0, step_m),
         (s, step_m),
     ]
-    ground = np.array([[x, y, z] for y in (-s, s) for x, z in profile])
-    n, i = len(profile), np.arange(len(profile) - 1)
-    strips = np.vstack([np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])])
-    scene = Scene.from_mesh((vertices, faces), pedestal=(ground, strips), friction=0.8)
+    scene = Scene.from_mesh((vertices, faces), pedestal=strips(profile), friction=0.8)
     fallen = shake(scene, pulse(8.0, 0.3, after_s=6.0), "fast")
     assert (fallen.outcome, fallen.toppled) == ("lodged", True)
     assert 30.0 < fallen.residual_tilt_deg < 45.0
+
+
+@pytest.mark.parametrize("right_m", [0.3, 0.5])
+def test_a_ledge_that_a_rock_touches_from_the_start_hides_no_lodging_on_a_lower_one(right_m):
+    """A tee on its stem, past its balance once its arm comes down on the left ledge; the right one carries nothing."""
+    between = [(-6.0, 0.35), (-0.3, 0.35), (-0.3, 0.0), (0.3, 0.0), (0.3, right_m), (6.0, right_m)]
+    scene = Scene.from_mesh(tee(), pedestal=strips(between), friction=0.8)
+    body = scene.grounded
+    arm_m = body.contacts(body.resting_pose, 1e-6)["arm_m"] @ body.scene_from_support.T
+    assert (arm_m[:, 0] > 0.2).any() == (right_m == 0.5)
+    fallen = shake(scene, pulse(3.0, 0.3, after_s=6.0), "fast")
+    assert (fallen.outcome, fallen.toppled) == ("lodged", True)
+    assert fallen.residual_tilt_deg > 3.0 * math.degrees(math.atan(0.06 / 0.57))
+
+
+def test_a_rock_that_shifts_on_the_two_levels_that_carried_it_has_not_lodged():
+    """Its left feet alone hold it at the start, on a ledge that ends beyond its middle; later they do not."""
+    step_m, edge_m = 0.3, 0.1
+    ring = [(-0.4, 0.0), (0.25, 0.0), (0.25, step_m), (0.5, step_m), (0.5, 0.5), (-0.4, 0.5)]
+    rock = prism(ring, [(0, 1, 5), (1, 2, 5), (2, 3, 4), (2, 4, 5)])
+    ground = strips([(-6.0, 0.0), (edge_m, 0.0), (edge_m, -1.0), (0.45, -1.0), (0.45, step_m), (6.0, step_m)])
+    scene = Scene.from_mesh(rock, pedestal=ground, friction=0.3)
+    body = scene.grounded
+    touching = body.contacts(body.resting_pose, 1e-6)
+    left = touching[touching["arm_m"] @ body.scene_from_support[2] < -0.1]
+    assert 0 < len(left) < len(touching)
+    assert body.hold(left, body.load_m_s2()[None])[0]
+    shifted = shake(scene, pulse(-6.0, 0.25), "fast")
+    assert edge_m - scene.rock.com_m[0] < shifted.slip_m < 0.25
+    assert (shifted.outcome, shifted.toppled) == ("moved", False)
+
+
+def tee():
+    """A rock with arms: a stem of half width .06, arms that reach .4 to either side from .5 up."""
+    stem, arm, under, top = 0.06, 0.4, 0.5, 0.8
+    half = [(stem, 0.0), (stem, under), (arm, under), (arm, top)]
+    ring = [(-stem, 0.0), *half, *((-x, z) for x, z in half[:0:-1])]
+    return prism(ring, [(0, 1, 2), (0, 2, 7), (4, 5, 6), (4, 6, 7), (4, 7, 2), (4, 2, 3)])
+
+
+def prism(ring, triangles, half_depth=0.3):
+    """A closed mesh over a ring (x, z) and the triangles that fill it, seen from where y is negative."""
+    vertices = np.array([[x, y, z] for y in (-half_depth, half_depth) for x, z in ring])
+    n, front = len(ring), np.array(triangles)
+    i, after = np.arange(n), (np.arange(n) + 1) % n
+    sides = np.column_stack([i, n + i, after]), np.column_stack([after, n + i, n + after])
+    return vertices, np.vstack([front, front[:, ::-1] + n, *sides])
+
+
+def strips(profile, reach_m=6.0):
+    """Ground with a profile of (x, z), the same along y."""
+    vertices = np.array([[x, y, z] for y in (-reach_m, reach_m) for x, z in profile])
+    n, i = len(profile), np.arange(len(profile) - 1)
+    return vertices, np.vstack(
+        [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
+    )
 
 
 @pytest.mark.parametrize(

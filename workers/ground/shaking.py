@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from toppling.models.compiled import Array
-from toppling.models.ground.body import PAIRS, RESTING_SHARE
+from toppling.models.ground.body import PAIRS, RESTING_SHARE, GroundedBody
 from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.equilibrium import held
 from toppling.models.ground.excitation import excitation
@@ -240,19 +242,27 @@ class GroundShaking:
         return not self._held_from_below(last) and self._held_from_below(start)
 
     def _held_from_below(self, pose: Array) -> bool:
-        """Whether contacts below a rock at rest hold it: not steep, and not far up a rock that lies against them."""
-        near, height_m = self._carrying(pose)
-        _, first_m = self._carrying(self.sim.pose[0])
-        low = height_m < first_m.max(initial=-np.inf) + TOPPLED_FALL * self._stood_m
-        return bool(self.body.hold(near[low], self.body.load_m_s2()[None])[0])
+        """Whether a rock at rest is held by contacts below it and by parts of it that carried it at the start.
+
+        Below are those that are not steep, and not far up a rock that lies against them.
+        """
+        near, on_rock_m = self._carrying(pose)
+        at_first, first_m = self._carrying(self.sim.pose[0])
+        if len(near) == 0 or len(at_first) == 0:
+            return False
+        load, reach_m = self.body.load_m_s2()[None], TOPPLED_FALL * self._stood_m
+        again = cKDTree(first_m).query(on_rock_m)[0] < reach_m
+        if self.body.hold(near[again], load)[0]:
+            return True
+        low = on_rock_m[:, 2] < _lowest_that_hold_m(self.body, at_first, first_m[:, 2]) + reach_m
+        return bool(self.body.hold(near[low | again], load)[0])
 
     def _carrying(self, pose: Array) -> tuple[np.ndarray, Array]:
-        """Contacts that are not steep, and how high on the rock as it stood at the start they touch it."""
+        """Contacts that are not steep, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
         near = self.body.near_contacts(pose, TOUCHING_SHARE * self.body.size_m)
-        up = self.body.scene_from_support[2]
-        near = near[near["normal"] @ up > _STEEP]
-        upright = quat.matrix(pose[3:]) @ quat.matrix(self.sim.pose[0, 3:]).T @ up
-        return near, near["arm_m"] @ upright
+        near = near[near["normal"] @ self.body.scene_from_support[2] > _STEEP]
+        turned = self.body.scene_from_support @ quat.matrix(self.sim.pose[0, 3:]) @ quat.matrix(pose[3:]).T
+        return near, near["arm_m"] @ turned.T
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 1 < len(self.sim.time_s):
@@ -290,3 +300,14 @@ class GroundShaking:
             wall_s=0.0,
             time_step_s=sim.step_s,
         )
+
+
+def _lowest_that_hold_m(body: GroundedBody, contacts: np.ndarray, height_m: Array) -> float:
+    """Height of the highest of those contacts that alone, without any above them, hold a rock at rest."""
+    levels_m = np.unique(height_m)
+    enough = bisect_left(
+        levels_m,
+        True,
+        key=lambda level_m: body.hold(contacts[height_m <= level_m], body.load_m_s2()[None])[0],
+    )
+    return float(levels_m[enough]) if enough < len(levels_m) else np.inf

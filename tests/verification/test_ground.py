@@ -21,7 +21,7 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.public.making import scan
-from toppling.workers.ground.rest import holds
+from toppling.workers.ground.rest import holds, least_overturning_j_kg
 from toppling.workers.shake import shake
 
 G = 9.81
@@ -599,6 +599,16 @@ def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
     for each in (scene, as_surface(scene)):
         ((_, over_lip),) = each.quasi_static_toppling_m_s2([180.0])
         assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
+
+
+@pytest.mark.parametrize("lip_m", [0.05, 0.1, 0.3])
+def test_the_least_energy_overturns_over_a_cliffs_lip_where_that_is_nearer_than_the_edges(lip_m):
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    body = as_surface(
+        Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
+    ).grounded
+    raised_m = math.hypot(min(lip_m, HALF_WIDTH_M), HALF_HEIGHT_M) - HALF_HEIGHT_M
+    assert least_overturning_j_kg(body, body.resting_pose) == pytest.approx(G * raised_m, rel=0.03)
 
 
 def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():

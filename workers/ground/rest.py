@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from heapq import heapreplace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -117,35 +119,37 @@ def _least_where_it_stood_j_kg(body: GroundedBody) -> float:
 
 
 def _least_j_kg(body: GroundedBody, rest: Array) -> float:
-    up = body.scene_from_support[2]
-    east, north = body.scene_from_support[0], body.scene_from_support[1]
-    highest = [
-        _highest_m(body, rest, math.cos(way) * east + math.sin(way) * north)
-        for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS
-    ]
-    return body.gravity_m_s2 * max(min(highest) - float(rest[:3] @ up), 0.0)
+    """Of the directions the one whose height is least goes on: the first that sinks needs the least energy."""
+    east, north, up = body.scene_from_support
+    start_m = float(rest[:3] @ up)
+    outward = [math.cos(way) * east + math.sin(way) * north for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS]
+    ways = [_heights_m(body, rest, each) for each in outward]
+    waiting = [(start_m, way) for way in range(_WAYS)]
+    while True:
+        highest_m, way = waiting[0]
+        height_m = next(ways[way], -math.inf)
+        if height_m < highest_m:
+            return body.gravity_m_s2 * max(highest_m - start_m, 0.0)
+        heapreplace(waiting, (height_m, way))
 
 
-def _highest_m(body: GroundedBody, rest: Array, outward: Array) -> float:
-    """Greatest height of the centre of mass of a rock tipped in a direction until it sinks; infinite if it does not."""
+def _heights_m(body: GroundedBody, rest: Array, outward: Array) -> Iterator[float]:
+    """Heights of the centre of mass of a rock that is tipped until it loses the ground; infinite if it never does."""
     up = body.scene_from_support[2]
     if body.rolls_on_dome:
         turn_rad, most_rad = math.radians(_TILT_STEP_DEG), math.radians(_FARTHEST_DEG)
-        return tipped_over_m(body.curved, rest, up, outward, turn_rad, most_rad, TOUCHING_SHARE * body.size_m)
-    turn = Rotation.from_rotvec(math.radians(_TILT_STEP_DEG) * np.cross(up, outward))
-    pose, highest = rest, float(rest[:3] @ up)
+        yield tipped_over_m(body.curved, rest, up, outward, turn_rad, most_rad, TOUCHING_SHARE * body.size_m)
+        return
+    turn, pose = Rotation.from_rotvec(math.radians(_TILT_STEP_DEG) * np.cross(up, outward)), rest
     for _ in range(int(_FARTHEST_DEG / _TILT_STEP_DEG)):
         near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
         if len(near) == 0:
-            return highest
+            return
         pivot = near["place_m"][np.argmax(near["place_m"] @ outward)]
         attitude = (turn * Rotation.from_quat(pose[3:])).as_quat()
         try:
             pose = body.touching(np.concatenate([pivot + turn.apply(pose[:3] - pivot), attitude]))
         except InputError:  # it has lost the ground
-            return highest
-        height = float(pose[:3] @ up)
-        if height < highest:
-            return highest
-        highest = height
-    return math.inf
+            return
+        yield float(pose[:3] @ up)
+    yield math.inf

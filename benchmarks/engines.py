@@ -1,9 +1,8 @@
 """Two runs of the same jobs by two engines, cell by cell beside the records' own error.
 
-    .venv/bin/python benchmarks/engines.py RUN OTHER [FIGURE]
+    .venv/bin/python benchmarks/engines.py RUN OTHER
 
-Prints shares, single answers that differ, tilts, and the differences of the maps' cells; FIGURE (without an ending) is
-where the two maps are drawn side by side.
+Prints shares, single answers that differ, tilts, and the differences of the maps' cells.
 """
 
 import sys
@@ -14,8 +13,6 @@ import pandas as pd
 
 from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.fragility import PLANES, cells
-from toppling.results.drawing.maps import pair_figure
-from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
 
 SAMPLES = 40
@@ -78,26 +75,11 @@ def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str,
     }
 
 
-def draw(one: pd.DataFrame, other: pd.DataFrame, plane: str, figure: Path) -> None:
-    """Draw both runs' maps, and their differences over the standard deviations that records leave."""
-    first, second = probabilities(one, plane), probabilities(other, plane)
-    thick = first.index[~first["thin"]].intersection(second.index)
-    off = second["probability"].loc[thick] - first["probability"].loc[thick]
-    deviations = (off / record_errors(one, plane).loc[thick]).where(off != 0.0, 0.0)
-    tables = {run["engine"].iloc[0]: cells(run, PLANES[plane]) for run in (one, other)}
-    save(
-        pair_figure(tables, first.loc[thick].assign(deviations=deviations).reset_index(), PLANES[plane]),
-        figure,
-    )
-
-
 def main() -> None:
-    """Print both tables, and draw."""
+    """Print both tables."""
     one, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
     print(pd.Series(answers(one, other)).to_string(float_format=lambda value: f"{value:.4f}"))
     print(pd.DataFrame({name: differences(one, other, name) for name in PLANES}).round(4).to_string())
-    if len(sys.argv) > 3:
-        draw(one, other, "pga_pgv_pga", Path(sys.argv[3]))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ from pathlib import Path
 import toppling.models
 import toppling.workers
 from toppling.models.compiled import FOLDER
-from toppling.models.files.folder import new_file
+from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, write_json
 
 _MODELS, _WORKERS = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
 
@@ -33,20 +34,17 @@ def code() -> str:
     Reading syntax takes a second and more, which every worker would begin with: it is done once for these very bytes,
     and kept with the code compiled from them.
     """
-    kept = FOLDER / f"identity-{_bytes_read()}" if FOLDER else None
+    kept = FOLDER / f"identity-{_bytes_read()}.json" if FOLDER else None
     if kept is not None:
-        with suppress(OSError, ValueError):
-            told, seal = kept.read_text(encoding="ascii").split()
-            if seal == _seal(told):
-                return told
+        with suppress(OSError, InputError):
+            return str(read_json(kept, required=True)["code"])
     found, digest = _deciding(), hashlib.blake2b(digest_size=8)
     for path in sorted(found):
         digest.update(_without_words(found[path]).encode())
-    told = digest.hexdigest()
     if kept is not None:
-        with suppress(OSError), new_file(kept) as file:
-            file.write_text(f"{told} {_seal(told)}\n", encoding="ascii")
-    return told
+        with suppress(OSError):
+            write_json(kept, {"code": digest.hexdigest()})
+    return digest.hexdigest()
 
 
 def _bytes_read() -> str:
@@ -55,10 +53,6 @@ def _bytes_read() -> str:
     for path, source in sorted(_SOURCES.items()):
         digest.update(hashlib.blake2b(bytes(path.relative_to(_MODELS.parent)) + b"\0" + source).digest())
     return digest.hexdigest()
-
-
-def _seal(told: str) -> str:
-    return hashlib.blake2b(told.encode(), digest_size=8).hexdigest()
 
 
 def _deciding() -> dict[Path, ast.Module]:

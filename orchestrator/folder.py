@@ -82,9 +82,9 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
         hazard = _copy_hazard(plan.campaign.target, staging)
         written = plan.campaign.to_toml(stood=stood, hazard=hazard)
-        digest.write_text(written, staging / "campaign.toml")
+        digest.write_sealed(written, staging / "campaign.toml")
         if sites:
-            digest.write_text(sites, staging / SITES_FILE)
+            digest.write_sealed(sites, staging / SITES_FILE)
         write_table(plan.jobs, staging / "jobs.parquet")
         if without_stand:
             write_part(staging, without_stand)

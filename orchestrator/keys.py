@@ -1,6 +1,6 @@
 """Keys of a file that a person writes, each declared once: its name, what it may be, its default, its meaning.
 
-Reading, refusals, the template of `toppling init` and the table in the documentation come from the declaration.
+Reading, refusals, the template of `toppling init` and the list in the documentation come from the declaration.
 """
 
 from collections import Counter
@@ -58,13 +58,6 @@ class Key:
         if self.default is not REQUIRED:
             remedy = f"leave it out for {self.otherwise}"
         return Place(f"{where}{self.name}", folder, self.values, remedy)
-
-    @property
-    def row(self) -> str:
-        """Row of a table in Markdown."""
-        default = "required" if self.default is REQUIRED else self.otherwise
-        more = f" ([more]({self.page}))" if self.page else ""
-        return f"| `{self.name}` | {self.help}: {self.values}{more} | {default} |"
 
     @property
     def line(self) -> str:

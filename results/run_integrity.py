@@ -217,7 +217,7 @@ LEAST_TELLING = 40
 """Of fewer jobs none on a shift: even without a single answer that differs a tenth of them may."""
 
 
-def check_place(run: Path, folder: Path) -> None:
+def check_audit(run: Path, folder: Path) -> None:
     """Make sure that an audit's folder is of the run in whose folder it lies.
 
     Raises
@@ -234,10 +234,10 @@ def check_place(run: Path, folder: Path) -> None:
 
 
 def check_audits(run: Path) -> None:
-    """Make sure that all audits in a run's folder are of this run, as :func:`check_place` does."""
+    """Make sure that all audits in a run's folder are of this run, as :func:`check_audit` does."""
     for folder in sorted((run / AUDIT_FOLDER).glob("*")):
         if folder.is_dir():
-            check_place(run, folder)
+            check_audit(run, folder)
 
 
 def write_jobs(folder: Path, jobs: pa.Table, plan_id: str) -> None:

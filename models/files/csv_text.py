@@ -1,6 +1,9 @@
 """Text in tables: what is a number, and what a spreadsheet would take for a formula and stays text."""
 
+from pathlib import Path
 from typing import Any
+
+from toppling.models.files.folder import new_file
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """With which a cell begins that a spreadsheet calculates, or that hides one that does."""
@@ -45,3 +48,10 @@ def plain_frame(frame: Any) -> Any:
             )  # whole numbers stay
             cells.isetitem(index, texts)
     return cells.rename(columns=plain, index=plain)
+
+
+def write_csv(frame: Any, target: Path, *, digits: int | None = 6, index: bool = False) -> Path:
+    """Write a pandas frame with plain cells; the file appears complete or not at all."""
+    with new_file(target) as hidden:
+        plain_frame(frame).to_csv(hidden, index=index, float_format=digits and f"%.{digits}g")
+    return target

@@ -165,7 +165,7 @@ def read_json(path: Path, *, required: bool = False) -> Any:
     return content
 
 
-def write_text(text: str, path: Path) -> None:
+def write_sealed(text: str, path: Path) -> None:
     """Write a text with its digest in a comment that goes before."""
     path.write_text(f"# {BLANK}\n{text}", encoding="utf-8")
     seal(path)

@@ -3,14 +3,11 @@
 Each rock's flat base lies on the interface plane, and the part of the pedestal's surface below the base is that plane.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.scan.crevice import grid_triangles
 
-HeightAt = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
@@ -135,18 +132,3 @@ def ground(
     turn = np.deg2rad(cliff_azimuth_deg)
     x, y = u * np.cos(turn) - v * np.sin(turn), u * np.sin(turn) + v * np.cos(turn)
     return np.column_stack([x.ravel(), y.ravel(), h.ravel()]), grid_triangles(u.shape)
-
-
-def ground_of(height_at: HeightAt, reach_m: float, cells: int = 200) -> Mesh:
-    """Square pedestal whose height over x, y is given; x = 0 and y = 0 are lines of its mesh."""
-    along = np.linspace(-reach_m, reach_m, cells + 1)
-    x, y = np.meshgrid(along, along, indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), height_at(x, y).ravel()]), grid_triangles(x.shape)
-
-
-def laid_on(rock: Mesh, height_at: HeightAt) -> Mesh:
-    """A rock whose base follows a surface; what bends its base fades over its lower half."""
-    vertices, faces = rock
-    fades = 1.0 - np.minimum(vertices[:, 2] / (0.5 * vertices[:, 2].max()), 1.0)
-    bent = fades * height_at(vertices[:, 0], vertices[:, 1])
-    return vertices + np.column_stack([np.zeros((len(vertices), 2)), bent]), faces

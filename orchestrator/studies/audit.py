@@ -31,7 +31,7 @@ from toppling.results.run_integrity import (
     DRAWN_FILE,
     LEAST_JOBS,
     REFERENCE,
-    check_place,
+    check_audit,
     write_jobs,
 )
 from toppling.results.store import (
@@ -131,7 +131,7 @@ def audit(work: Work, count: int) -> list[RunProgress]:
         latest = pc.max(rows["finished_at"]).as_py()
         for one in able:
             target = home / one.name
-            check_place(folder, target)
+            check_audit(folder, target)
             (target / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
             write_json(
                 target / DRAWN_FILE,
@@ -209,7 +209,7 @@ class Auditing:
         places = rows["job_id"][:count]
         for one in _auditors(planned.campaign) if count else ():
             part = one.plan(planned, _rows_of(planned, places))
-            check_place(folder, folder / AUDIT_FOLDER / one.name)
+            check_audit(folder, folder / AUDIT_FOLDER / one.name)
             if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
                 return count
         return 0

@@ -20,7 +20,7 @@ import pandas as pd
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
-from toppling.models.files.folder import new_file
+from toppling.models.files.csv_text import write_csv
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
@@ -140,8 +140,7 @@ def carry_out(
             advance(name)
     for future in as_completed(waiting):
         name = waiting[future]
-        with new_file(places[name]) as hidden:
-            pd.DataFrame(future.result()).to_csv(hidden, index=False)
+        write_csv(pd.DataFrame(future.result()), places[name], digits=None)
         advance(name)
     tables = [pd.read_csv(path) for path in places.values()]
     return pd.concat(tables, ignore_index=True)

@@ -17,6 +17,7 @@ import pandas as pd
 from distributed import Client
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import write_csv
 from toppling.models.files.digest import write_json
 from toppling.models.files.documents import read_json
 from toppling.models.files.folder import write_text
@@ -35,7 +36,6 @@ from toppling.results.analysis.findings import Finding, findings
 from toppling.results.analysis.fragility import PLANES
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.drawing.run_figures import (
-    save_table,
     write_audits,
     write_directions,
     write_friction,
@@ -179,7 +179,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     folder = out / "figures"
     scene = Scene.load(out / "scene")
     climbed = ramp.summary(levels)
-    yield save_table(climbed, folder / "figure_04.csv")
+    yield write_csv(climbed, folder / "figure_04.csv")
     quasi_static = open_run(out / "runs" / MAIN).quasi_static()
     static_m_s2 = np.inf
     if quasi_static is not None:
@@ -201,7 +201,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
             path.replace(target)
             yield target
     table = topple_by_direction(main)
-    yield save_table(table, folder / "toppling_azimuths_by_direction.csv")
+    yield write_csv(table, folder / "toppling_azimuths_by_direction.csv")
     if len(table):
         yield from save(
             topple_direction_figure(table), folder / "toppling_azimuths_by_direction", done.remark
@@ -209,7 +209,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     motions = opened.motions()
     if motions is not None and "directionality" in motions.column_names:
         directionality = motions.select(["record_id", "directionality"]).to_pandas()
-        yield save_table(directionality, folder / "directionality.csv")
+        yield write_csv(directionality, folder / "directionality.csv")
         yield from save(directionality_figure(directionality), folder / "directionality", done.remark)
 
 

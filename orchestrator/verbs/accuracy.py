@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.csv_text import write_csv
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
@@ -75,9 +75,9 @@ def accuracy(
         }
     table = compare(said, said[CONVERGED])
     save(front_figure(table), out / "front")
-    plain_frame(table).to_csv(out / "accuracy.csv", index=False)
+    written = write_csv(table, out / "accuracy.csv", digits=None)
     click.echo(_summary(table))
-    click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")
+    click.echo(f"{written}\n{out / 'front.png'}")
 
 
 def _summary(table: pd.DataFrame) -> str:

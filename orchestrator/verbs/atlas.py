@@ -8,6 +8,7 @@ import click
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.folder import place_in
@@ -19,7 +20,6 @@ from toppling.results.analysis.side_by_side import Beside, beside_each_other
 from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
 from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
 from toppling.results.drawing.report.write import report_page
-from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
 from toppling.results.drawing.style import save
 from toppling.results.reader import Run, open_run
@@ -105,7 +105,7 @@ def _write_reports(rocks: list[Run], samples: int) -> None:
 
 def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
     save(fragilities_figure(rocks, measure), folder / "fragilities")
-    save_table(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
+    write_csv(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
     if any(rock.place for rock in rocks):
         save(places_figure(rocks, measure), folder / "places")
         for name, content in (("rocks", geojson(rocks)), ("directions", directions_geojson(rocks))):

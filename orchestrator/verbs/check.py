@@ -132,12 +132,12 @@ def _check_table(table: Path, friction: float | None, given: list[Seismogram], *
         rows = check_sites(sites, given, judged, factors, asked["preset"], asked["workers"], advance)
     matrix = matrix_of(rows)
     if out := asked["out"]:
-        from toppling.results.drawing.run_figures import save_table
+        from toppling.results.drawing.run_figures import write_csv
         from toppling.results.drawing.side_by_side_figures import scenarios_figure
         from toppling.results.drawing.style import save
 
-        save_table(rows, out / "rows.csv")
-        save_table(matrix.reset_index(), out / "matrix.csv")
+        write_csv(rows, out / "rows.csv")
+        write_csv(matrix.reset_index(), out / "matrix.csv")
         save(scenarios_figure(rows, matrix), out / "matrix")
     if as_json:
         click.echo(rows.to_json(orient="records", indent=1))

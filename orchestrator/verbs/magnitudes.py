@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import write_csv
 from toppling.models.files.documents import finite
 from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
@@ -21,7 +22,6 @@ from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option,
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
-from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.faults import FaultTrace, read_faults
@@ -154,7 +154,7 @@ def _tell(
     if out:
         answer.write(out, statement)
         if shares is not None:
-            save_table(shares, out / "deaggregation.csv")
+            write_csv(shares, out / "deaggregation.csv")
     words = "\n".join([_words(statement), *([] if shares is None else bins_words(shares))])
     click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
 
@@ -276,12 +276,12 @@ class Answer:
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
         for index, name in enumerate(("largest_magnitudes", "least_distances")):
             parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
-            save_table(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
+            write_csv(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
         first = {name: pair[0] for name, pair in tables.items()}
         save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
         if self.traces:
             table = self.faults()
-            save_table(table, out / "faults.csv")
+            write_csv(table, out / "faults.csv")
             last = self.occurrences[-1]
             allowed = table.loc[table["occurrence"] == last.name, "magnitude"]
             drawn = [

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from toppling.models.files.csv_text import write_csv
 from toppling.orchestrator.verbs.options import (
     ABOVE_0,
     AZIMUTH,
@@ -124,7 +125,6 @@ def write(
     """Write tables and figure of a ramp."""
     from toppling.models.contact import ContactProperties
     from toppling.orchestrator.studies.ramp import summary
-    from toppling.results.drawing.run_figures import save_table
     from toppling.results.drawing.study_figures import ramp_figure
     from toppling.results.drawing.style import save
     from toppling.workers.seating import settled
@@ -133,7 +133,7 @@ def write(
     ((_, static_m_s2),) = at_rest.quasi_static_toppling_m_s2([azimuth_deg])
     table = summary(levels)
     return [
-        save_table(table, out / "ramp.csv"),
-        save_table(levels, out / "levels.csv"),
+        write_csv(table, out / "ramp.csv"),
+        write_csv(levels, out / "levels.csv"),
         *save(ramp_figure(table, azimuth_deg, static_m_s2), out / "ramp"),
     ]

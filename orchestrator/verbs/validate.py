@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import plain_frame
-from toppling.models.files.folder import new_file, write_text
+from toppling.models.files.csv_text import write_csv
+from toppling.models.files.folder import write_text
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
@@ -208,10 +208,8 @@ def _write(folder: Path, statement: Mapping[str, Any], name: str) -> None:
     """JSON, the tests' table, the scores' table and the calibration plot."""
     write_text(json.dumps(statement, indent=1) + "\n", folder / f"{name}.json")
     tests = pd.DataFrame(statement["tests"])
-    with new_file(folder / f"{name}_tests.csv") as hidden:
-        plain_frame(tests).to_csv(hidden, index=False)
-    with new_file(folder / f"{name}_scores.csv") as hidden:
-        plain_frame(table(_rows(statement))).to_csv(hidden)
+    write_csv(tests, folder / f"{name}_tests.csv", digits=None)
+    write_csv(table(_rows(statement)), folder / f"{name}_scores.csv", digits=None, index=True)
     overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
     title = f"{statement['n']} tests, Brier score {statement['brier']:.3f}"
     drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)

@@ -32,7 +32,7 @@ from toppling.results.run_integrity import (
     LEAST_JOBS,
     LEAST_TELLING,
     REFERENCE,
-    check_place,
+    check_audit,
 )
 from toppling.results.store import newest_rows, read_steady, result_files
 
@@ -136,7 +136,7 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     rows = run.weighted(run.frame()) if places else pd.DataFrame()
     found = {}
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
-        check_place(run.path, place)
+        check_audit(run.path, place)
         repeated = _repeated(place)
         audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:

@@ -7,13 +7,13 @@ from typing import Any
 
 import pandas as pd
 
+from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import write_text
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint_figures import constraint_figure
 from toppling.results.drawing.hazard_figures import events_figure, hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page, event_page, unfinished
-from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.export import write_event_openquake, write_openquake
@@ -97,7 +97,7 @@ def _write_statement(
 ) -> Iterator[Path]:
     yield write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", folder / "constraint.json")
     for name, table in (tables | {"choices": _choices_table(statement)}).items():
-        yield save_table(table, folder / f"{name}.csv")
+        yield write_csv(table, folder / f"{name}.csv")
 
 
 def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:

@@ -3,16 +3,14 @@
 Empty cells stay empty, thin ones carry a dot, and a cell is as wide as its share of the jobs: the caption says so.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -39,8 +37,8 @@ _LAST_TICK = 0.85
 
 _NO_RECORDS = "no records"
 
-_SHARES, _DEVIATIONS = Normalize(0, 1), Normalize(-3, 3)
-"""Scales of probabilities, and of differences over their standard deviation."""
+_SHARES = Normalize(0, 1)
+"""Scale of probabilities."""
 
 
 def map_figure(
@@ -149,47 +147,6 @@ def _draw_direction(
         _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
 
 
-def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Plane) -> Figure:
-    """Two maps of the same jobs on shared axes, and how far the second is off the first, cell by cell.
-
-    tables: from `analysis.fragility.cells`.
-    off: the first table's cells of enough records, with `deviations`: the second's probability less the first's,
-    over the standard deviation that other records would leave.
-    """
-    width, height = FULL_WIDTH_IN, 3.0
-    margins = _margins(width, height, below_in=2 * _LINE_IN)
-    left, bar = margins["left"], 1.0 - margins["right"]
-    panel = (1.0 - left - 2.4 * bar) / 3.0
-    with style():
-        figure = Figure(figsize=(width, height))
-        grid = [
-            figure.add_axes((x, margins["bottom"], 0.94 * panel, margins["top"] - margins["bottom"]))
-            for x in (left, left + panel, left + 2.0 * panel + 1.4 * bar)
-        ]
-        first = next(iter(tables.values()))
-        colours = colormaps["RdBu_r"]
-        for axes in grid:
-            _frame_cells(axes, first, plane)
-        for axes, (name, table) in zip(grid, tables.items(), strict=False):
-            axes.set_title(f"{name}\n{_counted(table, None)}")
-            _draw_cells(axes, table, plane, _full_share(first))
-        grid[2].set_title("difference over what\nother records would change")
-        _draw_cells(grid[2], off, plane, _full_share(first), "deviations", colours, _DEVIATIONS)
-        for axes in grid:
-            _few_ticks(axes)
-            axes.set_xlabel(_label(plane.x))
-        for axes in grid[1:]:
-            axes.set_yticklabels([])
-        grid[0].set_ylabel(_label(plane.y))
-        for axes, norm, shown, words in (
-            (grid[1], _SHARES, COLOURS, "toppling probability"),
-            (grid[2], _DEVIATIONS, colours, "standard deviations"),
-        ):
-            _colour_bar(figure, {**margins, "right": axes.get_position().x1}, norm, shown, words)
-        _write_caption(figure, _width_words(first, plane))
-    return figure
-
-
 def _counted(table: pd.DataFrame, records: int | None) -> str:
     jobs = int(table["jobs"].sum())
     return f"{jobs:,} jobs" if records is None else f"{jobs:,} jobs, {records:,} records"
@@ -202,15 +159,7 @@ def _few_ticks(axes: Axes) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
-def _draw_cells(
-    axes: Axes,
-    table: pd.DataFrame,
-    plane: Plane,
-    full_share: float,
-    column: str = "probability",
-    colours: Colormap = COLOURS,
-    norm: Normalize = _SHARES,
-) -> None:
+def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float) -> None:
     """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
@@ -221,12 +170,12 @@ def _draw_cells(
     )
     bars = PolyCollection(
         list(corners.transpose(2, 0, 1)),
-        cmap=colours,
-        norm=norm,
+        cmap=COLOURS,
+        norm=_SHARES,
         edgecolors="0.4",
         linewidths=0.15,
     )
-    bars.set_array(table[column].to_numpy(float))
+    bars.set_array(table["probability"].to_numpy(float))
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
     wide_pt, high_pt = _points_of(axes, 2 * half, top - bottom)
@@ -324,13 +273,7 @@ def _margins(
     }
 
 
-def _colour_bar(
-    figure: Figure,
-    margins: dict[str, float],
-    norm: Normalize = _SHARES,
-    colours: Colormap = COLOURS,
-    words: str = "toppling probability",
-) -> None:
+def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
     """Beside where the margins end at the right."""
     width = figure.get_size_inches()[0]
     box = (
@@ -339,8 +282,8 @@ def _colour_bar(
         0.1 / width,
         margins["top"] - margins["bottom"],
     )
-    bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes(box))
-    bar.set_label(words, size=7.5)
+    bar = figure.colorbar(ScalarMappable(_SHARES, COLOURS), cax=figure.add_axes(box))
+    bar.set_label("toppling probability", size=7.5)
 
 
 def _label(axis: Axis) -> str:

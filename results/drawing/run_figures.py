@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from toppling.models.files.csv_text import plain_frame
-from toppling.models.files.folder import new_file
+from toppling.models.files.csv_text import write_csv
 from toppling.models.motions.measures import COMPARED, OPENQUAKE
 from toppling.results.analysis import fits, ranking, regression, resampling
 from toppling.results.analysis.audit_statistics import Audit, audit_table
@@ -77,7 +76,7 @@ def write_maps(
             table = cells(jobs, plane)
             missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
             left_out.append((plane.name, len(jobs), missing, outside))
-            yield save_table(table, target / f"{plane.name}.csv")
+            yield write_csv(table, target / f"{plane.name}.csv")
             drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
             yield from save(drawn, target / plane.name, _remark(run))
             if not plane.by_direction:
@@ -85,13 +84,13 @@ def write_maps(
             split = DirectionCells.of(jobs, plane, directions)
             stem = target / f"{plane.name}_by_direction"
             left_out.append((stem.name, len(jobs), split.unplaced, outside))
-            yield save_table(split.table, stem.with_name(f"{stem.name}.csv"))
+            yield write_csv(split.table, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
-                yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
+                yield write_csv(lines, stem.with_name(f"{stem.name}_reference.csv"))
             yield from save(direction_figure(split, title, lines), stem, _remark(run))
         counts = pd.DataFrame(left_out, columns=["map", "jobs", "unplaced", "beyond"])
-        yield save_table(counts, target / "unplaced.csv")
+        yield write_csv(counts, target / "unplaced.csv")
 
 
 def write_directions(
@@ -112,11 +111,11 @@ def write_directions(
         target = folder / contact
         target.mkdir(parents=True, exist_ok=True)
         rose, sector = topple_rose(jobs), None
-        yield save_table(rose, target / "directions.csv")
+        yield write_csv(rose, target / "directions.csv")
         (target / "sector.csv").unlink(missing_ok=True)
         if sector_deg is not None:
             sector = sector_share(jobs, *sector_deg)
-            yield save_table(pd.DataFrame([sector]), target / "sector.csv")
+            yield write_csv(pd.DataFrame([sector]), target / "sector.csv")
         yield from save(rose_figure(rose, quasi_static, sector), target / "directions", _remark(run))
 
 
@@ -135,8 +134,8 @@ def write_friction(
     for surroundings, table, jobs in compare_frictions(frame, plane):
         target = folder / surroundings
         target.mkdir(parents=True, exist_ok=True)
-        yield save_table(table, target / "friction_cells.csv")
-        yield save_table(jobs, target / "friction_jobs.csv")
+        yield write_csv(table, target / "friction_cells.csv")
+        yield write_csv(jobs, target / "friction_jobs.csv")
         yield from save(friction_figure(table, jobs), target / "friction", _remark(run))
 
 
@@ -150,7 +149,7 @@ def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
     """
     (folder / "audit.csv").unlink(missing_ok=True)
     if audits:
-        yield save_table(audit_table(audits), folder / "audit.csv")
+        yield write_csv(audit_table(audits), folder / "audit.csv")
 
 
 def write_fits(
@@ -207,7 +206,7 @@ def _write_contact(
     known = fits.answered(jobs)
     advance(0, "ranking of the measures")
     ranked = ranking.compare_measures(known)
-    yield save_table(ranked, target / "measures.csv")
+    yield write_csv(ranked, target / "measures.csv")
     singles = [measure for measure in ranked["measures"] if measure in COMPARED]
     models = [regression.fit(known, [measure]) for measure in singles]
     both = [names for names in fits.SURFACES if set(names) <= set(singles)]
@@ -219,7 +218,7 @@ def _write_contact(
         resampled.append(None if model.problem else resampling.bootstrap(known, model, samples))
     table = fits.summary(models, resampled)
     _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])
-    yield save_table(table, target / "fits.csv")
+    yield write_csv(table, target / "fits.csv")
     curves = [
         replace(resampling.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
         for each, drawn in zip(models, resampled, strict=True)
@@ -240,7 +239,7 @@ def _write_contact(
         chosen = fits.headline(models) or next(each for each in models if each.lognormal)
         assert chosen.lognormal is not None  # as chosen
         calibrated = ranking.calibration(known, ranking.out_of_fold(known, chosen.measures))
-        yield save_table(calibrated, target / "calibration.csv")
+        yield write_csv(calibrated, target / "calibration.csv")
         observed = ranking.observed_shares(known, chosen.measures[0])
         drawn = resampled[models.index(chosen)]
         toppled = int(known["toppled"].sum())
@@ -260,10 +259,3 @@ def _add_shifts(table: pd.DataFrame, audits: Sequence[Mapping[str, Audit]]) -> N
 
 def _remark(run: Completeness | None) -> str:
     return run.remark if run else ""
-
-
-def save_table(table: pd.DataFrame, target: Path) -> Path:
-    """Write a table as CSV; the file appears complete or not at all."""
-    with new_file(target) as hidden:
-        plain_frame(table).to_csv(hidden, index=False, float_format="%.6g")
-    return target

@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import new_file, write_text
 from toppling.models.motions.motion import Motion
 from toppling.results.drawing.animation import moving_picture
@@ -91,9 +92,7 @@ def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
     with new_file(folder / "trajectory.parquet") as hidden:
         pq.write_table(table, hidden, compression="zstd")
     yield folder / "trajectory.parquet"
-    with new_file(folder / "trajectory.csv") as hidden:
-        frame.to_csv(hidden, index=False, float_format="%.7g")
-    yield folder / "trajectory.csv"
+    yield write_csv(frame, folder / "trajectory.csv", digits=7)
     figure = trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
     yield from save(figure, folder / "trajectory")
     yield write_text(replay_page(replay, title), folder / "replay.html")

@@ -95,7 +95,7 @@ def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
     elif suffix == ".json":
         digest.write_json(path, {"a": 1})
     else:
-        digest.write_text("a = 1\n", path)
+        digest.write_sealed("a = 1\n", path)
     content = path.read_bytes()
     for at in range(len(content)):
         path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])

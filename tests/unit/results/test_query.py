@@ -13,7 +13,7 @@ import toppling.results.queries
 import toppling.results.reader
 import toppling.results.store
 from toppling.models.errors import InputError
-from toppling.models.files.digest import write_text
+from toppling.models.files.digest import write_sealed
 from toppling.models.files.tables import write_table
 from toppling.models.motions.catalogue import meaning
 from toppling.models.scene import Scene
@@ -204,7 +204,7 @@ def test_a_damaged_file_of_a_run_is_named(run_folder, name):
     ids = [*open_run(run_folder).table()["job_id"].to_pylist(), *(f"{number:024x}" for number in range(2000))]
     jobs = pa.table({"job_id": ids})
     write_table(jobs, run_folder / "jobs.parquet")
-    write_text("", run_folder / "campaign.toml")
+    write_sealed("", run_folder / "campaign.toml")
     compact(run_folder)
     victim = run_folder / name
     content = bytearray(victim.read_bytes())

@@ -35,9 +35,24 @@ def dome(radius_m):
     return lambda x, y: np.sqrt(radius_m**2 - np.minimum(x**2 + y**2, 0.6 * radius_m**2)) - radius_m
 
 
+def ground_of(height_at, reach_m, cells=200):
+    """Square pedestal whose height over x, y is given; x = 0 and y = 0 are lines of its mesh."""
+    along = np.linspace(-reach_m, reach_m, cells + 1)
+    x, y = np.meshgrid(along, along, indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), height_at(x, y).ravel()]), grid_triangles(x.shape)
+
+
+def laid_on(rock, height_at):
+    """A rock whose base follows a surface; what bends its base fades over its lower half."""
+    vertices, faces = rock
+    fades = 1.0 - np.minimum(vertices[:, 2] / (0.5 * vertices[:, 2].max()), 1.0)
+    bent = fades * height_at(vertices[:, 0], vertices[:, 1])
+    return vertices + np.column_stack([np.zeros((len(vertices), 2)), bent]), faces
+
+
 def truth_on(height_at, seed=3):
-    rock = virtual_shapes.laid_on(virtual_shapes.boulder(HEIGHT_M, 1.0, BASE_M, seed, bumps=0.02), height_at)
-    ground = virtual_shapes.ground_of(height_at, 2.5 * HEIGHT_M)
+    rock = laid_on(virtual_shapes.boulder(HEIGHT_M, 1.0, BASE_M, seed, bumps=0.02), height_at)
+    ground = ground_of(height_at, 2.5 * HEIGHT_M)
     return virtual.Truth(
         Rock.from_triangles(*rock), Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground)
     )
@@ -54,7 +69,7 @@ def on_four_feet(height_at):
     raised = block.translate([0.0, 0.0, float(height_at(np.array([-0.2, 0.2]), np.zeros(2)).mean())])
     mesh = (raised ^ over).refine_to_length(0.04).to_mesh64()
     rock = Rock.from_triangles(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, np.int64))
-    ground = virtual_shapes.ground_of(height_at, 3.0)
+    ground = ground_of(height_at, 3.0)
     return virtual.Truth(rock, Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground))
 
 

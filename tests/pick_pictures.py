@@ -1,6 +1,6 @@
-"""The pictures of the pick page in the guide, by a real browser: `python benchmarks/pick_pictures.py [DEMO]`.
+"""The pictures of the pick page in the guide, by a real browser: `python tests/pick_pictures.py [DEMO]`.
 
-Draws pick_rock.webp and pick_crevice.webp into docs/figures and prints what the page says before and after the clicks.
+Draws pick_rock.webp and pick_crevice.webp into docs/figures.
 The clicks are true: the base of the demo's virtual rock is flush with its pedestal wherever the pictures show it.
 """
 
@@ -11,10 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from PIL import Image
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from driven import Browser, browsing
+from PIL import Image
 
 FIGURES = Path(__file__).parents[1] / "docs" / "figures"
 SIZE = {"width": 1220, "height": 900}
@@ -50,7 +48,6 @@ def picture(browser: Browser, name: str) -> None:
         browser.picture(path)
         with Image.open(path) as shot:
             shot.convert("RGB").save(FIGURES / name, quality=82, method=6)
-    print(name, browser.run("return document.getElementById('least').innerText"))
 
 
 def main() -> None:
@@ -75,7 +72,6 @@ def main() -> None:
                     browser.click_at(*browser.run(PLACE, azimuth_deg))
                     browser.until(f"document.querySelectorAll('#hints li .touch').length == {count}")
                 picture(browser, "pick_crevice.webp")
-                print(browser.run("return document.getElementById('hints').innerText"))
         finally:
             command.send_signal(signal.SIGINT)
             command.communicate(timeout=120)

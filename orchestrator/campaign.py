@@ -177,7 +177,7 @@ class Campaign:
                 "a campaign of many rocks", "a campaign of one", "give each rock a run of its own"
             )
         changed = dataclasses.replace(self, precision=read_precision(precision, where))
-        _check_statement(changed, where, where)
+        _check_together(changed, where, where, where)
         return changed
 
     @classmethod
@@ -213,8 +213,7 @@ class Campaign:
             values = read_keys(KEYS, content, where, folder)
             del values["scenes"]
             read = cls(**values)
-        _check_engine(read, where)
-        _check_statement(read, f"{where}: precision", f"{where}: target")
+        _check_together(read, f"{where}: engine", f"{where}: precision", f"{where}: target")
         return read
 
     def of_site(self, site: Site) -> "Campaign":
@@ -241,21 +240,15 @@ class Campaign:
             what = f"{jobs:.3g} jobs = {' x '.join(f'{count} {name}' for name, count in axes.items())}"
             raise Place("campaign").wrong(what, f"at most {MOST_JOBS} jobs", "leave some of them out")
 
-    def to_toml(
-        self,
-        scene: str = "scene",
-        ensemble: str = "ensemble",
-        stood: Iterable[str] = (),
-        hazard: str | None = None,
-    ) -> str:
-        """Write the campaign as TOML, every value written out, with the folders given, and the table of many rocks."""
+    def to_toml(self, stood: Iterable[str] = (), hazard: str | None = None) -> str:
+        """Write the campaign as TOML, every value written out, as it lies in a run's folder."""
         values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
         content = {name: one for name, one in values.items() if one not in (None, ())}
         if self.sites:
             del content["scene"]
         content |= {
-            **({"sites": SITES_FILE} if self.sites else {"scene": scene}),
-            "ensemble": ensemble,
+            **({"sites": SITES_FILE} if self.sites else {"scene": "scene"}),
+            "ensemble": "ensemble",
             "pga_m_s2": self.pga_m_s2 or _AS_RECORDED,
         }
         content["azimuth_deg"] = self.azimuth_deg or _AS_RECORDED
@@ -308,16 +301,13 @@ def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     return kept
 
 
-def _check_engine(read: Campaign, where: str) -> None:
+def _check_together(read: Campaign, engine: str, precision: str, target: str) -> None:
+    """Refuse values that do not go together, by the places of the keys."""
     drawn = read.unmeasured and read.unmeasured.restitution
     if not ENGINES[read.engine].models(read.friction, [*read.restitution, *(drawn or ())[1:]]):
         expected = "restitution [0] and one coefficient an entry of friction"
         what = f"{read.engine} knows neither restitution nor a kinetic friction of its own"
-        raise Place(f"{where}: engine").wrong(what, expected, f"take {DEFAULT!r}")
-
-
-def _check_statement(read: Campaign, precision: str, target: str) -> None:
-    """Whether what is to be stated can be, by the places of the two keys."""
+        raise Place(engine).wrong(what, expected, f"take {DEFAULT!r}")
     if read.precision is None and read.target is not None:
         remedy = "add precision = 0.05, or remove it"
         raise Place(target).wrong("a target without a precision", "both", remedy)

@@ -25,14 +25,14 @@ from toppling.orchestrator.admission import (
     offer_assets,
 )
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
-from toppling.orchestrator.context import RunError, RunProgress, Work
+from toppling.orchestrator.context import JobSelection, RunError, RunProgress, Work
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.leaving import was_told_to_leave
 from toppling.orchestrator.task import Row, RunKey, UnfitWorkerError, lost_row, shake_batch
-from toppling.results.store import table_of, write_part
+from toppling.results.store import finished_ids, table_of, write_part
 from toppling.workers.job import JobSpec, identity
 
 log = logging.getLogger(__name__)
@@ -53,6 +53,9 @@ _LOOK_S = 2.0
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
+ROUNDS = 3
+"""Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
+
 Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
 
 
@@ -65,6 +68,35 @@ def room_for(rows: Sequence[Row], budget_s: float) -> int:
     """Jobs to send in the next batch: twice what fits at the pace of this one, so that few travel in vain."""
     spent_s = sum(row.get("wall_s") or 0.0 for row in rows)
     return math.ceil(min(2 * budget_s * len(rows) / max(spent_s, 1e-3), JOBS_IN_BATCH))
+
+
+def work_off(selection: JobSelection, work: Work) -> None:
+    """Shake until every job that is wanted has a row.
+
+    Raises RunError if the run cannot go on, or rows are lost again and again.
+    """
+    progress, redo = work.progress, work.redo
+    sent: set[int] = set()
+    in_vain = 0
+    while True:
+        finished = finished_ids(work.folder, work.planned.ids, redo)
+        pending = selection.pending(finished)
+        progress.total, progress.again = len(selection), len(redo.keys() - finished)
+        if not len(pending):
+            return
+        progress.what = selection.what
+        if lost := len(sent.intersection(pending.tolist())):
+            log.warning("%d rows were lost after they were stored", lost)
+            in_vain += 1
+        if in_vain >= ROUNDS:
+            raise rows_lost(work)
+        sent |= set(pending.tolist())
+        Execution(work, pending)()
+
+
+def rows_lost(work: Work) -> RunError:
+    """Say that rows do not stay where they are stored."""
+    return RunError(f"rows are lost after they are stored: is the disk of {work.folder} sound?")
 
 
 class Execution:

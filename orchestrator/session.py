@@ -3,7 +3,7 @@
 import logging
 import os
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,26 +14,21 @@ from distributed import Client
 from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import (
     Choose,
-    JobSelection,
     ProgressCallback,
-    RunError,
     RunProgress,
     Stage,
     Work,
 )
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.execution import Execution
+from toppling.orchestrator.execution import ROUNDS, rows_lost, work_off
 from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
-from toppling.orchestrator.plan import Plan, Rows
+from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.task import versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 
 log = logging.getLogger(__name__)
-
-_ROUNDS = 3
-"""Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,14 @@ class Session:
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in self._due(goal, before=True):
                 stage.carry_out(work)
-            work_off(goal.selection, work, goal.merge)
+            for _ in range(ROUNDS):
+                work_off(goal.selection, work)
+                lost = goal.selection.pending(goal.merge())
+                if not len(lost):
+                    break
+                log.warning("%d rows were lost after they were stored", len(lost))
+            else:
+                raise rows_lost(work)
             progress.ended = time.monotonic()
             for stage in self._due(goal, before=False):
                 stage.carry_out(work)
@@ -141,37 +143,3 @@ class _Goal:
         if not len(self.selection.pending(finished)):
             self.notes |= ended
         return finished
-
-
-def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]] | None = None) -> None:
-    """Shake until every job that is wanted has a row.
-
-    merge: what is done once all have a row; returns the ids of the jobs that still have one.
-    Raises RunError if the run cannot go on, or rows are lost again and again.
-    """
-    folder, ids, progress, redo = work.folder, work.planned.ids, work.progress, work.redo
-    sent: set[int] = set()
-    in_vain = 0
-
-    def left() -> tuple[set[str], Rows]:
-        """The jobs that are finished, and those that are not; of the merged parts where all seem to be."""
-        finished = finished_ids(folder, ids, redo)
-        pending = selection.pending(finished)
-        if not len(pending) and merge:
-            finished = merge()
-            pending = selection.pending(finished)
-        return finished, pending
-
-    _, pending = left()  # a stage before may have done them all
-    while len(pending):
-        if lost := len(sent.intersection(pending.tolist())):
-            log.warning("%d rows were lost after they were stored", lost)
-            in_vain += 1
-        if in_vain >= _ROUNDS:
-            raise RunError(f"rows are lost after they are stored: is the disk of {folder} sound?")
-        sent |= set(pending.tolist())
-        progress.total, progress.what = len(selection), selection.what
-        Execution(work, pending)()
-        finished, pending = left()
-        progress.again = len(redo.keys() - finished)
-    progress.total = len(selection)

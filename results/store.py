@@ -64,7 +64,10 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     folder = Path(run_folder) / PARTS_FOLDER
     folder.mkdir(exist_ok=True)
     # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
-    return _write(table, folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet")
+    target = folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet"
+    with new_file(target) as hidden:
+        write_table(table, hidden, _ROWS_IN_GROUP)
+    return target
 
 
 def finished_ids(
@@ -127,7 +130,9 @@ def compact(run_folder: PathLike) -> Path:
             check(path)
             metadata[path.name.encode()] = path.read_bytes()
     table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **metadata})
-    target = _write(table, run / RESULTS_FILE)
+    target = run / RESULTS_FILE
+    with new_file(target) as hidden:
+        write_table(table, hidden, _ROWS_IN_GROUP)
     for path in files:
         if path != target:
             path.unlink(missing_ok=True)
@@ -226,17 +231,6 @@ def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
     if lacking:
         raise ValueError(f"a row lacks the required columns {lacking}")
     return pa.Table.from_arrays(list(values.values()), schema=SCHEMA)
-
-
-def _write(table: pa.Table, target: Path) -> Path:
-    with new_file(target) as hidden:
-        write_table(table, hidden, _ROWS_IN_GROUP)
-    folder = os.open(target.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name itself must outlive a power cut
-    finally:
-        os.close(folder)
-    return target
 
 
 def _listed(run: Path) -> list[Path]:

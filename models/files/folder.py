@@ -116,6 +116,11 @@ def new_file(target: Path) -> Iterator[Path]:
         with hidden.open("rb") as file:
             os.fsync(file.fileno())
         hidden.replace(target)
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name itself must outlive a power cut
+        finally:
+            os.close(folder)
     finally:
         hidden.unlink(missing_ok=True)
 

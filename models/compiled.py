@@ -33,7 +33,7 @@ Vector = tuple[float, float, float]
 _SHIPPED_VARIABLE = "TOPPLING_COMPILED"
 """Names a folder of compiled code that an image brings along."""
 
-COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
+_COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
 """Whose code is compiled: what changes in them makes all of it anew."""
 
 
@@ -51,13 +51,13 @@ def _hash() -> str:
     # The processor, or that of NUMBA_CPU_NAME and NUMBA_CPU_FEATURES.
     processor = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
     digest.update(repr(processor).encode())
-    for room in COMPILED_ROOMS:
+    for room in _COMPILED_ROOMS:
         for path in sorted(room.rglob("*.py")):
             digest.update(bytes(path.relative_to(room)) + path.read_bytes())
     return digest.hexdigest()
 
 
-def private_folder(parent: Path) -> Path | None:
+def _private_folder(parent: Path) -> Path | None:
     """A folder for compiled code below a parent, or None if it cannot be written or others can write it."""
     folder = parent / f"compiled-{_hash()}"
     with contextlib.suppress(OSError):
@@ -97,7 +97,7 @@ def _copy_whole(source: str, target: str) -> None:
     Path(part).replace(target)
 
 
-FOLDER = private_folder(cache_folder())
+FOLDER = _private_folder(cache_folder())
 """Where compiled code is kept, or None."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-Owner = TypeVar("Owner")
+_Owner = TypeVar("_Owner")
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
@@ -20,7 +20,9 @@ class _Answers(OrderedDict[Any, Any]):
         return _Answers, ()
 
 
-def kept(function: Callable[Concatenate[Owner, Given], Found]) -> Callable[Concatenate[Owner, Given], Found]:
+def kept(
+    function: Callable[Concatenate[_Owner, Given], Found],
+) -> Callable[Concatenate[_Owner, Given], Found]:
     """Keep the answers of a function with its first argument: a frozen object, told from others by its identity.
 
     The other arguments, which need a hash, come by position.
@@ -28,7 +30,7 @@ def kept(function: Callable[Concatenate[Owner, Given], Found]) -> Callable[Conca
     name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
-    def answer(owner: Owner, *args: Given.args, **none: Given.kwargs) -> Found:
+    def answer(owner: _Owner, *args: Given.args, **none: Given.kwargs) -> Found:
         answers: _Answers = owner.__dict__.setdefault(name, _Answers())
         if args not in answers:
             answers[args] = function(owner, *args, **none)

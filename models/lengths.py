@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from toppling.models.errors import InputError, refusals
 
-US_FOOT_M = 1200.0 / 3937.0
+_US_FOOT_M = 1200.0 / 3937.0
 METRES = {
     "m": 1.0,
     "mm": 1e-3,
@@ -13,7 +13,7 @@ METRES = {
     "dm": 0.1,
     "km": 1e3,
     "ft": 0.3048,
-    "us-ft": US_FOOT_M,
+    "us-ft": _US_FOOT_M,
     "in": 0.0254,
     "yd": 0.9144,
 }
@@ -63,12 +63,12 @@ _unclear = refusals(
 )
 
 
-def unit_called(word: str) -> str | None:
+def _unit_called(word: str) -> str | None:
     """The unit that a word names, as in `METRES`; None if it names none.
 
     Examples
     --------
-    >>> unit_called("US Survey Feet"), unit_called("Millimeters"), unit_called("cubits")
+    >>> _unit_called("US Survey Feet"), _unit_called("Millimeters"), _unit_called("cubits")
     ('us-ft', 'mm', None)
     """
     found = _ANY.match(re.sub(r"[\s._()\"'-]+", " ", word.lower()).strip())
@@ -94,11 +94,11 @@ def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
             word = (said["word"] or said["in"]).strip(" :=")
             if _DEGREES.match(word) and said["in"]:
                 raise in_degrees(remark.strip()[:80], where)
-            if (unit := unit_called(word)) is not None:
+            if (unit := _unit_called(word)) is not None:
                 found.add(unit)
                 of_heights_alone &= said[0].startswith("vertical")
         outright = _OUTRIGHT.match(remark.lower().strip())
-        if outright is not None and not unit_called(outright["word"]):
+        if outright is not None and not _unit_called(outright["word"]):
             if _DEGREES.match(outright["word"]):
                 raise in_degrees(remark.strip()[:80], where)
             if not outright["word"].startswith(_NO_LENGTHS):

@@ -59,7 +59,7 @@ _OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
 """Kinds of addresses that are no folders: pages, and schedulers of Dask."""
 
 
-class LazyGroup(Verbs):
+class _LazyGroup(Verbs):
     """A group whose commands are imported when they are called, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
@@ -97,7 +97,7 @@ class LazyGroup(Verbs):
 
 
 @click.group(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+    cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(package_name="toppling")
 def cli() -> None:

@@ -17,7 +17,7 @@ from toppling.orchestrator.journal import tell
 log = logging.getLogger(__name__)
 
 _REPLACE_TIMEOUT_S = 30
-WORTH_A_WORKER_S, _WORTH_A_BATCH_JOB_S = 15.0, 300.0
+_WORTH_A_WORKER_S, _WORTH_A_BATCH_JOB_S = 15.0, 300.0
 """Work that another process is started for: a few times what it takes to start, or to come out of a queue."""
 
 _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
@@ -28,7 +28,7 @@ _LIST_TIMEOUT_S = 20.0
 _SUBMITTED_IN_VAIN = 3
 """Times in a row that batch jobs end, all of them, before a worker of one has come."""
 
-IDLE_S = 30.0
+_IDLE_S = 30.0
 """After which a worker that has nothing to do is let go: a few times what it takes to start another."""
 
 _SIZES: WeakKeyDictionary[SpecCluster, tuple[int, int]] = WeakKeyDictionary()
@@ -134,7 +134,7 @@ class ClusterSupervisor:
             return
         of_queue = not isinstance(cluster, LocalCluster)
         processes = max((len(spec.get("group", [""])) for spec in cluster.worker_spec.values()), default=1)
-        worth_s = _WORTH_A_BATCH_JOB_S * processes if of_queue else WORTH_A_WORKER_S
+        worth_s = _WORTH_A_BATCH_JOB_S * processes if of_queue else _WORTH_A_WORKER_S
         wanted = min(most, math.ceil(work_left_s / worth_s))
         if wanted > len(cluster.worker_spec):
             tell("more workers", there=len(cluster.worker_spec), wanted=wanted)
@@ -157,7 +157,7 @@ class ClusterSupervisor:
             for name, spec in cluster.worker_spec.items()
             if all(f"{name}{suffix}" in at_rest for suffix in spec.get("group", [""]))
         }
-        rested = [name for name, since in self._idle.items() if now - since > IDLE_S][:spare]
+        rested = [name for name, since in self._idle.items() if now - since > _IDLE_S][:spare]
         if rested:
             tell("fewer workers", there=len(cluster.worker_spec), let_go=len(rested))
             self._came.difference_update(map(str, rested))

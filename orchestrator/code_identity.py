@@ -75,12 +75,12 @@ def _deciding() -> dict[Path, ast.Module]:
     return found
 
 
-def decisive(source: bytes) -> str:
+def _decisive(source: bytes) -> str:
     """A module's syntax without comments, layout and strings that stand alone, as docstrings do.
 
     Examples
     --------
-    >>> decisive(b"x = 1  # why") == decisive(b"x = (1)")
+    >>> _decisive(b"x = 1  # why") == _decisive(b"x = (1)")
     True
     """
     return _without_words(_parsed(source))

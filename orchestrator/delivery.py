@@ -24,7 +24,7 @@ from toppling.models.files.folder import cache_folder, new_folder
 _PIECE_BYTES = 2**23
 """What is sent at once: large beside a round trip, small beside a worker's memory."""
 
-SHELF = "toppling_asset"
+_SHELF = "toppling_asset"
 """The scheduler's handler that answers workers."""
 
 _ID = re.compile(r"[0-9a-f]{8,64}")
@@ -55,9 +55,9 @@ class Shelf:
     @staticmethod
     def of(scheduler: Any) -> "Shelf":
         """A scheduler's, made if it has none."""
-        if SHELF not in scheduler.handlers:
-            scheduler.handlers[SHELF] = Shelf().ask
-        return scheduler.handlers[SHELF].__self__
+        if _SHELF not in scheduler.handlers:
+            scheduler.handlers[_SHELF] = Shelf().ask
+        return scheduler.handlers[_SHELF].__self__
 
     def ask(self, name: str, file: str = "", offset: int = 0, size: int = 0) -> dict[str, int] | bytes:
         """Answer a worker: sizes of the files of a name, or a piece of one file; nothing if it is not there."""
@@ -168,7 +168,7 @@ def _ask(**question: Any) -> Any:
 
     async def asked() -> Any:
         try:
-            return await getattr(worker.scheduler, SHELF)(**question)
+            return await getattr(worker.scheduler, _SHELF)(**question)
         except (AttributeError, OSError):  # so Dask says that a scheduler knows no such question, or is gone
             return None
 

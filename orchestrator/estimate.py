@@ -78,7 +78,7 @@ def timed_jobs(pending: int) -> int:
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
 
-def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
     level = planned.jobs["pga_m_s2"].to_numpy()[pending]
     duration = planned.durations_s[pending]
@@ -111,7 +111,7 @@ def estimate(
     rows = np.arange(len(planned)) if pending is None else pending
     if not len(rows):
         return None
-    chosen = sampled_rows(planned, rows)
+    chosen = _sampled_rows(planned, rows)
     cost_s: list[float] = []
     timed_rows: list[int] = []
     try:

@@ -50,13 +50,13 @@ _POLL_S = 0.02
 _LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
 
-FLUSH_S = (5.0, 60.0)
+_FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
 ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
-Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
+_Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
 
 
 def budget_s(workers: int, rocks: int = 1) -> float:
@@ -107,7 +107,7 @@ class Execution:
     task: what a worker does with a batch.
     """
 
-    def __init__(self, work: Work, pending: NDArray[np.int64], task: Task = shake_batch) -> None:
+    def __init__(self, work: Work, pending: NDArray[np.int64], task: _Task = shake_batch) -> None:
         self.work, self.plan, self.client, self.progress = work, work.planned, work.client, work.progress
         self.task = task
         self.dispatch = Dispatch(
@@ -306,7 +306,7 @@ class Execution:
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()
-        pause = min(max(self.progress.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
+        pause = min(max(self.progress.elapsed_s / 60, _FLUSH_S[0]), _FLUSH_S[1])
         if self._unstored and (last or now - self._flushed >= pause):
             write_part(self.work.store or self.work.folder, self._unstored)
             self.progress.stored += len(self._unstored)

@@ -45,13 +45,13 @@ SCHEMA_VERSION = 1
 _ASKED = ("audit", "precision", "target")
 """Keys of a campaign that change how many of its jobs are done, and none of them: a run may go on with others."""
 
-KEY_FILES = ".dask-jobqueue.worker."
+_KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
 
 _GOES_ON, _INTERRUPTED = "running", "interrupted"
 """What `run.json` says of the end of a session before it comes, and where it came too early."""
 
-LOCK_PATIENCE_S = 1.0
+_LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
@@ -235,7 +235,7 @@ def _now() -> str:
 
 def _take(lock: IO[str]) -> None:
     """Lock for writing, past readers: each look at whether the run goes on holds the lock for an instant."""
-    end = time.monotonic() + LOCK_PATIENCE_S
+    end = time.monotonic() + _LOCK_PATIENCE_S
     while True:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -249,7 +249,7 @@ def _take(lock: IO[str]) -> None:
 
 def _sweep(run: Path) -> None:
     """Remove what a killed writer left half written; only the holder of the lock may."""
-    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp"), *run.glob(f"{KEY_FILES}*")):
+    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp"), *run.glob(f"{_KEY_FILES}*")):
         left.unlink(missing_ok=True)
 
 

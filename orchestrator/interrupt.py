@@ -27,7 +27,7 @@ ENDS = (signal.SIGTERM, signal.SIGHUP)
 _LOOK_S = 0.1
 """Time between looks at whether the KeyboardInterrupt is still on its way."""
 
-Entered = TypeVar("Entered")
+_Entered = TypeVar("_Entered")
 
 
 class _Stop:
@@ -136,16 +136,16 @@ def held_back() -> Iterator[None]:
             _raise_unless_held()
 
 
-class Uninterrupted(AbstractContextManager[Entered]):
+class Uninterrupted(AbstractContextManager[_Entered]):
     """A context whose beginning and end Ctrl-C does not cut in two, but what is done in it.
 
     Half a beginning leaves processes behind, and half an end threads and pages of errors.
     """
 
-    def __init__(self, inner: AbstractContextManager[Entered]) -> None:
+    def __init__(self, inner: AbstractContextManager[_Entered]) -> None:
         self._inner = inner
 
-    def __enter__(self) -> Entered:
+    def __enter__(self) -> _Entered:
         entered = False
         try:
             with held_back():

@@ -38,7 +38,7 @@ _SERVED: set[str] = set()
 """Clients whose workers leave in order now."""
 
 
-class LeaveInOrder(WorkerPlugin):
+class _LeaveInOrder(WorkerPlugin):
     """Has each worker that is there or joins leave in order on SIGTERM, and rest for no lack of memory.
 
     outlive: whether a worker waits for its scheduler to come back.
@@ -64,7 +64,7 @@ class LeaveInOrder(WorkerPlugin):
 
 def let_leave_in_order(client: Client) -> None:
     """Have the workers of a scheduler leave in order, those that join later too."""
-    client.register_plugin(LeaveInOrder(outlive=client.cluster is None), name=_PLUGIN)
+    client.register_plugin(_LeaveInOrder(outlive=client.cluster is None), name=_PLUGIN)
 
 
 @contextlib.contextmanager

@@ -25,10 +25,10 @@ _JOBS_OF_A_RECORD = 4
 _SCENES_KEPT = 8
 """By a worker."""
 
-JOBS_OF_A_SCENE = 128
+_JOBS_OF_A_SCENE = 128
 """Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
 
-JOBS_OF_A_ROCK = 256
+_JOBS_OF_A_ROCK = 256
 """Of an atlas so many jobs go out with one rock before the next: as many as a batch holds at most."""
 
 Codes = NDArray[np.integer]
@@ -57,11 +57,11 @@ def diagonal(*sizes: int) -> NDArray[np.int64]:
     return cells
 
 
-def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
+def _block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
     """Groups that records are divided into, and jobs of a record in a block."""
     groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
     if scenes > _SCENES_KEPT:
-        jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
+        jobs = math.ceil(_JOBS_OF_A_SCENE * groups / records)
     else:
         jobs = _JOBS_OF_A_RECORD if records / groups > _RECORDS_TOGETHER else 1
     return groups, min(jobs, levels * azimuths)
@@ -83,7 +83,7 @@ def balanced_order(
     sizes = scene_sizes or (scenes,)
     scenes = math.prod(sizes)
     random = np.random.default_rng(_SEED)
-    groups, jobs = block_jobs(records, levels, azimuths, scenes)
+    groups, jobs = _block_jobs(records, levels, azimuths, scenes)
     turn = random.permutation(records)[record]  # a record's place among records
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
@@ -104,7 +104,7 @@ def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """
     if len(orders) == 1:
         return orders[0]
-    turn = np.concatenate([np.arange(len(order)) // JOBS_OF_A_ROCK for order in orders])
+    turn = np.concatenate([np.arange(len(order)) // _JOBS_OF_A_ROCK for order in orders])
     return np.concatenate(orders)[np.argsort(turn, kind="stable")]
 
 

@@ -15,12 +15,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
-LINE_EVERY_S = 60.0
+_LINE_EVERY_S = 60.0
 
-FIRST_LINE_S = 10.0
+_FIRST_LINE_S = 10.0
 """After which a log says that something goes on; what is done sooner says nothing."""
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
 @dataclass
@@ -78,9 +78,9 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         return
 
     def speak() -> None:
-        wait_s = min(FIRST_LINE_S, LINE_EVERY_S)
+        wait_s = min(_FIRST_LINE_S, _LINE_EVERY_S)
         while not ended.wait(wait_s):
-            wait_s = LINE_EVERY_S
+            wait_s = _LINE_EVERY_S
             console.print(advance.line(what), soft_wrap=True, markup=False, highlight=False)
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)
@@ -92,7 +92,7 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         speaker.join()
 
 
-def each(items: Iterable[Item], what: str, total: float | None = None) -> Iterator[Item]:
+def each(items: Iterable[_Item], what: str, total: float | None = None) -> Iterator[_Item]:
     """Go through items and show how far one is."""
     with bar(what, total) as advance:
         for item in items:
@@ -123,7 +123,7 @@ def watcher() -> Iterator[ProgressCallback]:
                 description=progress.what,
                 total=progress.total,
                 completed=done,
-                pace=pace_and_counts(progress),
+                pace=_pace_and_counts(progress),
             )
 
         yield watch
@@ -135,17 +135,17 @@ def _lines(console: Console) -> ProgressCallback:
     def watch(progress: RunProgress) -> None:
         nonlocal last, ended
         complete = progress.before + progress.done == progress.total and progress.what != ended
-        if complete or time.monotonic() - last >= LINE_EVERY_S:
+        if complete or time.monotonic() - last >= _LINE_EVERY_S:
             last = time.monotonic()
             ended = progress.what if complete else ended
             what = "" if progress.what == "shaking" else f"{progress.what}: "
             done = f"{progress.before + progress.done}/{progress.total} jobs"
-            console.print(f"{what}{done}  {pace_and_counts(progress)}", soft_wrap=True)
+            console.print(f"{what}{done}  {_pace_and_counts(progress)}", soft_wrap=True)
 
     return watch
 
 
-def pace_and_counts(progress: RunProgress) -> str:
+def _pace_and_counts(progress: RunProgress) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
     parts = [pace(progress.rate), f"{progress.toppled} toppled", f"{progress.failed} failed"]
     if progress.left_s is not None and progress.before + progress.done < progress.total:

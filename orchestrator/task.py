@@ -43,7 +43,7 @@ class _Identified(Protocol):
     def id(self) -> str: ...
 
 
-Asset = TypeVar("Asset", bound=_Identified)
+_Asset = TypeVar("_Asset", bound=_Identified)
 
 
 class UnfitWorkerError(RuntimeError):
@@ -100,7 +100,7 @@ ROCKS_KEPT = 2
 
 
 @lru_cache(maxsize=ROCKS_KEPT)
-def assets_of(run_key: RunKey) -> Assets:
+def _assets_of(run_key: RunKey) -> Assets:
     """Load a scene and its ensemble, verified by their hashes, once as long as the process shakes that rock.
 
     Raises UnfitWorkerError if the versions differ, or the folder cannot be read or holds something else.
@@ -129,7 +129,7 @@ def _ensemble(content_id: str, folder: Path) -> Ensemble:
     return _loaded("ensemble", Ensemble.load, content_id, folder)
 
 
-def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: Path) -> Asset:
+def _loaded(what: str, load: Callable[[Path], _Asset], content_id: str, shared: Path) -> _Asset:
     """A run's scene or ensemble: as this host sees it on the client's disk, or else as the client sends it."""
     found, why = _tried(what, load, content_id, shared)
     if found is not None:
@@ -146,8 +146,8 @@ def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: P
 
 
 def _tried(
-    what: str, load: Callable[[Path], Asset], content_id: str, folder: Path
-) -> tuple[Asset | None, str]:
+    what: str, load: Callable[[Path], _Asset], content_id: str, folder: Path
+) -> tuple[_Asset | None, str]:
     """What a folder holds, or why it is not what has that id."""
     try:
         found = load(folder)
@@ -166,7 +166,7 @@ def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> l
 
     Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
     """
-    assets = assets_of(run_key)
+    assets = _assets_of(run_key)
     end = time.perf_counter() + budget_s
     rows: list[Row] = []
     for spec in specs:
@@ -190,12 +190,12 @@ async def check(run_key: RunKey, dask_worker: Worker | None = None) -> str:
     Raises
     ------
     UnfitWorkerError, NotDeliveredError
-        As :func:`assets_of`.
+        As :func:`_assets_of`.
     """
     WORKER.set(dask_worker)
     one_blas_thread()
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
-    await asyncio.to_thread(assets_of, run_key)
+    await asyncio.to_thread(_assets_of, run_key)
     return processor()["kernels"]
 
 

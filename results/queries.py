@@ -38,7 +38,7 @@ class Readable(Protocol):
         """Its rows."""
 
 
-Question = Callable[[duckdb.DuckDBPyConnection], pa.Table]
+_Question = Callable[[duckdb.DuckDBPyConnection], pa.Table]
 
 
 def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Table:
@@ -103,7 +103,7 @@ def connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyC
     return connection
 
 
-def answered(runs: Sequence[Readable], question: Question, trusted: bool) -> pa.Table:
+def answered(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa.Table:
     """Answer of a question to the tables of some runs, asked again where a run is merged meanwhile.
 
     Raises InputError if DuckDB refuses it.
@@ -111,7 +111,7 @@ def answered(runs: Sequence[Readable], question: Question, trusted: bool) -> pa.
     return read_steady([run.root for run in runs], lambda: _asked_once(runs, question, trusted))
 
 
-def _asked_once(runs: Sequence[Readable], question: Question, trusted: bool) -> pa.Table:
+def _asked_once(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa.Table:
     with connect(runs, trusted) as connection:
         try:
             with time_limit(connection, trusted):

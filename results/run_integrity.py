@@ -20,7 +20,7 @@ from toppling.models.files.scene_document import BASES, read_scene_document
 from toppling.models.files.tables import read_table, write_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id
 
-CAMPAIGN_FILE, JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
+CAMPAIGN_FILE, _JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"
 """Table of the rocks of an atlas, and the folder with one for each of them."""
 SCENE_FILES = ("scene.json", "rock.ply", "pedestal.ply", BASES)
@@ -30,7 +30,7 @@ _RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensem
 
 _WRITTEN_ONCE = (
     CAMPAIGN_FILE,
-    JOBS_FILE,
+    _JOBS_FILE,
     SITES_FILE,
     *(f"scene/{name}" for name in SCENE_FILES),
     *(f"{place}/{name}" for place in ("ensemble", *_RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
@@ -95,7 +95,7 @@ def check_rows(run: Path, path: Path) -> None:
     path: verified Parquet file with columns of the schema of results.
     Raises InputError if it holds rows of other jobs.
     """
-    known = [one for one in (run / _RUN_FILE, run / JOBS_FILE) if one.exists()]
+    known = [one for one in (run / _RUN_FILE, run / _JOBS_FILE) if one.exists()]
     if known:
         _once(f"rows {path.absolute()}", [path, *known], lambda: _compare_rows(run, path))
 
@@ -167,7 +167,7 @@ def _ids(
     readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
         ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
         (f"ensemble/{CATALOG}", "ensemble_id", _ensemble_id),
-        (JOBS_FILE, "jobs", lambda path: pq.read_metadata(path).num_rows if check(path) else None),
+        (_JOBS_FILE, "jobs", lambda path: pq.read_metadata(path).num_rows if check(path) else None),
     )
     return [
         (name, key, read(run / name))
@@ -183,13 +183,13 @@ def _ensemble_id(path: Path) -> str:
 
 def _compare_rows(run: Path, path: Path) -> None:
     rows = read_table(path, columns=["job_id", "scene_id"])
-    if (run / JOBS_FILE).exists():
-        jobs = read_table(run / JOBS_FILE, columns=["job_id"])["job_id"]
+    if (run / _JOBS_FILE).exists():
+        jobs = read_table(run / _JOBS_FILE, columns=["job_id"])["job_id"]
         known = pc.is_in(rows["job_id"], value_set=jobs.combine_chunks())
         foreign = len(rows) - (pc.sum(known).as_py() or 0)
         if foreign:
             raise ForeignError(
-                f"holds rows of another run ({foreign} of {len(rows)} are of no job in {JOBS_FILE})", path
+                f"holds rows of another run ({foreign} of {len(rows)} are of no job in {_JOBS_FILE})", path
             )
     document = _document(run) if (run / _RUN_FILE).exists() else {}
     if (scene_id := document.get("scene_id")) is not None:
@@ -225,7 +225,7 @@ def check_audit(run: Path, folder: Path) -> None:
     InputError
         If one of its files is of another run, or damaged.
     """
-    drawn, jobs = folder / DRAWN_FILE, folder / JOBS_FILE
+    drawn, jobs = folder / DRAWN_FILE, folder / _JOBS_FILE
     if drawn.exists():
         check_plan_id(run, drawn, read_json(drawn).get("plan_id"))
     if jobs.exists() and check(jobs):
@@ -242,7 +242,7 @@ def check_audits(run: Path) -> None:
 
 def write_jobs(folder: Path, jobs: pa.Table, plan_id: str) -> None:
     """Write which jobs an audit may hold rows of: those that are given, and those that were there before."""
-    path = folder / JOBS_FILE
+    path = folder / _JOBS_FILE
     if path.exists():
         before = read_table(path, schema=jobs.schema)
         fresh = pc.is_in(before["job_id"], value_set=jobs["job_id"].combine_chunks())

@@ -11,9 +11,9 @@ import pyarrow as pa
 
 from toppling.models.errors import InputError
 
-MEMORY_BYTES = 2 << 30
+_MEMORY_BYTES = 2 << 30
 """Of a query at work, and of its answer: the sums and joins of a million jobs take a tenth of it."""
-TIME_S = 120.0
+_TIME_S = 120.0
 _BATCH_ROWS = 2_048
 """Of an answer that are made at once, before its size is looked at."""
 
@@ -29,7 +29,7 @@ _LOCKED = {
 
 def opened(trusted: bool) -> duckdb.DuckDBPyConnection:
     """Connection for a query; unless it is trusted, one that reads and writes no file and has limits."""
-    config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{MEMORY_BYTES >> 20}MiB"}
+    config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{_MEMORY_BYTES >> 20}MiB"}
     return duckdb.connect(config=config)
 
 
@@ -39,7 +39,7 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
 
     Raises InputError if it was stopped, or needed too much memory.
     """
-    watch = threading.Timer(TIME_S, connection.interrupt)
+    watch = threading.Timer(_TIME_S, connection.interrupt)
     watch.daemon = True
     if not trusted:
         watch.start()
@@ -51,7 +51,7 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
         reason = _first_line(error)
         # What fails while the answer is fetched comes through Arrow, by its message.
         if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
-            raise _too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
+            raise _too_much(f"the query took more than {_TIME_S:g} s and was stopped") from error
         raise _too_much(f"the query cannot be answered ({reason})") from error
     finally:
         watch.cancel()
@@ -68,8 +68,8 @@ def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
     for batch in reader:
         batches.append(batch)
         size += batch.nbytes
-        if size > MEMORY_BYTES:
-            raise _too_much(f"the answer has more than {MEMORY_BYTES / 1e9:.1f} GB")
+        if size > _MEMORY_BYTES:
+            raise _too_much(f"the answer has more than {_MEMORY_BYTES / 1e9:.1f} GB")
     return pa.Table.from_batches(batches, reader.schema)
 
 
@@ -83,6 +83,6 @@ def _too_much(what: str) -> InputError:
     return InputError(
         what,
         where="SQL",
-        expected=f"a query of at most {MEMORY_BYTES / 1e9:.1f} GB and {TIME_S:g} s",
+        expected=f"a query of at most {_MEMORY_BYTES / 1e9:.1f} GB and {_TIME_S:g} s",
         remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know",
     )

@@ -29,7 +29,7 @@ BLANK = f"{_MARK}{'0' * 64}"
 """What a writer puts where the digest will be."""
 
 _HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
-UNSETTLED_S = 2.0
+_UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
 PathLike = str | os.PathLike[str]
@@ -90,7 +90,7 @@ def check(path: PathLike, *, required: bool = False) -> bool:
                 raise damaged(path, "its bytes do not have its digest")
             if not sealed and not required:
                 log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
-            if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > UNSETTLED_S * 1e9:
+            if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > _UNSETTLED_S * 1e9:
                 _verified[name] = stamp, sealed
     if required and not sealed:
         raise damaged(path, "it carries no digest")

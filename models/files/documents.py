@@ -16,7 +16,7 @@ from toppling.models.errors import InputError
 _LARGEST_JSON_BYTES = 100_000_000
 _LARGEST_TOML_BYTES = 2_000_000
 LARGEST_CSV_BYTES = 100_000_000
-MOST_VALUES = 10_000_000
+_MOST_VALUES = 10_000_000
 """Of a JSON file, by its commas and brackets."""
 _LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
@@ -220,8 +220,8 @@ def _text(path: Path, most: int, kind: str) -> str:
 def _check_values(text: str, path: Path) -> None:
     """Refuse JSON whose values would take much more memory than its text: each takes some 60 bytes."""
     count = sum(text.count(mark) for mark in ",[{")
-    if count > MOST_VALUES:
-        raise _unreadable(path, f"holds {count:,} values", f"JSON of at most {MOST_VALUES:,} values")
+    if count > _MOST_VALUES:
+        raise _unreadable(path, f"holds {count:,} values", f"JSON of at most {_MOST_VALUES:,} values")
 
 
 def _longest_key(text: str) -> int:

@@ -27,12 +27,12 @@ from toppling.models.errors import InputError, refusals
 
 _MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
-PROCESSOR_S, _PROCESSOR_S_PER_MB = 3.0, 2.0
+_PROCESSOR_S, _PROCESSOR_S_PER_MB = 3.0, 2.0
 """Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte.
 
 The first file of a format also pays for what its library imports, and compiles, as it reads.
 """
-PATIENCE = 100.0
+_PATIENCE = 100.0
 """So many times the processor time may pass on the clock: other work and slow file systems are no fault of a file."""
 _THREADS = 4
 """Of the libraries there: each has a stack and an arena that count as memory."""
@@ -61,7 +61,7 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         "path": os.path.abspath(path),  # noqa: PTH100  (resolve would name what a link points to)
         "libraries": list(libraries),
         "memory_bytes": _MEMORY_BYTES + int(_MEMORY_PER_BYTE * size_mb * 1e6),
-        "processor_s": PROCESSOR_S + _PROCESSOR_S_PER_MB * size_mb,
+        "processor_s": _PROCESSOR_S + _PROCESSOR_S_PER_MB * size_mb,
     }
     with _LOCK:
         try:
@@ -116,7 +116,7 @@ def _ask(request: dict[str, Any]) -> Read:
 
 
 def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
-    patience_s = PATIENCE * request["processor_s"]
+    patience_s = _PATIENCE * request["processor_s"]
     with selectors.DefaultSelector() as ready:
         ready.register(process.stdout, selectors.EVENT_READ)  # type: ignore[arg-type]
         if not ready.select(patience_s):

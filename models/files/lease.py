@@ -27,8 +27,8 @@ from toppling.models.errors import InputError
 log = logging.getLogger(__name__)
 
 WRITERS = ".writers"
-RENEW_S = 5.0
-GONE_AFTER_S = 30.0
+_RENEW_S = 5.0
+_GONE_AFTER_S = 30.0
 """Without a renewal. Clocks of machines and stores differ: whoever comes watches this long himself."""
 
 PAUSE_S = (0.2, 1.5)
@@ -99,7 +99,7 @@ class Lease:
         with self._alone_here() as notes:
             self._take(notes)
             try:
-                with repeated(self._keep, RENEW_S):
+                with repeated(self._keep, _RENEW_S):
                     yield
             finally:
                 with contextlib.suppress(Exception):  # else the next writer finds it dead
@@ -113,7 +113,7 @@ class Lease:
         """
         if self.lost:
             raise self._refused(
-                f"this process gave no sign for {GONE_AFTER_S:g} s, and another took its place",
+                f"this process gave no sign for {_GONE_AFTER_S:g} s, and another took its place",
                 remedy="let that one go on, or stop it and give the same command again",
             )
 
@@ -124,7 +124,7 @@ class Lease:
         Raises OSError if the store does not answer.
         """
         # The clock on the wall goes on while a machine sleeps.
-        if self._name and not self.lost and time.time() - self._renewed_s > GONE_AFTER_S:
+        if self._name and not self.lost and time.time() - self._renewed_s > _GONE_AFTER_S:
             self._renew()
         self.check()
 
@@ -149,7 +149,7 @@ class Lease:
         ours = self.notes.read_text().split() if self.notes.exists() else []
         signs = self.store.get_file_info(FileSelector(self.folder, allow_not_found=True))
         return any(
-            info.mtime_ns and time.time_ns() - info.mtime_ns < 2e9 * GONE_AFTER_S
+            info.mtime_ns and time.time_ns() - info.mtime_ns < 2e9 * _GONE_AFTER_S
             for info in signs
             if info.base_name.endswith(".txt") and info.base_name not in ours
         )
@@ -188,15 +188,15 @@ class Lease:
             seen = {name: seen.get(name, (said, time.monotonic())) for name, said in others.items()}
             for name, said in others.items():
                 first, since_s = seen[name]
-                if name not in waited_for and time.monotonic() - since_s > 2 * RENEW_S:
+                if name not in waited_for and time.monotonic() - since_s > 2 * _RENEW_S:
                     waited_for.add(name)
                     log.warning(
                         "%s: %s has not said that it ended; if it gives no sign for %g s, its run goes on here",
-                        *(self.address, _owner(said), GONE_AFTER_S),
+                        *(self.address, _owner(said), _GONE_AFTER_S),
                     )
                 if said != first:
                     raise self._refused(f"another machine writes to this run{self._who()}")
-                if time.monotonic() - since_s > GONE_AFTER_S:
+                if time.monotonic() - since_s > _GONE_AFTER_S:
                     log.warning(
                         "%s: %s gives no sign any more: its run goes on here", self.address, _owner(said)
                     )

@@ -35,7 +35,7 @@ _damaged = refusals(
 
 
 @dataclass(frozen=True)
-class Property:
+class _Property:
     """A value of every row of an element, or a list of them."""
 
     # `kind` is NumPy's, without the order of bytes.
@@ -55,7 +55,7 @@ class Element:
 
     name: str
     count: int
-    properties: tuple[Property, ...]
+    properties: tuple[_Property, ...]
 
     @property
     def has_lists(self) -> bool:
@@ -68,7 +68,7 @@ class Element:
 
 
 @dataclass(frozen=True)
-class Header:
+class _Header:
     """What a PLY file says of itself; `order` is empty for ASCII, `data_at` is where the rows begin.
 
     `remarks` are its comments and what it says of the object.
@@ -87,7 +87,7 @@ class Header:
         return list(self.elements[: names.index(name)]) if name in names else None
 
 
-def read_header(path: Path) -> Header:
+def read_header(path: Path) -> _Header:
     """Read and check a header.
 
     Raises InputError if it is none of PLY, or counts more rows than the file can hold.
@@ -113,7 +113,7 @@ def read_header(path: Path) -> Header:
         raise _damaged(
             f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it", path
         )
-    return Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
+    return _Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
 
 
 def _remarks(lines: list[str]) -> tuple[str, ...]:
@@ -167,7 +167,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | Non
     )
 
 
-def _rows(header: Header, name: str) -> dict[str, NDArray]:
+def _rows(header: _Header, name: str) -> dict[str, NDArray]:
     before = header.before(name)
     if before is None:
         return {}
@@ -185,7 +185,7 @@ def _rows(header: Header, name: str) -> dict[str, NDArray]:
     return _ascii_rows(header, element, sum(each.count for each in before))
 
 
-def _ascii_rows(header: Header, element: Element, skipped: int) -> dict[str, NDArray]:
+def _ascii_rows(header: _Header, element: Element, skipped: int) -> dict[str, NDArray]:
     with header.path.open("rb") as binary:
         binary.seek(header.data_at)
         lines = islice(_lines(binary, header), skipped, skipped + element.count)
@@ -203,7 +203,7 @@ def _ascii_rows(header: Header, element: Element, skipped: int) -> dict[str, NDA
     return {each.name: table[:, column] for column, each in enumerate(element.properties)}
 
 
-def _lines(binary: IO[bytes], header: Header) -> Iterator[str]:
+def _lines(binary: IO[bytes], header: _Header) -> Iterator[str]:
     """Rows of ASCII data; a lone carriage return ends lines in files of old programs."""
     if header.line_end == "\r":
         return StringIO(binary.read().decode("latin-1").replace("\r", "\n"))
@@ -212,7 +212,7 @@ def _lines(binary: IO[bytes], header: Header) -> Iterator[str]:
 
 def _parsed(lines: list[str], path: Path) -> tuple[str, list[Element]]:
     order: str | None = None
-    elements: list[tuple[str, int, list[Property]]] = []
+    elements: list[tuple[str, int, list[_Property]]] = []
     for number, line in enumerate(lines[1:], 2):
         words = line.split()
         match words:
@@ -221,9 +221,9 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[Element]]:
             case ["element", name, count] if _COUNT.fullmatch(count):
                 elements.append((name, int(count), []))
             case ["property", "list", of, kind, name] if elements and {of, kind} <= _TYPES.keys():
-                elements[-1][2].append(Property(name, _TYPES[kind], _TYPES[of]))
+                elements[-1][2].append(_Property(name, _TYPES[kind], _TYPES[of]))
             case ["property", kind, name] if elements and kind in _TYPES:
-                elements[-1][2].append(Property(name, _TYPES[kind]))
+                elements[-1][2].append(_Property(name, _TYPES[kind]))
             case [] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case _:

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 PAUSE_S = 5.0
 """Between looks at what a run that goes on has written: as often as it writes parts."""
 
-Stamp = list[int]
+_Stamp = list[int]
 """Size, and time of the last change in nanoseconds."""
 
 
@@ -44,7 +44,7 @@ class Copy:
     path: Path  # of the copy
     _root: str = field(init=False)
     _store: Any = field(init=False)
-    _known: dict[str, tuple[Stamp, Stamp]] = field(init=False, default_factory=dict)
+    _known: dict[str, tuple[_Stamp, _Stamp]] = field(init=False, default_factory=dict)
     _alone: threading.Lock = field(init=False, default_factory=threading.Lock)
     _lease: Lease = field(init=False)
 
@@ -155,14 +155,14 @@ class Copy:
         finally:
             self.push()
 
-    def _put(self, name: str, place: Path) -> Stamp:
+    def _put(self, name: str, place: Path) -> _Stamp:
         target = f"{self._root}/{name}"
         with place.open("rb") as source:
             put(self._store, target, source)
         info = self._store.get_file_info(target)
         return [info.size, info.mtime_ns or 0]
 
-    def _listed(self) -> dict[str, Stamp]:
+    def _listed(self) -> dict[str, _Stamp]:
         from pyarrow.fs import FileSelector, FileType
 
         found = self._store.get_file_info(FileSelector(self._root, recursive=True, allow_not_found=True))
@@ -261,6 +261,6 @@ def _is_hidden(name: str) -> bool:
     return any(part.startswith(".") for part in PurePosixPath(name).parts)
 
 
-def _stamp(place: Path) -> Stamp:
+def _stamp(place: Path) -> _Stamp:
     state = place.stat()
     return [state.st_size, state.st_mtime_ns]

@@ -15,7 +15,7 @@ from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
 from toppling.orchestrator.pick.picking import Picking
 from toppling.orchestrator.pick.user_hints import UserHints
 
-LARGEST_BODY = 1 << 18
+_LARGEST_BODY = 1 << 18
 """Bytes; hints of a thousand places take a fifth."""
 _LONGEST_STAGE_S = 60.0
 _POLL_S = 20.0
@@ -117,9 +117,9 @@ class _Answers(Answers):
         length = self.headers.get("Content-Length", "")
         if self.headers.get("Content-Type") != _JSON or not (length.isascii() and length.isdigit()):
             raise _refused("is no JSON of a stated length")
-        if len(length) > 9 or int(length) > LARGEST_BODY:
+        if len(length) > 9 or int(length) > _LARGEST_BODY:
             self.close_connection = True
-            raise _refused(f"is longer than {LARGEST_BODY} bytes")
+            raise _refused(f"is longer than {_LARGEST_BODY} bytes")
         try:
             return json.loads(self.rfile.read(int(length)))
         except (ValueError, RecursionError) as error:

@@ -82,7 +82,7 @@ class Setting:
     settings: NumericalOptions
     engine: str = DEFAULT
     shortcuts: bool = True
-    # Azimuth toward which the start is disturbed as `disturbed_start` says; None for a start at rest.
+    # Azimuth toward which the start is disturbed as `_disturbed_start` says; None for a start at rest.
     disturbed_toward_deg: float | None = None
     disturbed_share: float = _DISTURBED_SHARE  # how much it is disturbed then
 
@@ -160,7 +160,7 @@ def _read(path: Path) -> list[dict[Any, Any]]:
         return []
 
 
-def disturbed_start(scene: Scene, toward_deg: float, share: float = _DISTURBED_SHARE) -> State:
+def _disturbed_start(scene: Scene, toward_deg: float, share: float = _DISTURBED_SHARE) -> State:
     """The rock of a settled scene raised by a share of its height, and tilted by as much (rad) toward an azimuth.
 
     Raised alone, a block would land flat and go on as if nothing had been.
@@ -238,7 +238,7 @@ def _shake(job: Job, setting: Setting) -> Row:
     scene, ensemble = assets()
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     toward = setting.disturbed_toward_deg
-    start = None if toward is None else disturbed_start(scene, toward, setting.disturbed_share)
+    start = None if toward is None else _disturbed_start(scene, toward, setting.disturbed_share)
     began_s = time.process_time()  # of the processor: what a job costs also on a machine with other work
     result = shake(
         scene, motion, setting.settings, shortcuts=setting.shortcuts, initial=start, engine=setting.engine

@@ -54,7 +54,7 @@ _DRAWN_COLUMNS = ["job_id", "status", "steps", "finished_at"]
 
 
 @dataclass(frozen=True)
-class Auditor:
+class _Auditor:
     """Who does jobs again."""
 
     name: str  # of its folder
@@ -78,15 +78,15 @@ class Auditor:
         return dataclasses.replace(part, jobs=part.jobs.set_column(0, "job_id", ids))
 
 
-AUDITORS = (
-    Auditor(REFERENCE, (("engine", DEFAULT), ("preset", "reference"))),
-    *(Auditor(name, (("engine", name), ("preset", "standard"))) for name in ENGINES if name != DEFAULT),
+_AUDITORS = (
+    _Auditor(REFERENCE, (("engine", DEFAULT), ("preset", "reference"))),
+    *(_Auditor(name, (("engine", name), ("preset", "standard"))) for name in ENGINES if name != DEFAULT),
 )
 
 
-def _auditors(campaign: Campaign) -> list[Auditor]:
+def _auditors(campaign: Campaign) -> list[_Auditor]:
     """Those that are installed here and can say something about a run of this campaign."""
-    return [one for one in AUDITORS if one.fits(campaign)]
+    return [one for one in _AUDITORS if one.fits(campaign)]
 
 
 def affordable(campaign: Campaign, rows: pa.Table) -> int:

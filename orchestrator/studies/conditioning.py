@@ -112,7 +112,7 @@ def weigh(
         )
         shake(one, ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
-    return by_evidence(weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
+    return _by_evidence(_weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 
 
 def _evidence(recorded: Recorded) -> dict[str, Any]:
@@ -127,7 +127,7 @@ def _evidence(recorded: Recorded) -> dict[str, Any]:
     }
 
 
-def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
+def _by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
     """Weights, with what a person reads of the motions that they rest on (`_evidence`)."""
     motions, unknown = _and(evidence["records"]), evidence["azimuths_unknown"]
     remarks = [f"Where the components of {_and(unknown)} pointed is not known: it shook from all sides"]
@@ -162,10 +162,10 @@ def joined(own: Weights, also: Weights) -> Weights:
         name: own.evidence[name] + value if isinstance(value, list) else value
         for name, value in also.evidence.items()
     }
-    return by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
+    return _by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
 
 
-def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
+def _weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
     """Weights of draws by the shakes of them.
 
     rows: rows of results; a shake without an answer tells nothing.

@@ -74,7 +74,7 @@ _NUMBERED = {
 """What the atlas draws, by the number that it has in the study."""
 
 Say = Callable[[str], None]
-ClusterOf = Callable[[], AbstractContextManager[Client]]
+_ClusterOf = Callable[[], AbstractContextManager[Client]]
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _nearest_deg(azimuth_deg: float, among: Sequence[float]) -> float:
 def carry_out(
     study: Study,
     out: Path,
-    cluster_of: ClusterOf,
+    cluster_of: _ClusterOf,
     watcher: Callable[[], AbstractContextManager[ProgressCallback]],
     say: Say,
 ) -> list[RunProgress]:
@@ -155,7 +155,7 @@ def carry_out(
     return progresses
 
 
-def climb(study: Study, out: Path, cluster_of: ClusterOf, say: Say) -> tuple[pd.DataFrame, ramp.Ramp]:
+def climb(study: Study, out: Path, cluster_of: _ClusterOf, say: Say) -> tuple[pd.DataFrame, ramp.Ramp]:
     """Figure 4's ramp: ten of the records, in the direction in which the rock lifts first."""
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
     protocol = ramp.Ramp(azimuth_deg=ramp.weakest_azimuth_deg(scene), preset=study.preset)

@@ -75,10 +75,10 @@ def init(
     with bar("shaking on trial", most) as advance:
         friction = contact.friction_static, contact.friction_kinetic
         pilot = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
-    spaced = levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
+    spaced = _levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
     records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
     folder = out.absolute().parent
-    starter = CampaignTemplate(
+    starter = _CampaignTemplate(
         name=str(out), scene=os.path.relpath(scene.absolute(), folder),
         ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, pilot=pilot,
         levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
@@ -121,12 +121,12 @@ class Levels:
         return round((self.stop_m_s2 - self.start_m_s2) / self.step_m_s2) + 1
 
 
-def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
+def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
     """About so many levels at round numbers, from below the first acceleration to the second one or above.
 
     Examples
     --------
-    >>> levels_between(2.17, 18.3, 12)
+    >>> _levels_between(2.17, 18.3, 12)
     Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
     """
     low = _BELOW_LEAST * least_m_s2
@@ -139,7 +139,7 @@ def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CampaignTemplate:
+class _CampaignTemplate:
     """The file that is written: values that suit a rock, each with its reason beside it."""
 
     name: str

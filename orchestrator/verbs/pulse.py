@@ -55,7 +55,7 @@ def pulse(
     loaded = Scene.load(scene)
     if friction is not None:
         loaded = loaded.with_friction(friction)
-    motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
+    motion = _pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with bar("shaking"):
         shown, result = replay_of(loaded, motion, preset)
     friction_text = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
@@ -67,7 +67,7 @@ def pulse(
     click.echo(title)
 
 
-def pulse_motion(shape: str, pgv_m_s: float, period_s: float, azimuth_deg: float) -> Motion:
+def _pulse_motion(shape: str, pgv_m_s: float, period_s: float, azimuth_deg: float) -> Motion:
     """Idealised motion of a shape, scaled to its peak velocity."""
     if shape == "sawtooth":
         return idealised.sawtooth_velocity(pgv_m_s, period_s, azimuth_deg)

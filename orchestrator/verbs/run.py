@@ -27,7 +27,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
-OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
+_OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
 """Options that a resuming call does not repeat."""
 
 
@@ -204,7 +204,7 @@ def _command(context: click.Context) -> str:
     words = ["toppling", "run", str(context.params["campaign"])]
     for one in context.command.params:
         given = context.get_parameter_source(str(one.name)) is ParameterSource.COMMANDLINE
-        if given and isinstance(one, click.Option) and one.name not in OF_ONE_CALL:
+        if given and isinstance(one, click.Option) and one.name not in _OF_ONE_CALL:
             words += _as_given(one, context.params[str(one.name)])
     return shlex.join(words)
 

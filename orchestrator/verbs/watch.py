@@ -107,7 +107,7 @@ def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
     return json.loads(rounded.to_json(orient="records"))
 
 
-class Replays:
+class _Replays:
     """Topplings that are replayed, one at a time, by 'toppling replay' in a process of its own, elsewhere than the run.
 
     folder: where they are written to.
@@ -157,13 +157,13 @@ class Replays:
             self._process.communicate()
 
 
-class Watching(Loopback):
+class _Watching(Loopback):
     """The server of one run.
 
     port: 0 for any that is free.
     """
 
-    def __init__(self, run: Path, replays: Replays, port: int = 0) -> None:
+    def __init__(self, run: Path, replays: _Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
         self._answered = -_KEPT_S
         self._answer = b""
@@ -186,7 +186,7 @@ class Watching(Loopback):
 class _Answers(Answers):
     """Answers to GET; nothing else is understood."""
 
-    server: Watching
+    server: _Watching
 
     def do_GET(self) -> None:  # noqa: N802  (the library's name)
         """Answer with the page, the state or a replay."""
@@ -212,13 +212,13 @@ class _Answers(Answers):
         self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 
-def watching(run: Path, folder: Path, port: int = 0) -> Watching:
+def watching(run: Path, folder: Path, port: int = 0) -> _Watching:
     """Make the server of a run, whose replays go to a folder outside of it.
 
     Raises InputError if the folder is no run.
     """
     state_of(run)
-    return Watching(run, Replays(run.resolve(), folder), port)
+    return _Watching(run, _Replays(run.resolve(), folder), port)
 
 
 @click.command()

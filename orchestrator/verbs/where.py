@@ -14,7 +14,7 @@ from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.options import FILE, option
 
 
-class Span(int):
+class _Span(int):
     """A number, or with `low` below it the least of as many as there is work for."""
 
     low: int
@@ -23,19 +23,19 @@ class Span(int):
         return f"{int(self)}" if self.low == self else f"{self.low}..{int(self)}"
 
 
-class SpanType(click.ParamType):
+class _SpanType(click.ParamType):
     """`N`, or `LOW..HIGH`."""
 
     name = "N or LOW..HIGH"
 
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Span:
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> _Span:
         """Read a value of the command line."""
-        if isinstance(value, Span):
+        if isinstance(value, _Span):
             return value
         low, dots, high = str(value).partition("..")
         if not low.isdecimal() or (dots and not high.isdecimal()):
             self.fail(f"{value!r} is neither a number nor LOW..HIGH, such as 2..200", parameter, context)
-        span = Span(high or low)
+        span = _Span(high or low)
         span.low = int(low)
         if not 1 <= span.low <= span:
             self.fail(f"{value!r}: at least 1, and the first not above the second", parameter, context)
@@ -45,7 +45,7 @@ class SpanType(click.ParamType):
 _OPTIONS = (
     option(
         "--workers",
-        type=SpanType(),
+        type=_SpanType(),
         help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
     ),
     option("--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."),
@@ -53,7 +53,7 @@ _OPTIONS = (
     option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
     option(
         "--queue-jobs",
-        type=SpanType(),
+        type=_SpanType(),
         default="1",
         help="Batch jobs to submit; LOW..HIGH too.",
     ),
@@ -71,9 +71,9 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
 class Where(TypedDict):
     """Values of the options."""
 
-    workers: Span | None
+    workers: _Span | None
     queue_kind: str | None
-    queue_jobs: Span
+    queue_jobs: _Span
     scheduler: str | None
     scheduler_file: Path | None
     tls_ca: Path | None

@@ -61,7 +61,7 @@ def moments(curve: Lognormal) -> tuple[float, float]:
     return mean, mean * math.sqrt(math.expm1(curve.beta**2))
 
 
-def of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
+def _of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
     """Curve of a lognormal variable's mean and standard deviation: OpenQuake's own inversion."""
     beta = math.sqrt(math.log1p((deviation / mean) ** 2))
     return Lognormal(measure, mean**2 / math.hypot(deviation, mean), beta)
@@ -205,7 +205,7 @@ def _from_nrml(text: str) -> list[Lognormal]:
         measure, si = known
         for params in function.findall(f"{{{_SPACE}}}params"):
             mean, deviation = (float(str(params.get(key))) * si for key in ("mean", "stddev"))
-            curves.append(_with_row(of_moments(measure, mean, deviation), _kept_row(function)))
+            curves.append(_with_row(_of_moments(measure, mean, deviation), _kept_row(function)))
     return curves
 
 

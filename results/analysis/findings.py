@@ -106,7 +106,7 @@ def _rarely_below(main: pd.DataFrame) -> Finding:
     return Finding(name, paper, share_words, share < _LOW_PROBABILITY)
 
 
-def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
+def _toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
     """Least PGA and PGV that topple, by record: the median over azimuths, infinite where no level topples."""
     known = main[main["toppled"].notna()]
     job = ["record_id", "azimuth_deg"]
@@ -127,7 +127,7 @@ def _rank(table: pd.DataFrame, one: str, other: str) -> tuple[float, float, int]
 
 
 def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
-    rank, p, records = _rank(toppling_levels(main), "pga_m_s2", measure)
+    rank, p, records = _rank(_toppling_levels(main), "pga_m_s2", measure)
     paper = "it decreases"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
@@ -163,7 +163,7 @@ def _figure_10a(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int)
 
 
 def _pgv_on_duration(jobs: pd.DataFrame) -> tuple[float, float, int]:
-    table = toppling_levels(jobs)
+    table = _toppling_levels(jobs)
     return _rank(table[np.isfinite(table["pgv_m_s"])], "pgv_m_s", "duration_energy_s")
 
 

@@ -191,7 +191,7 @@ def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[fl
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
-def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = DIRECTION_BINS) -> pd.DataFrame:
+def _cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = DIRECTION_BINS) -> pd.DataFrame:
     """`cells` of each direction bin of the vector PGA, whose centre is `direction_deg`."""
     known = frame[frame["pga_azimuth_deg"].notna()]
     directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
@@ -212,7 +212,7 @@ def records_on(frame: pd.DataFrame, plane: Plane) -> int:
 class DirectionCells:
     """Cells of a plane in each direction bin of the vector PGA, and what they were counted from."""
 
-    table: pd.DataFrame  # from `cells_by_direction`
+    table: pd.DataFrame  # from `_cells_by_direction`
     plane: Plane
     bins: int  # direction bins around the circle
     records: Mapping[float, int]  # distinct records (`records_on`) of each bin that holds a job
@@ -225,7 +225,7 @@ class DirectionCells:
         by_bin = known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))
         records = {float(centre): records_on(jobs, plane) for centre, jobs in by_bin}
         missing = unplaced(frame, plane, by_direction=True)
-        return cls(cells_by_direction(frame, plane, bins=bins), plane, bins, records, missing)
+        return cls(_cells_by_direction(frame, plane, bins=bins), plane, bins, records, missing)
 
 
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:

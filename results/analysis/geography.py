@@ -7,7 +7,7 @@ from toppling.models.frames import compass_deg, horizontal_unit_vector
 from toppling.results.analysis.directions import topple_rose
 from toppling.results.analysis.side_by_side import Beside, on_earth
 
-ARROW_M = 100.0
+_ARROW_M = 100.0
 """Length of the line toward which all of a rock's topplings went."""
 
 
@@ -26,7 +26,7 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
 def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
     """Lines from each rock whose place is known toward where it toppled, as long as the share of its topplings.
 
-    `length_m` of a line is `ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
+    `length_m` of a line is `_ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
     """
     found = []
     for rock in rocks:
@@ -36,7 +36,7 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
         rose = rose[rose["toppled"] > 0]
         ends = on_earth(
             rock.run,
-            ARROW_M
+            _ARROW_M
             * rose["share_of_toppled"].to_numpy()[:, None]
             * horizontal_unit_vector(rose["azimuth_deg"])[:, :2],
         )
@@ -46,7 +46,7 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
                 **row,
                 "toppled": int(row["toppled"]),
                 "compass_deg": float(compass_deg(row["azimuth_deg"])),
-                "length_m": ARROW_M * row["share_of_toppled"],
+                "length_m": _ARROW_M * row["share_of_toppled"],
             }
             found.append(_feature("LineString", [rock.place, end], properties))
     return _collection(found)

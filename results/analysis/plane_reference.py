@@ -25,7 +25,7 @@ from toppling.results.analysis.regression import Fit, fit, softened
 
 log = logging.getLogger(__name__)
 
-TIME_STEP_S = 0.005
+_TIME_STEP_S = 0.005
 _SETTLING_S = 10.0
 """Still ground after the record, in which a rocking body falls or comes to rest."""
 
@@ -94,7 +94,7 @@ def topples(
     arms_m: (n, 2, 2), `Section.arms_m` of each body.
     inertia: (n,), `Section.inertia_per_mass_m2` of each body.
     unit: (k, 2, m), ground acceleration along the section and up over PGA, of m records at k steps of
-    `TIME_STEP_S`.
+    `_TIME_STEP_S`.
     record: (n,), which record shakes each body.
     pga_m_s2: (n,), what it is scaled to.
     Returns (n,) bool array: whether the body has turned by a right angle.
@@ -117,13 +117,13 @@ def topples(
         turned_x, turned_z = x * cosine + z * sine, z * cosine - x * sine
         torque = turned_x * down - turned_z * push
         torque[rests & (starts == 0)] = 0.0
-        rate += TIME_STEP_S * torque / inertia_at[pick, about]
-        new = angle + TIME_STEP_S * rate
+        rate += _TIME_STEP_S * torque / inertia_at[pick, about]
+        new = angle + _TIME_STEP_S * rate
         lands = angle * new < 0
         # The step that crosses zero ends on the other corner; a rate that one step of gravity undoes is rest.
         rate[lands] *= kept[pick, 1 - about][lands]
         weak = lands & (
-            np.abs(rate) < TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
+            np.abs(rate) < _TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
         )
         rate[weak] = 0.0
         angle = np.where(lands, 0.0, new)
@@ -156,7 +156,7 @@ def simulate(
     tables = []
     for first in range(0, len(motions), _RECORDS_AT_ONCE) if cuts else ():
         batch = motions[first : first + _RECORDS_AT_ONCE]
-        steps = len(batch[-1][2]) + round(_SETTLING_S / TIME_STEP_S)
+        steps = len(batch[-1][2]) + round(_SETTLING_S / _TIME_STEP_S)
         unit = np.zeros((steps, 2, len(batch)))
         for number, (_, _, components) in enumerate(batch):
             unit[: len(components), :, number] = components
@@ -216,7 +216,7 @@ def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
 
 
 def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
-    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `TIME_STEP_S`."""
+    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `_TIME_STEP_S`."""
     record = ensemble.record(record_id)
     acceleration, step = record.motion.acceleration_m_s2, record.motion.time_step_s
     size = np.hypot(acceleration[:, 0], acceleration[:, 1])
@@ -225,7 +225,7 @@ def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
     unit = np.column_stack([along, acceleration[:, 2]]) / size[peak]
     strong = np.flatnonzero(np.abs(unit[:, 0]) > _QUIET_SHARE)
     unit = unit[max(0, strong[0] - 1) : strong[-1] + 2]
-    time = np.arange(0.0, (len(unit) - 1) * step, TIME_STEP_S)
+    time = np.arange(0.0, (len(unit) - 1) * step, _TIME_STEP_S)
     at = np.arange(len(unit)) * step
     resampled = np.column_stack([np.interp(time, at, part) for part in unit.T])
     return record_id, float(record.intensity["pgv_pga_s"]), resampled

@@ -30,7 +30,7 @@ _SURE = 1e-3
 _ROUNDS = 200
 """In which weights and rates are found together."""
 _FIRST_RATES = (0.05, 0.95)
-Truths = NDArray[np.bool_]
+_Truths = NDArray[np.bool_]
 
 
 def share(toppled: Array) -> tuple[Array, Array]:
@@ -45,7 +45,7 @@ def share(toppled: Array) -> tuple[Array, Array]:
     return mean, np.sqrt(mean * (1.0 - mean) / (answered + 2.0))
 
 
-def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
+def scores(overturned: _Truths, probability: Array) -> dict[str, Any]:
     """Scores of probabilities, called at one half where a score needs a call.
 
     Returns
@@ -80,7 +80,7 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
     }
 
 
-def intervals(overturned: Truths, probability: Array, group: NDArray[Any]) -> dict[str, list[float | None]]:
+def intervals(overturned: _Truths, probability: Array, group: NDArray[Any]) -> dict[str, list[float | None]]:
     """Intervals of 95 % of the scores, by resampling records; none of tests of one record."""
     if len(np.unique(group)) < 2:
         return {}
@@ -114,7 +114,7 @@ def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
     return _quantiles(drawn, 0.05, 0.95)
 
 
-def calibration(overturned: Truths, probability: Array) -> pd.DataFrame:
+def calibration(overturned: _Truths, probability: Array) -> pd.DataFrame:
     """Shares that overturned, where probabilities are alike: one row a bin of equal width that holds any test."""
     number = np.clip((probability * _BINS).astype(int), 0, _BINS - 1)
     frame = pd.DataFrame({"bin": number, "probability": probability, "overturned": overturned})
@@ -124,7 +124,7 @@ def calibration(overturned: Truths, probability: Array) -> pd.DataFrame:
     ).reset_index(drop=True)
 
 
-def learnt(toppled: Array, overturned: Truths, group: NDArray[Any]) -> Array:
+def learnt(toppled: Array, overturned: _Truths, group: NDArray[Any]) -> Array:
     """Probabilities (tests,) from draws weighted by the likelihood of the outcomes of other records only.
 
     Parameters
@@ -141,7 +141,7 @@ def learnt(toppled: Array, overturned: Truths, group: NDArray[Any]) -> Array:
     """
     predicted = np.empty(len(overturned))
     for training, held_out in LeaveOneGroupOut().split(toppled.T, overturned, group):
-        weights, (stands, topples) = weighted_draws(
+        weights, (stands, topples) = _weighted_draws(
             toppled[:, training], overturned[training], group[training]
         )
         known = np.isfinite(toppled[:, held_out])
@@ -156,8 +156,8 @@ def learnt(toppled: Array, overturned: Truths, group: NDArray[Any]) -> Array:
     return predicted
 
 
-def weighted_draws(
-    toppled: Array, overturned: Truths, group: NDArray[Any]
+def _weighted_draws(
+    toppled: Array, overturned: _Truths, group: NDArray[Any]
 ) -> tuple[Array, tuple[float, float]]:
     """Weights of draws that make their mean most likely, with the rates at which a draw is right, found together.
 
@@ -186,7 +186,7 @@ def weighted_draws(
     return weights, rates
 
 
-def simple_rules(intensity: pd.DataFrame, overturned: Truths, group: NDArray[Any]) -> dict[str, Array]:
+def simple_rules(intensity: pd.DataFrame, overturned: _Truths, group: NDArray[Any]) -> dict[str, Array]:
     """Probabilities of rules without mechanics, each fitted without the record that it predicts.
 
     Parameters
@@ -250,12 +250,12 @@ def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str
     }
 
 
-def _rate(responsibility: Array, overturned: Truths) -> float:
+def _rate(responsibility: Array, overturned: _Truths) -> float:
     """Share that overturned of what draws told."""
     return float(jeffreys_mean((responsibility * overturned).sum(), responsibility.sum()))
 
 
-def _threshold(measure: Array, overturned: Truths, training: NDArray, held_out: NDArray) -> Array:
+def _threshold(measure: Array, overturned: _Truths, training: NDArray, held_out: NDArray) -> Array:
     """1 above the threshold that is most often right among the tests seen, 0 below."""
     order = np.sort(measure[training])
     between = np.sqrt(order[1:] * order[:-1])
@@ -263,7 +263,7 @@ def _threshold(measure: Array, overturned: Truths, training: NDArray, held_out: 
     return (measure[held_out] > between[int(np.argmax(right))]).astype(float)
 
 
-def _logistic(features: Array, overturned: Truths, training: NDArray, held_out: NDArray) -> Array:
+def _logistic(features: Array, overturned: _Truths, training: NDArray, held_out: NDArray) -> Array:
     """Logistic regression, hardly regularised, so that separated outcomes have a fit."""
     if len(np.unique(overturned[training])) < 2:
         return np.full(len(held_out), float(overturned[training].mean()))
@@ -273,7 +273,7 @@ def _logistic(features: Array, overturned: Truths, training: NDArray, held_out: 
     return np.asarray(model.predict_proba(scaled[held_out])[:, 1])
 
 
-def _calibration_slope(overturned: Truths, probability: Array) -> float:
+def _calibration_slope(overturned: _Truths, probability: Array) -> float:
     odds = logit(_unsure(probability))
     if len(np.unique(overturned)) < 2 or np.ptp(odds) == 0.0:
         return np.nan

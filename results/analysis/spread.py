@@ -127,10 +127,12 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     share = _explained(friction, by_draw, share_of)
     draws_in_effect = 1.0 / (1.0 - free_draws)
     error = Mean(left, (records - 1) * (draws_in_effect - 1.0))
-    of_records_ends = component_interval(
+    of_records_ends = _component_interval(
         Mean(draws_in_effect * of_records + left, records - 1), error, draws_in_effect
     )
-    of_draws_ends = component_interval(Mean(records * of_draws + left, draws_in_effect - 1.0), error, records)
+    of_draws_ends = _component_interval(
+        Mean(records * of_draws + left, draws_in_effect - 1.0), error, records
+    )
     ends = {
         "records": of_records_ends,
         "base": of_draws_ends * (1.0 - share),
@@ -159,7 +161,7 @@ class Mean:
     freedom: float
 
 
-def component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.float64]:
+def _component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.float64]:
     """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
 
     of_cause: its expectation is the error's and `times` the component.

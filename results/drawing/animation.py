@@ -24,7 +24,7 @@ from toppling.results.replayed_job import Replay, tilt_deg
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
-WIDTH, STRIP = 480, 92
+WIDTH, _STRIP = 480, 92
 """Pixels: width of picture and view, height of the strip below with the seismogram."""
 
 _ROW = 19
@@ -60,7 +60,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     heading = _heading(title, speed)
     frames = []
     for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
-        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
+        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + _STRIP), "white")
         picture.paste(heading, (0, 0))
         picture.paste(_pose(replay, view, centre_m, attitude, time), (0, heading.height))
         picture.paste(below, (0, heading.height + WIDTH))
@@ -72,7 +72,9 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
         )  # fmt: skip
         x = _across(time, times)
         draw.line(
-            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)], fill="black", width=2
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + _STRIP - 18)],
+            fill="black",
+            width=2,
         )
         frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
     # The last pose is held for a second.
@@ -80,7 +82,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
 
 
-def speed_words(speed: float) -> str:
+def _speed_words(speed: float) -> str:
     """Say how much faster or slower than the shake the picture moves."""
     if abs(speed - 1.0) < 0.05:
         return "real time"
@@ -146,7 +148,7 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 
 def _heading(title: str, speed: float) -> Image.Image:
-    lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
+    lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
     image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):
@@ -162,9 +164,9 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     at = np.linspace(times[0], times[-1], 4 * WIDTH)
     values = np.interp(at, motion.time_s, motion.acceleration_m_s2[:, column], right=0.0)
     peak = max(float(np.abs(values).max()), 1e-9)
-    image = Image.new("RGB", (WIDTH, STRIP), "white")
+    image = Image.new("RGB", (WIDTH, _STRIP), "white")
     draw = ImageDraw.Draw(image)
-    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
+    middle, reach = (_STRIP - 18) / 2 + 2, (_STRIP - 26) / 2
     draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
     draw.line(
         [
@@ -175,11 +177,11 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     )
     if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
         x = _across(replay.topple_time_s, times)
-        for y in range(4, STRIP - 18, 7):
+        for y in range(4, _STRIP - 18, 7):
             draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
     component = ("east", "north")[column]
     draw.text(
-        (8, STRIP - 17),
+        (8, _STRIP - 17),
         f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
         fill="#444444",
         font=_font(12),

@@ -123,7 +123,7 @@ def _varying(statement: dict[str, Any]) -> str:
 
 def all_words(statement: dict[str, Any]) -> str:
     """Everything that is said, a line a sentence."""
-    lines = [*answer(statement), *rock_lines(statement)]
+    lines = [*answer(statement), *_rock_lines(statement)]
     if statement.get("hazard_ratio") == 1.0:
         component = statement["hazard"]["component"]
         stated = f", though its files say {component}" if component else ""
@@ -141,7 +141,7 @@ def all_words(statement: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def rock_lines(statement: dict[str, Any]) -> list[str]:
+def _rock_lines(statement: dict[str, Any]) -> list[str]:
     """What the rocks say about a single event, and what that rests on."""
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 
-NODES_PER_E_FOLD = 400
+_NODES_PER_E_FOLD = 400
 """Points of the integration in an interval where intensity grows by e.
 
 Under a power law of exponent k the rate comes out too large by (k / 400)^2 / 24 of it: 1e-6 for k = 2, 2.3e-6 for
@@ -206,7 +206,7 @@ def events_by_intensity(
     low, high = hazard.intensity[[0, -1]]
     corners = np.unique(np.log([*hazard.intensity, *(x for x in thresholds if low < x < high)]))
     pieces = [
-        np.linspace(start, end, math.ceil((end - start) * NODES_PER_E_FOLD), endpoint=False)
+        np.linspace(start, end, math.ceil((end - start) * _NODES_PER_E_FOLD), endpoint=False)
         for start, end in pairwise(corners)
     ]
     x = np.exp(np.concatenate([*pieces, corners[-1:]]))

@@ -21,7 +21,7 @@ from toppling.results.precision.target import Estimate, Target, estimate
 
 Numbers = NDArray[np.int64]
 
-FIRST_ROUND = 32
+_FIRST_ROUND = 32
 _GROWTH = (0.3, 1.0)
 """Least and largest next round, of the jobs so far: whoever looks often ends on a curve that happens to look steep."""
 _RANDOM_SHARE = 0.15
@@ -144,7 +144,7 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
     needed: in all, as far as known.
     """
     if number == 0:
-        return FIRST_ROUND
+        return _FIRST_ROUND
     least, most = (math.ceil(share * jobs) for share in _GROWTH)
     return min(max(needed - jobs, least), most)
 

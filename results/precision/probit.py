@@ -19,7 +19,7 @@ from scipy.stats import f, t
 from toppling.models.arrays import Array
 
 _STEPS, _SMALL_STEP = 200, 1e-9
-LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+_LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 _DIFFERENCE = 1e-4
 """Share of a coefficient's standard error over which a target's slope is taken."""
 
@@ -215,13 +215,13 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
 
 def _information_weight(answers: Answers, eta: Array) -> Array:
     """Fisher's information of each job about its own eta: phi^2 / (Phi (1 - Phi))."""
-    log_density = -0.5 * eta**2 - LOG_ROOT_2_PI
+    log_density = -0.5 * eta**2 - _LOG_ROOT_2_PI
     return answers.weight * np.exp(2.0 * log_density - log_ndtr(eta) - log_ndtr(-eta))
 
 
 def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:
     """Information (n, 2, 2) and score (n, 2) of each job, and the log-likelihood of all."""
-    log_density, above, below = -0.5 * eta**2 - LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
+    log_density, above, below = -0.5 * eta**2 - _LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
     each = np.where(answers.toppled > 0.5, above, below)
     sign = np.where(answers.toppled > 0.5, 1.0, -1.0)
     score = answers.weight * sign * np.exp(log_density - each)
@@ -271,7 +271,7 @@ class Departure:
         return f"the curve is no lognormal: {shares} ({p})"
 
 
-def p_value(curve: Curve, answers: Answers) -> float:
+def _p_value(curve: Curve, answers: Answers) -> float:
     """Probability, under a lognormal curve, of answers that depart from the fitted one as clearly; 1 of few records.
 
     A score test by record: residuals are summed against bends of the curve that no other median or beta imitates, and
@@ -296,7 +296,7 @@ def _departures(curve: Curve, answers: Answers) -> Array:
     P and P cubed, less what a change of the coefficients does: together they make asymptotes and shoulders.
     """
     eta = curve.coefficients[0] + curve.coefficients[1] * answers.log_x
-    probability, log_density = ndtr(eta), -0.5 * eta**2 - LOG_ROOT_2_PI
+    probability, log_density = ndtr(eta), -0.5 * eta**2 - _LOG_ROOT_2_PI
     design = np.column_stack([np.ones_like(eta), eta])
     scores = np.exp(log_density - log_ndtr(eta) - log_ndtr(-eta))[:, None] * design
     slopes = (answers.weight * np.exp(log_density))[:, None] * design
@@ -310,7 +310,7 @@ def _departures(curve: Curve, answers: Answers) -> Array:
 
 def departure(curve: Curve, answers: Answers) -> Departure | None:
     """How answers contradict the curve fitted to them; None where they do not."""
-    p = p_value(curve, answers)
+    p = _p_value(curve, answers)
     if p >= _LEVEL:
         return None
     probability = ndtr(curve.coefficients[0] + curve.coefficients[1] * answers.log_x)

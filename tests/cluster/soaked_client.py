@@ -10,7 +10,7 @@ FATAL_RENAME_VARIABLE = "TOPPLING_TEST_FATAL_RENAME"
 if __name__ == "__main__":
     from toppling.orchestrator import cli, execution
 
-    execution.FLUSH_S = (0.3, 0.3)
+    execution._FLUSH_S = (0.3, 0.3)
     left = int(os.environ.get(FATAL_RENAME_VARIABLE, "-1"))
     genuine_replace = pathlib.Path.replace
 

@@ -20,10 +20,10 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import existing
-from toppling.orchestrator.delivery import SHELF
+from toppling.orchestrator.delivery import _SHELF
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.task import RunKey, assets_of, versions
+from toppling.orchestrator.task import RunKey, _assets_of, versions
 from toppling.workers.shake import compile_once
 
 PATIENCE_S = 60.0
@@ -183,8 +183,8 @@ def test_a_worker_whose_scheduler_lost_what_it_asks_for_is_no_misfit_and_the_cli
     def watch(progress):
         if progress.done and not forgot:
             shutil.rmtree(cache / "delivered")
-            client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.handlers.pop(SHELF))
-            client.run(lambda: assets_of.cache_clear())
+            client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.handlers.pop(_SHELF))
+            client.run(lambda: _assets_of.cache_clear())
             forgot.append(True)
 
     with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:

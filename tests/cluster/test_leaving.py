@@ -115,8 +115,8 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     import dask
 
     dask.config.refresh()
-    monkeypatch.setattr(cluster_supervisor, "WORTH_A_WORKER_S", 0.5)
-    monkeypatch.setattr(cluster_supervisor, "IDLE_S", 1.0)
+    monkeypatch.setattr(cluster_supervisor, "_WORTH_A_WORKER_S", 0.5)
+    monkeypatch.setattr(cluster_supervisor, "_IDLE_S", 1.0)
     slow = undisturbed[0]["job_id"]
     faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
     sizes = []

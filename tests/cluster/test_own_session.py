@@ -21,7 +21,7 @@ from distributed.comm import connect
 from distributed.security import Security
 
 from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door, job_script
-from toppling.orchestrator.folder import KEY_FILES
+from toppling.orchestrator.folder import _KEY_FILES
 
 
 def listening(client):
@@ -108,7 +108,7 @@ def test_batch_jobs_find_the_key_in_files_of_the_user_alone(tmp_path):
         _queue_cluster("slurm", tmp_path) as cluster,
     ):
         assert cluster.scheduler_address.startswith("tls://")
-        files = list(tmp_path.glob(f"{KEY_FILES}*"))
+        files = list(tmp_path.glob(f"{_KEY_FILES}*"))
         assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
         script = cluster.job_script()
         assert [file for file in files if str(file) not in script] == []

@@ -178,7 +178,7 @@ def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_pat
 def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
     carry_out, finished, undisturbed, planned, tmp_path, faults, monkeypatch
 ):
-    monkeypatch.setattr(execution, "FLUSH_S", (0.0, 0.0))
+    monkeypatch.setattr(execution, "_FLUSH_S", (0.0, 0.0))
     culprits = [planned.spec(job).job_id for job in (5, 6, 40)]
     run = finished(dict.fromkeys((5, 6, 40), ("failed", 1)))
     before = rows_of(run)
@@ -214,7 +214,7 @@ def rows_of(run):
 def test_a_row_that_is_lost_while_its_job_is_done_again_is_made_up_for(
     carry_out, finished, planned, undisturbed, tmp_path, faults, monkeypatch, caplog
 ):
-    monkeypatch.setattr(execution, "FLUSH_S", (0.0, 0.0))
+    monkeypatch.setattr(execution, "_FLUSH_S", (0.0, 0.0))
     run, culprit = finished({3: ("crashed", 4)}), planned.spec(3).job_id
     faults.set(**{culprit: {"kind": "raise", "times": 1}})
     torn = []
@@ -284,7 +284,7 @@ def test_torn_and_foreign_files_in_the_run_are_passed_over(carry_out, undisturbe
 def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
     carry_out, undisturbed, tmp_path, faults, monkeypatch, caplog
 ):
-    monkeypatch.setattr(execution, "FLUSH_S", (0.2, 0.2))
+    monkeypatch.setattr(execution, "_FLUSH_S", (0.2, 0.2))
     faults.set(every={"kind": "wait", "seconds": 0.02})
     torn = []
 
@@ -408,7 +408,7 @@ def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
 
 @pytest.mark.slow
 def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, monkeypatch):
-    monkeypatch.setattr(execution, "FLUSH_S", (0.2, 0.2))
+    monkeypatch.setattr(execution, "_FLUSH_S", (0.2, 0.2))
     faults.set(every={"kind": "wait", "seconds": 0.05})
     seen = []
 

@@ -30,7 +30,7 @@ def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, mo
     hashed = []
     genuine = digest._digest
     monkeypatch.setattr(digest, "_digest", lambda file, place: hashed.append(1) or genuine(file, place))
-    monkeypatch.setattr(digest, "UNSETTLED_S", 0.0)
+    monkeypatch.setattr(digest, "_UNSETTLED_S", 0.0)
     for _ in range(3):
         assert digest.check(table_file)
     assert len(hashed) == 1

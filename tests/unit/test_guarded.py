@@ -64,13 +64,13 @@ def test_a_fault_of_a_library_is_a_refusal_and_the_next_file_is_read(reads, name
 
 
 def test_an_endless_reader_is_stopped_by_its_processor_time(reads, monkeypatch):
-    monkeypatch.setattr(guarded, "PROCESSOR_S", 1.0)
+    monkeypatch.setattr(guarded, "_PROCESSOR_S", 1.0)
     with pytest.raises(InputError, match="processor time"):
         reads("hasty")
 
 
 def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
-    monkeypatch.setattr(guarded, "PATIENCE", 0.33)
+    monkeypatch.setattr(guarded, "_PATIENCE", 0.33)
     with pytest.raises(InputError, match="no answer for 1 s"):
         reads("asleep")
     assert not guarded._READERS

@@ -13,8 +13,8 @@ from toppling.models.files.lease import Lease
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(module, "RENEW_S", 0.1)
-    monkeypatch.setattr(module, "GONE_AFTER_S", 1.0)
+    monkeypatch.setattr(module, "_RENEW_S", 0.1)
+    monkeypatch.setattr(module, "_GONE_AFTER_S", 1.0)
     monkeypatch.setattr(module, "PAUSE_S", (0.02, 0.1))
 
 
@@ -66,7 +66,7 @@ def test_the_next_writes_as_soon_as_the_first_has_ended(machine, tmp_path):
         began = time.monotonic()
         with machine(name).held():
             assert len(signs(tmp_path)) == 1
-        assert time.monotonic() - began < module.GONE_AFTER_S
+        assert time.monotonic() - began < module._GONE_AFTER_S
     assert not signs(tmp_path)
 
 
@@ -78,7 +78,7 @@ def test_a_dead_writer_is_waited_for_elsewhere_and_not_on_its_own_machine(
         assert len(signs(tmp_path)) == 1
         began = time.monotonic()
         with machine(name).held():
-            assert (time.monotonic() - began > module.GONE_AFTER_S) == waits
+            assert (time.monotonic() - began > module._GONE_AFTER_S) == waits
     assert "gives no sign any more: its run goes on here" in caplog.text
     assert not signs(tmp_path)
 
@@ -110,7 +110,7 @@ def test_a_writer_that_was_taken_for_dead_stops_once_it_wakes(machine, monkeypat
 def test_a_sign_that_is_old_is_renewed_before_anything_is_written(machine, monkeypatch):
     writer = machine("first")
     with monkeypatch.context() as patch:
-        patch.setattr(module, "RENEW_S", 1e3)
+        patch.setattr(module, "_RENEW_S", 1e3)
         with writer.held():
             writer.make_sure()
             assert writer._renewals == 0
@@ -151,5 +151,5 @@ def test_only_young_signs_of_other_machines_say_that_a_run_goes_on(machine, monk
         assert not first.is_held_elsewhere()
     killed(first, monkeypatch)
     assert second.is_held_elsewhere()
-    monkeypatch.setattr(module, "GONE_AFTER_S", 0.0)
+    monkeypatch.setattr(module, "_GONE_AFTER_S", 0.0)
     assert not second.is_held_elsewhere()

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.files.store_address import address_of, azure_arguments, is_store, kinds
+from toppling.models.files.store_address import _azure_arguments, address_of, is_store, kinds
 from toppling.models.files.stores import Copy, at_hand
 
 
@@ -224,7 +224,7 @@ def test_a_connection_string_of_azure_names_account_key_and_server():
     said = "DefaultEndpointsProtocol=http;AccountName=a;AccountKey=k==;BlobEndpoint=http://127.0.0.1:10000/a;"
     server = {f"{kind}_storage_authority": "127.0.0.1:10000" for kind in ("blob", "dfs")}
     schemes = {f"{kind}_storage_scheme": "http" for kind in ("blob", "dfs")}
-    assert azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
+    assert _azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
 
 
 @pytest.mark.parametrize("said", ["nonsense", "AccountName=;AccountKey=k"])

@@ -19,7 +19,7 @@ from toppling.results.hazard.curves import HazardCurve, survival, toppling_rate
 from toppling.results.hazard.events import EventBranch, FeltRock
 from toppling.results.hazard.events import bootstrap as events_anew
 from toppling.results.hazard.events import survival as survival_of_events
-from toppling.results.hazard.tree import branch_weights, weighted_fractile
+from toppling.results.hazard.tree import _weighted_fractile, branch_weights
 
 SITES = 500
 BRANCHES = 201
@@ -54,7 +54,7 @@ def a_site(random):
 
 
 def covered(values, weights, truth):
-    low, high = (weighted_fractile(values[:, None], weights, q)[0] for q in (0.025, 0.975))
+    low, high = (_weighted_fractile(values[:, None], weights, q)[0] for q in (0.025, 0.975))
     return low <= truth <= high
 
 

@@ -14,7 +14,7 @@ from toppling.models.motions.formats.units import unit_of
 
 NAME = "COSMOS V0/V1/V2"
 _UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
-COUNTS = 50
+_COUNTS = 50
 _LEAST_BIT, _SENSITIVITY, _GAIN = 22, 42, 47
 """Numbers of the real header values that make volts of counts, and acceleration of volts."""
 _UNKNOWN = -999
@@ -148,7 +148,7 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
     if coded:
         return coded, ""
     bit, sensitivity = _real(reals, _LEAST_BIT), _real(reals, _SENSITIVITY)
-    if code != COUNTS or not (bit > 0 and sensitivity > 0):
+    if code != _COUNTS or not (bit > 0 and sensitivity > 0):
         refuse(
             f"unit {unit!r} with code {code}",
             path,

@@ -26,9 +26,9 @@ from toppling.results.drawing.style import (
 def first_screen(content: Content, document: Document) -> str:
     """Name of the rock, three sentences, one picture."""
     sentences = "".join(
-        map(paragraph, (_what_topples(content), _how_likely(content), what_standing_says(content)))
+        map(paragraph, (_what_topples(content), _how_likely(content), _what_standing_says(content)))
     )
-    if unfinished := unfinished_sentence(content):
+    if unfinished := _unfinished_sentence(content):
         sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
     picture = document.figure(
         lambda width: _headline_figure(content, width), _caption(content), HALF_WIDTH_IN
@@ -36,7 +36,7 @@ def first_screen(content: Content, document: Document) -> str:
     return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
 
 
-def unfinished_sentence(content: Content) -> str:
+def _unfinished_sentence(content: Content) -> str:
     """That the run was not finished; empty for a finished one."""
     remark = content.completeness.remark
     return f"This run is unfinished: {remark}. All numbers below rest on those that have." if remark else ""
@@ -85,7 +85,7 @@ def _how_likely(content: Content) -> str:
     )
 
 
-def what_standing_says(content: Content) -> str:
+def _what_standing_says(content: Content) -> str:
     """What the standing rock rejects."""
     event = content.statement
     if event is None:

@@ -59,7 +59,7 @@ class Section:
     write: Callable[[Content, Document], str]
 
 
-def scene_section(content: Content, document: Document) -> str:
+def _scene_section(content: Content, document: Document) -> str:
     """Picture and measurements of the rock."""
     table, parts = content.run.scene(), []
     if table is None:
@@ -196,7 +196,7 @@ def _friction_section(content: Content, document: Document) -> str:
     return "".join(parts)
 
 
-def fits_section(content: Content, document: Document) -> str:
+def _fits_section(content: Content, document: Document) -> str:
     """Curves, ranking of the measures and calibration of each contact."""
     return "".join(_fits_of(content, one, document) for one in content.contacts)
 
@@ -263,7 +263,7 @@ def _verdict(ranking: pd.DataFrame) -> str:
     )
 
 
-def constraint_section(content: Content, document: Document) -> str:
+def _constraint_section(content: Content, document: Document) -> str:
     """What the standing rock says about a single event, rates, and hazard curves."""
     constraint, said = content.constraint, content.statement
     if constraint is None or said is None:
@@ -328,14 +328,14 @@ def _columns_section(content: Content, document: Document) -> str:
 
 
 SECTIONS = (
-    Section("Scene", scene_section),
+    Section("Scene", _scene_section),
     Section("Records", _records_section),
     Section("Toppling probability", _maps_section),
     Section("Friction", _friction_section),
-    Section("Fits", fits_section),
-    Section("Constraint", constraint_section),
+    Section("Fits", _fits_section),
+    Section("Constraint", _constraint_section),
     Section("Failures", _failures_section),
-    Section("Accuracy", lambda content, document: accuracy_section(content.run, content.frame, document)),
+    Section("Accuracy", lambda content, document: _accuracy_section(content.run, content.frame, document)),
     Section("Methods", methods_section),
     Section("Provenance", _provenance_section),
     Section("Columns", _columns_section),
@@ -347,7 +347,7 @@ def _unit(unit: str) -> str:
     return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
 
 
-def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
+def _accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
     """Engine, preset and time step, deepest penetration, and the results of the run's audit."""
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.

@@ -5,7 +5,7 @@ import pytest
 
 from toppling.models.motions import idealised
 from toppling.models.motions.intensity import displacement_m, measure, velocity_m_s
-from toppling.orchestrator.verbs.pulse import pulse, pulse_motion
+from toppling.orchestrator.verbs.pulse import _pulse_motion, pulse
 
 
 def test_full_sine_leaves_the_ground_at_rest_and_displaced():
@@ -47,7 +47,7 @@ def test_a_pulse_first_goes_toward_its_azimuth_but_for_rickers(shape, first):
     """As the verb's help says; Ricker's largest acceleration is toward the azimuth, its first way against it."""
     (told,) = (option.help for option in pulse.params if option.name == "azimuth")
     assert "Ricker: accelerates most" in told
-    motion = pulse_motion(shape, 1.0, 1.0, 0.0)
+    motion = _pulse_motion(shape, 1.0, 1.0, 0.0)
     velocity = velocity_m_s(motion)[:, 0]
     moving = velocity[np.abs(velocity) > 0.05]
     assert np.sign(moving[0]) == first

@@ -17,9 +17,9 @@ from toppling.models.shapes import box
 from toppling.orchestrator.studies import accuracy as front
 from toppling.orchestrator.studies.accuracy import (
     Setting,
+    _disturbed_start,
     answers,
     compare,
-    disturbed_start,
     draw_jobs,
 )
 from toppling.orchestrator.verbs.accuracy import accuracy
@@ -159,7 +159,7 @@ def test_a_rock_that_does_not_stand_is_refused_as_everywhere(ensemble):
 
 def test_a_disturbed_start_tilts_toward_its_azimuth_and_touches_nothing():
     scene = Scene.block(0.25, 0.2, 0.6)
-    start = disturbed_start(scene, 90.0)
+    start = _disturbed_start(scene, 90.0)
     turn = Rotation.from_quat(start.quaternion_xyzw)
     # 1e-6 rad toward y, good to its square.
     assert turn.apply([0.0, 0.0, 1.0]) == pytest.approx([0.0, 1e-6, 1.0], abs=1e-11)

@@ -12,7 +12,7 @@ import pytest
 
 import toppling.models
 from toppling.orchestrator import code_identity
-from toppling.orchestrator.code_identity import code, decisive
+from toppling.orchestrator.code_identity import _decisive, code
 
 MODULE = b'''"""What it knows."""
 import math
@@ -43,7 +43,7 @@ class Law:
 )
 def test_words_and_layout_decide_nothing(old, new):
     assert MODULE.replace(old, new) != MODULE
-    assert decisive(MODULE.replace(old, new)) == decisive(MODULE)
+    assert _decisive(MODULE.replace(old, new)) == _decisive(MODULE)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +51,11 @@ def test_words_and_layout_decide_nothing(old, new):
     [(b"0.5", b"0.51"), (b"math.sin(x) * LIMIT", b"LIMIT * math.sin(x)"), (b"(self, x)", b"(self, x=1)")],
 )
 def test_whatever_can_change_an_answer_is_seen(old, new):
-    assert decisive(MODULE.replace(old, new)) != decisive(MODULE)
+    assert _decisive(MODULE.replace(old, new)) != _decisive(MODULE)
 
 
 def test_a_function_of_a_docstring_alone_is_read_too():
-    assert decisive(b'def f():\n    """Nothing."""\n') == decisive(b'def f():\n    """Something."""\n')
+    assert _decisive(b'def f():\n    """Nothing."""\n') == _decisive(b'def f():\n    """Something."""\n')
 
 
 @pytest.fixture
@@ -118,11 +118,11 @@ def test_threads_may_read_code_at_once_whatever_the_collection_of_garbage_calls(
     sys.setswitchinterval(1e-5)
     try:
         with ThreadPoolExecutor(3) as threads:
-            told = list(threads.map(decisive, sources * 3))
+            told = list(threads.map(_decisive, sources * 3))
     finally:
         sys.setswitchinterval(interval)
         gc.callbacks.remove(takes_a_while)
-    assert told == [decisive(source) for source in sources] * 3
+    assert told == [_decisive(source) for source in sources] * 3
 
 
 LOADED = """

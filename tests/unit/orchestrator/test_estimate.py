@@ -8,7 +8,7 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.estimate import TimeEstimate, estimate, sampled_rows, spread, timed_jobs, words_of
+from toppling.orchestrator.estimate import TimeEstimate, _sampled_rows, estimate, spread, timed_jobs, words_of
 from toppling.orchestrator.plan import plan
 
 
@@ -32,7 +32,7 @@ def test_every_beginning_of_the_order_is_spread():
 
 
 def test_timed_jobs_are_of_all_levels_and_records(planned):
-    rows = sampled_rows(planned, np.arange(len(planned)))
+    rows = _sampled_rows(planned, np.arange(len(planned)))
     jobs = planned.jobs.take(rows).to_pandas()
     assert jobs["pga_m_s2"].nunique() >= 17
     assert jobs["record_id"].nunique() >= 9
@@ -50,7 +50,7 @@ def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned
             level < starts, 0.002, random.gamma(2.0, 0.1, len(level)) * random.lognormal(0, 0.5, 12)[record]
         )
         cost = np.where(level > falls, 0.3 * cost, cost)
-        told = cost[sampled_rows(planned, np.arange(len(planned)))].mean()
+        told = cost[_sampled_rows(planned, np.arange(len(planned)))].mean()
         near.append(1 / 1.5 < told / cost.mean() < 1.5)
     assert np.mean(near) > 0.95
 

@@ -18,7 +18,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.studies.audit import AUDITORS
+from toppling.orchestrator.studies.audit import _AUDITORS
 from toppling.orchestrator.task import versions
 from toppling.orchestrator.verbs.watch import shown
 from toppling.results.reader import open_run
@@ -67,7 +67,7 @@ def finished_run(folder, width_m):
     compact(run)
     place = run / AUDIT
     (place / "parts").mkdir(parents=True)
-    part = AUDITORS[0].plan(planned, list(range(len(planned))))
+    part = _AUDITORS[0].plan(planned, list(range(len(planned))))
     write_json(place / DRAWN_FILE, {"plan_id": planned.id, "until": None, "of_jobs": len(planned)})
     write_jobs(place, part.jobs, planned.id)
     write_part(place, [run_job(part.spec(job), assets) | {"attempt": 1} for job in range(len(part))])

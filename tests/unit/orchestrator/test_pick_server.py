@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
+from toppling.orchestrator.pick.server import _LARGEST_BODY, FILES, PickServer
 from toppling.orchestrator.pick.shown import View
 from toppling.orchestrator.pick.user_hints import UserHints
 
@@ -158,7 +158,7 @@ def test_hints_arrive_as_they_were_said(server):
 
 
 def test_what_is_too_long_or_has_no_length_is_not_read(server):
-    assert told(server, "hints", '{"near": null' + " " * LARGEST_BODY + "}")[0] == 400
+    assert told(server, "hints", '{"near": null' + " " * _LARGEST_BODY + "}")[0] == 400
     for length in ("-1", "x", "1e3", "9" * 40):
         assert told(server, "hints", "{}", **{"Content-Length": length})[0] == 400
     assert told(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400

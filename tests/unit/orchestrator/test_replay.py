@@ -22,7 +22,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
-from toppling.results.drawing.animation import STRIP, WIDTH, speed_words
+from toppling.results.drawing.animation import _STRIP, WIDTH, _speed_words
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -109,7 +109,7 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"), int)
     assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.05  # the rock has left its place
-    view = first[-STRIP - WIDTH : -STRIP]
+    view = first[-_STRIP - WIDTH : -_STRIP]
     ground = view[-WIDTH // 5 :].reshape(-1, 3)
     assert np.ptp(ground, axis=1).max() < 60  # grey, not the paper's white
     assert ground.max() < 230
@@ -120,7 +120,7 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
     ("speed", "words"), [(1.02, "real time"), (2.2, "2.2 times real time"), (0.25, "1/4.0 of real time")]
 )
 def test_a_moving_picture_says_how_fast_it_is(speed, words):
-    assert speed_words(speed) == words
+    assert _speed_words(speed) == words
 
 
 @needs_browser
@@ -231,9 +231,9 @@ def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
 
 @pytest.mark.parametrize("shape", ["sawtooth", "sine", "cosine", "ricker"])
 def test_every_pulse_reaches_its_velocity_along_its_azimuth(shape):
-    from toppling.orchestrator.verbs.pulse import pulse_motion
+    from toppling.orchestrator.verbs.pulse import _pulse_motion
 
-    motion = pulse_motion(shape, 5.0, 3.5, 135.0)
+    motion = _pulse_motion(shape, 5.0, 3.5, 135.0)
     velocity = motion.velocity_at(motion.time_s)
     peak = velocity[np.argmax(np.hypot(velocity[:, 0], velocity[:, 1]))]
     assert np.hypot(peak[0], peak[1]) == pytest.approx(5.0, rel=1e-6)

@@ -19,7 +19,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of, words_to_go_on
+from toppling.orchestrator.status import _REASONS_SHOWN, shares_of, state_of, words_to_go_on
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -98,7 +98,7 @@ def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_f
 
 def test_no_more_reasons_are_told_than_a_person_reads(planned, tmp_path):
     write_part(tmp_path / "run", rows(planned, [("failed", f"reason {n}") for n in range(15)]))
-    assert len(state_of(tmp_path / "run")["failures"]) == REASONS_SHOWN
+    assert len(state_of(tmp_path / "run")["failures"]) == _REASONS_SHOWN
 
 
 def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
@@ -131,7 +131,7 @@ def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "toppling.orchestrator.folder.LOCK_PATIENCE_S", 30.0
+        "toppling.orchestrator.folder._LOCK_PATIENCE_S", 30.0
     )  # the timer may be late on a busy machine
     # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
     with (tmp_path / "run" / ".lock").open("a") as lock:

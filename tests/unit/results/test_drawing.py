@@ -22,12 +22,12 @@ from toppling.results.analysis.fragility import contact_words
 from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
 from toppling.results.analysis.regression import fit
 from toppling.results.drawing.fit_figures import fit_figure
-from toppling.results.drawing.record_figures import records_figure, scatter, upper_limit
+from toppling.results.drawing.record_figures import _upper_limit, records_figure, scatter
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
-from toppling.results.drawing.trajectory_figures import AFTER_FALL_S, trajectory_figure
+from toppling.results.drawing.trajectory_figures import _AFTER_FALL_S, _trajectory_figure
 from toppling.results.reader import open_run
 from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA
@@ -37,7 +37,7 @@ from toppling.workers.engines import ENGINES
 
 def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     x, names = np.append(np.linspace(0.05, 0.25, 20), 9.0), [f"record{k}" for k in range(21)]
-    assert upper_limit(x) < 0.3
+    assert _upper_limit(x) < 0.3
     axes = Figure().add_subplot()
     scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
@@ -82,7 +82,7 @@ def test_the_axis_of_distance_holds_the_farthest_record(tmp_path):
 
 def test_without_outliers_the_axis_holds_every_value():
     x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
-    assert x.max() < upper_limit(x) < 1.1 * x.max()
+    assert x.max() < _upper_limit(x) < 1.1 * x.max()
 
 
 def trajectory(end_s):
@@ -95,11 +95,11 @@ def trajectory(end_s):
 
 def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fall():
     motion = full_sine(4.0, 8.0)
-    fallen = trajectory_figure(trajectory(3.0), motion, "", topple_time_s=2.0).axes
-    standing = trajectory_figure(trajectory(3.0), motion, "").axes
+    fallen = _trajectory_figure(trajectory(3.0), motion, "", topple_time_s=2.0).axes
+    standing = _trajectory_figure(trajectory(3.0), motion, "").axes
     assert [axes.get_ylabel() for axes in fallen[:3]] == ["east", "north", "up"]
     assert len({axes.get_ylim() for axes in fallen[:3]}) == 1
-    assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + AFTER_FALL_S)
+    assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + _AFTER_FALL_S)
     assert standing[0].get_xlim()[1] == pytest.approx(motion.duration_s)
     assert "no return" in [text.get_text() for axes in fallen for text in axes.texts]
 
@@ -107,7 +107,7 @@ def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fal
 @pytest.mark.parametrize("topple_time_s", [None, 7.0])
 def test_a_rock_that_moves_on_after_the_motion_is_shown_to_its_last_pose(topple_time_s):
     motion = full_sine(1.0, 8.0)
-    drawn = trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
+    drawn = _trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
     assert motion.duration_s < 9.0
     assert drawn[0].get_xlim()[1] == pytest.approx(9.0)
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from seeded import rows
 
-from toppling.results.analysis.findings import findings, toppling_levels
+from toppling.results.analysis.findings import _toppling_levels, findings
 
 
 @pytest.fixture(scope="module")
@@ -79,4 +79,4 @@ def test_reference_lines_in_some_directions_only_are_not_in_every_one(main):
 def test_a_record_that_never_topples_has_no_finite_threshold(main):
     record = main["record_id"].iloc[0]
     stands = main.assign(toppled=main["toppled"] & (main["record_id"] != record))
-    assert toppling_levels(stands).loc[record, "pga_m_s2"] == float("inf")
+    assert _toppling_levels(stands).loc[record, "pga_m_s2"] == float("inf")

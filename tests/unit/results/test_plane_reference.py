@@ -10,7 +10,13 @@ from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.results.analysis import plane_reference
-from toppling.results.analysis.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
+from toppling.results.analysis.plane_reference import (
+    _TIME_STEP_S,
+    reference_lines,
+    section,
+    simulate,
+    topples,
+)
 
 
 def test_the_section_of_a_block_is_the_block():
@@ -41,7 +47,7 @@ def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():
     cut = section(scene, 0.0)
     body = PlaneBody.rectangle(0.2, 0.6)
     amplitudes, periods = np.linspace(3.5, 14.0, 8), np.array([0.4, 0.8, 1.6])
-    time = (np.arange(2400) + 0.5) * TIME_STEP_S
+    time = (np.arange(2400) + 0.5) * _TIME_STEP_S
     unit = np.zeros((len(time), 2, len(periods)))
     unit[:, 0, :] = np.where(time[:, None] < periods, np.sin(2 * np.pi * time[:, None] / periods), 0.0)
     record, level = (grid.ravel() for grid in np.indices((len(periods), len(amplitudes))))

@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from toppling.results.analysis.regression import fit
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
+from toppling.results.precision.design import _FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
 from toppling.results.precision.probit import Answers, fit_curve
 from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
@@ -142,10 +142,10 @@ def test_a_round_depends_on_the_answers_before_it_alone(bench):
     again = Rounds(pool, Target(), 0.1, 5)
     again.advance(None)
     first = again.chosen
-    assert len(first) == FIRST_ROUND
-    assert first.tolist() == one.chosen[:FIRST_ROUND].tolist()
+    assert len(first) == _FIRST_ROUND
+    assert first.tolist() == one.chosen[:_FIRST_ROUND].tolist()
     different = bench.play(pool, ask, Target(), 0.1, 6)
-    assert different.chosen[:FIRST_ROUND].tolist() != first.tolist()
+    assert different.chosen[:_FIRST_ROUND].tolist() != first.tolist()
 
 
 def test_levels_lie_where_the_curve_is_uncertain_and_some_at_random(bench):

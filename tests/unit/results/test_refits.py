@@ -6,7 +6,7 @@ import pytest
 from seeded import rows
 
 from toppling.results.analysis.regression import design_of, fit, grouped, regress
-from toppling.results.analysis.resampling import refitted
+from toppling.results.analysis.resampling import _refitted
 
 
 @pytest.mark.parametrize("link", ["probit", "logit"])
@@ -21,7 +21,7 @@ def test_fits_of_resampled_records_are_those_of_statsmodels(link, measures):
     share, trials = groups["share"].to_numpy(), groups["trials"].to_numpy()
     drawn = np.random.default_rng(2).multinomial(12, np.full(12, 1 / 12), 20)[:, codes]
     start = fit(frame, measures, link).coefficients
-    found = list(refitted(design, share, trials, link, start, drawn))
+    found = list(_refitted(design, share, trials, link, start, drawn))
     for once, weight in zip(found, drawn, strict=True):
         assert once == pytest.approx(regress(design, groups, link, weight, start=start), rel=1e-5, abs=1e-5)
 
@@ -30,7 +30,7 @@ def test_separated_answers_and_too_few_jobs_have_no_end_of_the_search_and_hold_u
     design = np.column_stack([np.ones(6), np.arange(6.0)])
     share = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 1.0])
     weights = np.array([[1, 1, 1, 1, 1, 1], [1, 1, 0, 0, 1, 1], [0, 0, 0, 1, 0, 0]])
-    whole, separated, single = refitted(design, share, np.ones(6), "probit", (0.0, 0.5), weights)
+    whole, separated, single = _refitted(design, share, np.ones(6), "probit", (0.0, 0.5), weights)
     assert np.isfinite(whole).all()
     assert np.isnan(separated).all()
     assert np.isnan(single).all()

@@ -22,14 +22,14 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.headline import what_standing_says
+from toppling.results.drawing.report.headline import _what_standing_says
 from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import (
     SECTIONS,
-    accuracy_section,
-    constraint_section,
+    _accuracy_section,
+    _constraint_section,
+    _fits_section,
     fit_table,
-    fits_section,
 )
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard.curves import HazardCurve
@@ -165,7 +165,7 @@ def test_time_steps_that_differ_in_no_digit_shown_are_told_once(tmp_path):
             "time_step_s": steps,
         }
     )
-    assert "time step 0.0049, 0.00978764 s" in accuracy_section(open_run(tmp_path), frame, Document())
+    assert "time step 0.0049, 0.00978764 s" in _accuracy_section(open_run(tmp_path), frame, Document())
 
 
 def test_a_table_of_measures_without_any_fit_says_why():
@@ -201,8 +201,8 @@ def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolati
     strongest = max(job["pgv_m_s"] for job in jobs)
     assert (content.statement["unexceeded"] > strongest) == is_extrapolated
     words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
-    assert (words in what_standing_says(content)) == is_extrapolated
-    assert (words in constraint_section(content, Document())) == is_extrapolated
+    assert (words in _what_standing_says(content)) == is_extrapolated
+    assert (words in _constraint_section(content, Document())) == is_extrapolated
 
 
 def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
@@ -212,7 +212,7 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     ]
     write_part(tmp_path, jobs)
     content, document = Content(open_run(tmp_path), 5), Document()
-    told = fits_section(content, document)
+    told = _fits_section(content, document)
     assert "Too few topplings: 9 of 24 jobs" in told
     assert (document.figures, document.tables) == (0, 0)
     assert content.statement is None

@@ -20,7 +20,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.task import lost_row
-from toppling.results.analysis.geography import ARROW_M, directions_geojson, geojson
+from toppling.results.analysis.geography import _ARROW_M, directions_geojson, geojson
 from toppling.results.analysis.side_by_side import beside_each_other, on_earth
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -128,7 +128,7 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
         # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
         off = (forward - told["compass_deg"] + 180.0) % 360.0 - 180.0
         assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)
-        assert away_m <= ARROW_M * 1.01
+        assert away_m <= _ARROW_M * 1.01
 
 
 def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(compared, monkeypatch):

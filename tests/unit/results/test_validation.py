@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 
 from toppling.results.analysis.prediction_scores import (
+    _weighted_draws,
     calibration,
     intervals,
     learnt,
     scores,
     share,
     simple_rules,
-    weighted_draws,
     were_a_draw_true,
 )
 
@@ -75,7 +75,7 @@ def test_the_outcomes_of_a_record_do_not_change_what_is_foretold_of_it():
 
 def test_learning_finds_the_draw_that_is_right_and_how_often():
     draws, overturned = experiment(0.8)
-    weights, (stands, topples) = weighted_draws(draws, overturned, GROUP)
+    weights, (stands, topples) = _weighted_draws(draws, overturned, GROUP)
     assert weights[0] == pytest.approx(0.8, abs=0.08)
     assert stands < 0.1
     assert topples > 0.9
@@ -96,7 +96,7 @@ def test_draws_on_either_side_of_the_truth_tell_more_together_than_the_better_on
 def test_a_draw_without_answers_keeps_at_most_the_weight_it_had_before_any_outcome():
     draws, overturned = experiment(0.8)
     with_silent = np.vstack([draws, np.full(draws.shape[1], np.nan)])
-    assert weighted_draws(with_silent, overturned, GROUP)[0][2] <= 1.0 / 3.0 / RECORDS
+    assert _weighted_draws(with_silent, overturned, GROUP)[0][2] <= 1.0 / 3.0 / RECORDS
     spoilt = learnt(with_silent, overturned, GROUP) - learnt(draws, overturned, GROUP)
     assert np.abs(spoilt).max() < 0.02  # two draws share what one record weighs, then three
 

@@ -13,7 +13,7 @@ from numba.core.compiler import Flags
 from numba.core.runtime import _nrt_python, rtsys
 
 from toppling import Motion, Scene, shake
-from toppling.models.compiled import COMPILED_ROOMS, FOLDER, _QuickFlags, _VerifiedFile, private_folder
+from toppling.models.compiled import _COMPILED_ROOMS, FOLDER, _private_folder, _QuickFlags, _VerifiedFile
 from toppling.models.contact import ContactProperties
 from toppling.workers.shake import compile_once
 
@@ -29,49 +29,49 @@ print(result.trajectory.position_m.tobytes().hex()[-4000:])
 
 
 def test_the_folder_is_its_users_alone(tmp_path: Path) -> None:
-    folder = private_folder(tmp_path)
+    folder = _private_folder(tmp_path)
     assert folder is not None
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert private_folder(tmp_path) == folder
+    assert _private_folder(tmp_path) == folder
 
 
 @pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
 def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path, mode: int) -> None:
-    folder = private_folder(tmp_path)
+    folder = _private_folder(tmp_path)
     assert folder is not None
     folder.chmod(mode)
-    assert private_folder(tmp_path) is None
+    assert _private_folder(tmp_path) is None
 
 
 def test_a_link_to_elsewhere_is_not_used(tmp_path: Path) -> None:
-    folder = private_folder(tmp_path)
+    folder = _private_folder(tmp_path)
     assert folder is not None
     folder.rmdir()
     (tmp_path / "elsewhere").mkdir()
     folder.symlink_to(tmp_path / "elsewhere")
-    assert private_folder(tmp_path) is None
+    assert _private_folder(tmp_path) is None
 
 
 def test_where_nothing_can_be_written_there_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert private_folder(tmp_path / "file") is None
+    assert _private_folder(tmp_path / "file") is None
 
 
 @pytest.mark.parametrize(("mode", "taken"), [(0o755, True), (0o775, False), (0o757, False)])
 def test_code_that_an_image_ships_is_taken_where_nobody_else_could_write_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, taken: bool
 ) -> None:
-    shipped = private_folder(tmp_path / "image")
+    shipped = _private_folder(tmp_path / "image")
     assert shipped is not None
     (shipped / "room").mkdir()
     (shipped / "room" / "function.nbc").write_bytes(b"code")
     monkeypatch.setenv("TOPPLING_COMPILED", str(tmp_path / "image"))
-    unfinished = private_folder(tmp_path / "first")
+    unfinished = _private_folder(tmp_path / "first")
     assert unfinished is not None
     assert not list(unfinished.iterdir())
     (shipped / "complete").touch()
     shipped.chmod(mode)
-    folder = private_folder(tmp_path / "second")
+    folder = _private_folder(tmp_path / "second")
     assert folder is not None
     assert {each.relative_to(folder).as_posix() for each in folder.rglob("*")} == (
         {"room", "room/function.nbc", "complete"} if taken else set()
@@ -237,7 +237,7 @@ def test_numba_is_imported_in_one_module_only():
 
 
 def test_memory_is_counted_wherever_a_compiled_function_returns_arrays():
-    for room in COMPILED_ROOMS:
+    for room in _COMPILED_ROOMS:
         for path in room.rglob("*.py"):
             for function in ast.parse(path.read_text()).body:
                 if not isinstance(function, ast.FunctionDef) or function.returns is None:

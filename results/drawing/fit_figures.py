@@ -149,7 +149,7 @@ _SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
 """Toppling probabilities whose lines are drawn."""
 
 
-def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_WIDTH_IN) -> Figure:
+def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
     """Lines of equal toppling probability over two measures, the band of the middle one, and the jobs.
 
     surface: of two measures.
@@ -158,7 +158,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame, width_in: float = HALF_
     first, second = surface.measures
     x = np.geomspace(jobs[first].min(), jobs[first].max(), 200)
     with style():
-        figure = Figure(figsize=(width_in, width_in + 0.5), layout="constrained")
+        figure = Figure(figsize=(HALF_WIDTH_IN, HALF_WIDTH_IN + 0.5), layout="constrained")
         axes = figure.subplots()
         for toppled, colour in ((False, "0.75"), (True, "#d98c5f")):
             some = jobs[jobs["toppled"] == toppled]

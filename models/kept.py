@@ -6,10 +6,10 @@ from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 _Owner = TypeVar("_Owner")
-Given = ParamSpec("Given")
-Found = TypeVar("Found")
+_Given = ParamSpec("_Given")
+_Found = TypeVar("_Found")
 
-MOST = 8
+_MOST = 8
 """Answers that an object keeps of one function, by the other arguments; the one unused for longest goes."""
 
 
@@ -21,8 +21,8 @@ class _Answers(OrderedDict[Any, Any]):
 
 
 def kept(
-    function: Callable[Concatenate[_Owner, Given], Found],
-) -> Callable[Concatenate[_Owner, Given], Found]:
+    function: Callable[Concatenate[_Owner, _Given], _Found],
+) -> Callable[Concatenate[_Owner, _Given], _Found]:
     """Keep the answers of a function with its first argument: a frozen object, told from others by its identity.
 
     The other arguments, which need a hash, come by position.
@@ -30,11 +30,11 @@ def kept(
     name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
-    def answer(owner: _Owner, *args: Given.args, **none: Given.kwargs) -> Found:
+    def answer(owner: _Owner, *args: _Given.args, **none: _Given.kwargs) -> _Found:
         answers: _Answers = owner.__dict__.setdefault(name, _Answers())
         if args not in answers:
             answers[args] = function(owner, *args, **none)
-            if len(answers) > MOST:
+            if len(answers) > _MOST:
                 answers.popitem(last=False)
         answers.move_to_end(args)
         return answers[args]

@@ -63,7 +63,7 @@ class TimeEstimate:
         return f"{jobs:,} jobs are expected to take {duration(self.work_s)} of one worker, {here} ({self.timed} timed)"
 
 
-def spread(count: int, wanted: int) -> NDArray[np.int64]:
+def _spread(count: int, wanted: int) -> NDArray[np.int64]:
     """Numbers below a count, each once, of which every beginning is spread evenly: multiples of the golden ratio.
 
     In step with no period that the numbers may have, as halves of halves would be.
@@ -73,7 +73,7 @@ def spread(count: int, wanted: int) -> NDArray[np.int64]:
     return np.array(list(dict.fromkeys(places.tolist()))[:wanted])
 
 
-def timed_jobs(pending: int) -> int:
+def _timed_jobs(pending: int) -> int:
     """Jobs to time of so many that are pending."""
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
@@ -84,7 +84,7 @@ def _sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64
     duration = planned.durations_s[pending]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
-    return pending[np.lexsort((turn * duration, level))][spread(len(pending), timed_jobs(len(pending)))]
+    return pending[np.lexsort((turn * duration, level))][_spread(len(pending), _timed_jobs(len(pending)))]
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
@@ -136,7 +136,7 @@ def estimate(
 def estimate_atlas(planned: Plan) -> TimeEstimate | None:
     """The same of many rocks, by the jobs of a few of them."""
     found = []
-    for number in spread(len(planned.scenes), _ROCKS_TIMED):
+    for number in _spread(len(planned.scenes), _ROCKS_TIMED):
         campaign = planned.scenes[number].campaign
         scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
         alone = plan(campaign, scene, ensemble)

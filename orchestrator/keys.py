@@ -36,7 +36,7 @@ class Place:
         )
 
 
-Reader = Callable[[Any, Place], Any]
+_Reader = Callable[[Any, Place], Any]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Key:
     """One key."""
 
     name: str  # with its unit at the end
-    read: Reader  # value of what a file says, or an `InputError`
+    read: _Reader  # value of what a file says, or an `InputError`
     values: str  # what it may be, with the unit
     help: str  # what it means
     default: Any = _REQUIRED  # `_REQUIRED` if there is none
@@ -87,7 +87,7 @@ def read_keys(
     }
 
 
-def number(fits: Callable[[Any], bool], kind: type = float) -> Reader:
+def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
     """Reader of a number (or, by `kind`, of a whole number or a truth value) that fits."""
 
     def read(given: Any, place: Place) -> Any:
@@ -99,7 +99,7 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> Reader:
     return read
 
 
-def word(known: Iterable[str]) -> Reader:
+def word(known: Iterable[str]) -> _Reader:
     """Reader of one of some words."""
 
     def read(given: Any, place: Place) -> str:
@@ -124,7 +124,7 @@ def texts(given: Any, place: Place) -> tuple[str, ...]:
     return tuple(distinct(given, place))
 
 
-def pair(highest: float) -> Reader:
+def pair(highest: float) -> _Reader:
     """Reader of two numbers from 0, the lower first."""
 
     def read(given: Any, place: Place) -> tuple[float, float]:
@@ -136,7 +136,7 @@ def pair(highest: float) -> Reader:
     return read
 
 
-def axis(fits: Callable[[float], bool], instead: str | None = None) -> Reader:
+def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
     """Reader of the numbers of a list, or of a table {start, stop, step} that includes its stop; a word for none."""
 
     def read(given: Any, place: Place) -> tuple[float, ...]:

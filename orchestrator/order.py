@@ -31,10 +31,10 @@ _JOBS_OF_A_SCENE = 128
 _JOBS_OF_A_ROCK = 256
 """Of an atlas so many jobs go out with one rock before the next: as many as a batch holds at most."""
 
-Codes = NDArray[np.integer]
+_Codes = NDArray[np.integer]
 
 
-def diagonal(*sizes: int) -> NDArray[np.int64]:
+def _diagonal(*sizes: int) -> NDArray[np.int64]:
     """Cells of a grid, each once, so that every stretch holds each value of an axis equally often, but for one or two.
 
     *sizes: of the axes.
@@ -42,9 +42,9 @@ def diagonal(*sizes: int) -> NDArray[np.int64]:
 
     Examples
     --------
-    >>> diagonal(2, 3).tolist()
+    >>> _diagonal(2, 3).tolist()
     [[0, 0], [1, 1], [0, 2], [1, 0], [0, 1], [1, 2]]
-    >>> diagonal(2, 2).tolist()
+    >>> _diagonal(2, 2).tolist()
     [[0, 0], [1, 1], [0, 1], [1, 0]]
     """
     cells = np.zeros((1, 0), np.int64)
@@ -68,7 +68,7 @@ def _block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[
 
 
 def balanced_order(
-    record: Codes, level: Codes, azimuth: Codes, scene: Codes, scene_sizes: tuple[int, ...] = ()
+    record: _Codes, level: _Codes, azimuth: _Codes, scene: _Codes, scene_sizes: tuple[int, ...] = ()
 ) -> NDArray[np.int64]:
     """Order of some jobs of a campaign, of which every beginning is balanced up to one block.
 
@@ -109,12 +109,12 @@ def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 def _cells(
-    random: np.random.Generator, turn: Codes, level: Codes, azimuth: Codes, scene: Codes, scenes: int
+    random: np.random.Generator, turn: _Codes, level: _Codes, azimuth: _Codes, scene: _Codes, scenes: int
 ) -> NDArray[np.int64]:
     """For each job the place of its level and azimuth on its record's diagonal in its scene."""
     records, levels, azimuths = (int(codes.max()) + 1 for codes in (turn, level, azimuth))
     along = np.zeros((levels, azimuths), np.int64)
-    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    along[tuple(_diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
     starts = []
     for size, codes in ((levels, level), (azimuths, azimuth)):
         shuffled = random.permutation(size)[codes]
@@ -132,7 +132,7 @@ def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[n
 
 def _scene_places(random: np.random.Generator, sizes: tuple[int, ...]) -> NDArray[np.int64]:
     """For each scene its place in the round of scenes: along a diagonal of its axes, whose values are shuffled."""
-    cells = diagonal(*sizes)
+    cells = _diagonal(*sizes)
     shuffled = [random.permutation(size)[cells[:, axis]] for axis, size in enumerate(sizes)]
     place = np.empty(len(cells), np.int64)
     place[np.ravel_multi_index(shuffled, sizes)] = np.arange(len(cells))

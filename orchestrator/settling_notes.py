@@ -23,7 +23,7 @@ _WHY_A_SCANNED_ROCK_SETTLES = (
 
 _AZIMUTHS_DEG = range(0, 360, 10)
 
-Rose = list[tuple[float, float]]
+_Rose = list[tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Settled:
         return polygon(outline, self.scanned.pedestal.normal, 0.0)
 
     @property
-    def rose_scanned(self) -> Rose:
+    def rose_scanned(self) -> _Rose:
         """Least constant acceleration that tips the rock over the contact as scanned, by the ground's azimuth."""
         outline, scene = self.outline_m, self.scanned
         if len(outline) < 3:
@@ -62,7 +62,7 @@ class Settled:
         )
 
     @property
-    def rose_stands(self) -> Rose:
+    def rose_stands(self) -> _Rose:
         """Least constant acceleration that topples the settled rock, by the ground's azimuth."""
         return _rose(self.stands)
 
@@ -104,7 +104,7 @@ class Settled:
         ]
 
 
-def _rose(scene: Scene) -> Rose:
+def _rose(scene: Scene) -> _Rose:
     return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
 
 

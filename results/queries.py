@@ -72,7 +72,7 @@ def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Ta
     return answered(runs, answer, trusted)
 
 
-def connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
+def _connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
     """DuckDB connection with the views `results`, `motions`, `scene` and `bases` over some runs as they are now.
 
     Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its
@@ -112,7 +112,7 @@ def answered(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa
 
 
 def _asked_once(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa.Table:
-    with connect(runs, trusted) as connection:
+    with _connect(runs, trusted) as connection:
         try:
             with time_limit(connection, trusted):
                 return question(connection)

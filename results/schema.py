@@ -111,7 +111,7 @@ SORT_ORDER = (
 """Order of the rows in a finished run."""
 
 
-def columns(*groups: str) -> list[str]:
+def _columns(*groups: str) -> list[str]:
     """Names of the columns of some groups, in the schema's order.
 
     Raises ValueError if a group is not one of `GROUPS`.

@@ -37,7 +37,7 @@ _ROWS_IN_GROUP = 20_000
 """Rows in a row group: small enough that a query of one record skips most of a large run."""
 
 PathLike = str | os.PathLike[str]
-Answer = TypeVar("Answer")
+_Answer = TypeVar("_Answer")
 
 
 def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
@@ -174,7 +174,7 @@ def has_digests(run: Path) -> bool:
     return (run / "run.json").exists() and check(run / "run.json")
 
 
-def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> Answer:
+def read_steady(run_folders: Iterable[PathLike], read: Callable[[], _Answer]) -> _Answer:
     """Answer of a reading, which is done again if files of the runs were merged away, cut or damaged meanwhile.
 
     Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to

@@ -32,7 +32,7 @@ _HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
 _UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
-PathLike = str | os.PathLike[str]
+_PathLike = str | os.PathLike[str]
 
 _verified: dict[str, tuple[tuple[int, ...], bool]] = {}
 """Of each path what it looked like (inode, size, times) when it was verified, and whether it had a digest."""
@@ -56,7 +56,7 @@ def seal_archive(path: Path) -> None:
     seal(path)
 
 
-def check(path: PathLike, *, required: bool = False) -> bool:
+def check(path: _PathLike, *, required: bool = False) -> bool:
     """Verify a file by its digest; once, as long as its size and times stay.
 
     Parameters
@@ -97,7 +97,7 @@ def check(path: PathLike, *, required: bool = False) -> bool:
     return sealed
 
 
-def stated(path: PathLike) -> str | None:
+def stated(path: _PathLike) -> str | None:
     """Digest that a file carries, in hexadecimal, not verified; None where it carries none.
 
     Raises
@@ -117,7 +117,7 @@ class DamagedError(InputError):
     """A file that is not as the program wrote it."""
 
 
-def damaged(path: PathLike, why: object) -> DamagedError:
+def damaged(path: _PathLike, why: object) -> DamagedError:
     """Say that a file is not as the program wrote it."""
     reason, *_ = str(why).split("\n")
     return DamagedError(
@@ -130,7 +130,7 @@ def damaged(path: PathLike, why: object) -> DamagedError:
     )
 
 
-def unopened(path: PathLike, error: OSError) -> InputError:
+def unopened(path: _PathLike, error: OSError) -> InputError:
     """Say that a file cannot be opened, which is no damage: it may be whole."""
     return InputError(
         f"cannot be opened ({error.strerror or error})",

@@ -38,7 +38,7 @@ _THREADS = 4
 """Of the libraries there: each has a stack and an arena that count as memory."""
 _HEADER_BYTES = 8
 _PIPE_BYTES = 1 << 20
-Read = tuple[Any, list[NDArray]]
+_Read = tuple[Any, list[NDArray]]
 
 
 _damaged = refusals(
@@ -47,7 +47,7 @@ _damaged = refusals(
 )
 
 
-def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read:
+def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> _Read:
     """Call a reader in the guarded process.
 
     reader: `module:function`; the function takes a Path and returns what JSON can say, and arrays.
@@ -97,7 +97,7 @@ _LOCK = threading.Lock()
 _READERS: list[_Reader] = []
 
 
-def _ask(request: dict[str, Any]) -> Read:
+def _ask(request: dict[str, Any]) -> _Read:
     """Send a request and take the answer; a process that ended while it was idle is started anew."""
     for _ in range(2):
         process = _running()
@@ -110,17 +110,17 @@ def _ask(request: dict[str, Any]) -> Read:
             if code != 0:
                 break
         except BaseException:  # half an answer is no beginning of the next
-            stop()
+            _stop()
             raise
     raise _EndedError(_how_it_ended(code, request))
 
 
-def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
+def _answer(process: subprocess.Popen, request: dict[str, Any]) -> _Read:
     patience_s = _PATIENCE * request["processor_s"]
     with selectors.DefaultSelector() as ready:
         ready.register(process.stdout, selectors.EVENT_READ)  # type: ignore[arg-type]
         if not ready.select(patience_s):
-            stop()
+            _stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
     answer = json.loads(_exactly(process, int.from_bytes(_exactly(process, _HEADER_BYTES), "big")))
     arrays = []
@@ -142,7 +142,7 @@ def _running() -> subprocess.Popen:
     if _READERS and _READERS[0].owner == os.getpid() and _READERS[0].process.poll() is None:
         return _READERS[0].process
     if _READERS and _READERS[0].owner == os.getpid():
-        stop()
+        _stop()
     process = subprocess.Popen(
         # -P: nothing is imported from the folder that the user happens to be in.
         [sys.executable, "-P", "-m", "toppling.models.files.guarded_process"],
@@ -160,7 +160,7 @@ def _running() -> subprocess.Popen:
 
 
 @atexit.register
-def stop() -> None:
+def _stop() -> None:
     """End the process, if one of ours runs."""
     mine = [reader.process for reader in _READERS if reader.owner == os.getpid()]
     _READERS.clear()

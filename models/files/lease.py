@@ -31,7 +31,7 @@ _RENEW_S = 5.0
 _GONE_AFTER_S = 30.0
 """Without a renewal. Clocks of machines and stores differ: whoever comes watches this long himself."""
 
-PAUSE_S = (0.2, 1.5)
+_PAUSE_S = (0.2, 1.5)
 """Between two tries: at random, so that two that came at once do not come at once again."""
 
 _OBJECTS = ("s3", "gcs", "abfs")
@@ -201,7 +201,7 @@ class Lease:
                         "%s: %s gives no sign any more: its run goes on here", self.address, _owner(said)
                     )
                     self._remove(name)
-            time.sleep(random.uniform(*PAUSE_S))
+            time.sleep(random.uniform(*_PAUSE_S))
 
     def _keep(self) -> None:
         if not self.lost:

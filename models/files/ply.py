@@ -50,7 +50,7 @@ class _Property:
 
 
 @dataclass(frozen=True)
-class Element:
+class _Element:
     """Rows of like properties: vertices, faces and whatever else a program writes."""
 
     name: str
@@ -78,10 +78,10 @@ class _Header:
     order: str
     line_end: str
     data_at: int
-    elements: tuple[Element, ...]
+    elements: tuple[_Element, ...]
     remarks: tuple[str, ...] = ()
 
-    def before(self, name: str) -> list[Element] | None:
+    def before(self, name: str) -> list[_Element] | None:
         """Elements in front of the one of a name; None if there is none of it."""
         names = [each.name for each in self.elements]
         return list(self.elements[: names.index(name)]) if name in names else None
@@ -185,7 +185,7 @@ def _rows(header: _Header, name: str) -> dict[str, NDArray]:
     return _ascii_rows(header, element, sum(each.count for each in before))
 
 
-def _ascii_rows(header: _Header, element: Element, skipped: int) -> dict[str, NDArray]:
+def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, NDArray]:
     with header.path.open("rb") as binary:
         binary.seek(header.data_at)
         lines = islice(_lines(binary, header), skipped, skipped + element.count)
@@ -210,7 +210,7 @@ def _lines(binary: IO[bytes], header: _Header) -> Iterator[str]:
     return (line.decode("latin-1") for line in binary)
 
 
-def _parsed(lines: list[str], path: Path) -> tuple[str, list[Element]]:
+def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element]]:
     order: str | None = None
     elements: list[tuple[str, int, list[_Property]]] = []
     for number, line in enumerate(lines[1:], 2):
@@ -234,4 +234,4 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[Element]]:
         names = [each.name for each in properties]
         if not names or len(set(names)) < len(names):
             raise _damaged(f"the element '{name[:60]}' has no properties, or two of one name", path)
-    return order, [Element(name, count, tuple(properties)) for name, count, properties in elements]
+    return order, [_Element(name, count, tuple(properties)) for name, count, properties in elements]

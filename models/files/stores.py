@@ -26,7 +26,7 @@ from toppling.models.files.store_address import address_of, file_system, is_stor
 
 log = logging.getLogger(__name__)
 
-PAUSE_S = 5.0
+_PAUSE_S = 5.0
 """Between looks at what a run that goes on has written: as often as it writes parts."""
 
 _Stamp = list[int]
@@ -150,7 +150,7 @@ class Copy:
                 log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
 
         try:
-            with repeated(keep_up, PAUSE_S):
+            with repeated(keep_up, _PAUSE_S):
                 yield
         finally:
             self.push()

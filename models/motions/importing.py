@@ -43,7 +43,7 @@ class ImportOptions:
     folders_apart: bool = False  # folders are places: the same shaking in two of them is two records
 
 
-def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:
+def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:
     """Record of three channels, on its way into an ensemble.
 
     name: its id.
@@ -240,13 +240,13 @@ def import_records(
         with _noting(entry.record_id or entry.where, outcome):
             together = channels_of_row(entry, here, channels)
             name = entry.record_id or _name(together.channels)
-            found.append(prepared(name, together, options, entry))
+            found.append(_prepared(name, together, options, entry))
         advance(len(here))
     rest = [c for path, components in channels.items() if path not in used for c in components]
     for group in grouped(rest):
         name = _name(group)
         with _noting(name, outcome):
-            found.append(prepared(name, triple(group), options, None))
+            found.append(_prepared(name, triple(group), options, None))
         advance(len({component.path for component in group}))
     kept = _without_duplicates(found, outcome, options.folders_apart)
     outcome.records.extend(_with_unique_ids([candidate.record for candidate in kept]))

@@ -144,7 +144,7 @@ def _duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float)
     return float((end - start) * time_step_s)
 
 
-def directionality(horizontal: NDArray[np.float64]) -> float:
+def _directionality(horizontal: NDArray[np.float64]) -> float:
     """Share of the vector PGA that is reached more than 22.5 degrees away from the PGA's direction, 0 to 1.
 
     The study counts a record above 0.9 as one without strong directionality.
@@ -200,7 +200,7 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
         "duration_arias_s": _duration_between_shares_s(length**2, step),
         "sa_1s_m_s2": float(sa[1.0]),
         "sa_2s_m_s2": float(sa[2.0]),
-        "directionality": directionality(a[:, :2]),
+        "directionality": _directionality(a[:, :2]),
         "strong_azimuth_deg": float(component_azimuths_deg[strong] % 360),
         "duration_energy_vector_s": _duration_between_shares_s(speed**2, step),
         "pga_h1_m_s2": component_pga[0],

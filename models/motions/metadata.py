@@ -162,7 +162,7 @@ def looks_like_table(path: Path) -> bool:
     return {"h1", "h2"} <= {name.strip() for name in head.split(_delimiter_of(head))}
 
 
-def unit_m_s2(text: str) -> float | None:
+def _unit_m_s2(text: str) -> float | None:
     """One unit in m/s2, from its name or a factor and a name ('4.7e-06 m/s2', a count); None if not known."""
     factor, name = _factor_and_name(text)
     unit = acceleration_m_s2(name)
@@ -196,7 +196,7 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
                 expected=f"a path of names of at most {_LONGEST_NAME} bytes",
                 remedy="correct the table",
             )
-    unit = unit_m_s2(text["unit"]) if text["unit"] else None
+    unit = _unit_m_s2(text["unit"]) if text["unit"] else None
     if text["unit"] and unit is None:
         other = unit_of(_factor_and_name(text["unit"])[1])
         raise InputError(

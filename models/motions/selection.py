@@ -90,14 +90,14 @@ _COLUMNS = (
     "pga_m_s2",
     "pgv_pga_s",
 )
-Rows = list[dict[str, Any]]
-Narrow = Callable[[Rows], Rows]
+_Rows = list[dict[str, Any]]
+_Narrow = Callable[[_Rows], _Rows]
 
 
-def _conditions(choice: Choice) -> Iterator[tuple[str, Narrow]]:
+def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
     """Each condition that asks for something, in words and as what it leaves of some rows."""
 
-    def where(holds: Callable[[dict[str, Any]], bool]) -> Narrow:
+    def where(holds: Callable[[dict[str, Any]], bool]) -> _Narrow:
         return lambda rows: [row for row in rows if holds(row)]
 
     ranges = (
@@ -124,7 +124,7 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, Narrow]]:
         yield f"at most {choice.count}, spread over PGV/PGA", lambda rows: _spread(rows, choice.count)
 
 
-def _nearest(rows: Rows, most: int) -> Rows:
+def _nearest(rows: _Rows, most: int) -> _Rows:
     """At most so many of each event, the nearest to the source."""
     by_event = defaultdict(list)
     for row in rows:
@@ -138,7 +138,7 @@ def _nearest(rows: Rows, most: int) -> Rows:
     return [row for group in ranked for row in group[:most]]
 
 
-def _spread(rows: Rows, count: int) -> Rows:
+def _spread(rows: _Rows, count: int) -> _Rows:
     """So many rows at even ranks of PGV/PGA, the shortest and the longest pulse among them."""
     ranked = sorted(rows, key=lambda row: (row["pgv_pga_s"], row["record_id"]))
     if count >= len(ranked):

@@ -90,9 +90,9 @@ class Patches:
             row = np.repeat(np.arange(len(moving)), count)
             patches = around[np.repeat(begin - starts, count) + np.arange(len(row))]
             corners = self.vertices_m[self.corners[patches]]
-            value, shares = highest(corners, self.bulges_m[patches], directions[moving[row]])
+            value, shares = _highest(corners, self.bulges_m[patches], directions[moving[row]])
             best = np.lexsort((value, row))[starts + count - 1]  # of each row the last
-            place[moving] = placed(corners[best], self.bulges_m[patches[best]], shares[best])
+            place[moving] = _placed(corners[best], self.bulges_m[patches[best]], shares[best])
             nearest = self.corners[patches[best], shares[best].argmax(axis=1)]
             moved = nearest != vertex[moving]
             vertex[moving] = nearest
@@ -100,13 +100,13 @@ class Patches:
         return place
 
 
-def placed(corners_m: Array, bulges_m: Array, shares: Array) -> Array:
+def _placed(corners_m: Array, bulges_m: Array, shares: Array) -> Array:
     """Points (..., 3) of patches with some shares (..., 3) of their corners."""
     around = shares * np.roll(shares, -1, axis=-1)
     return (shares[..., None] * corners_m).sum(axis=-2) + (around[..., None] * bulges_m).sum(axis=-2)
 
 
-def highest(corners_m: Array, bulges_m: Array, directions: Array) -> tuple[Array, Array]:
+def _highest(corners_m: Array, bulges_m: Array, directions: Array) -> tuple[Array, Array]:
     """How far patches (..., 3, 3) reach along directions (..., 3) that broadcast with them, and the shares there."""
     p = (corners_m * directions[..., None, :]).sum(axis=-1)
     m = (bulges_m * directions[..., None, :]).sum(axis=-1)

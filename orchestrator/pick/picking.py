@@ -26,8 +26,8 @@ from toppling.orchestrator.pick.apart import Apart, EndedError
 from toppling.orchestrator.pick.shown import answer_shown, detail, tops, view_of
 from toppling.orchestrator.pick.user_hints import UserHints
 
-Read = Callable[[UserHints], "Placed"]
-Write = Callable[[Survey, UserHints], None]
+_Read = Callable[[UserHints], "Placed"]
+_Write = Callable[[Survey, UserHints], None]
 
 
 class SupersededError(Exception):
@@ -82,9 +82,9 @@ class Picking:
     def __init__(
         self,
         placed: Placed,
-        read: Read,
+        read: _Read,
         bootstrap: int,
-        write: Write,
+        write: _Write,
         target: str,
         said: UserHints,
         kept: Answer | None = None,

@@ -21,7 +21,7 @@ _LONGEST_STAGE_S = 60.0
 _POLL_S = 20.0
 """An answer to who asks for news comes after this time at the latest."""
 _SCRIPT, _STYLE, _BYTES, _JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
-FILES = {
+_FILES = {
     "": ("pick/page.html", HTML),
     "pick.css": ("pick/pick.css", _STYLE),
     "pick.js": ("pick/pick.js", _SCRIPT),
@@ -43,7 +43,7 @@ class PickServer(Loopback):
     def __init__(self, picking: Picking, port: int = 0) -> None:
         self.picking = picking
         room = files("toppling.results.drawing")
-        self.files = {name: (room.joinpath(path).read_bytes(), kind) for name, (path, kind) in FILES.items()}
+        self.files = {name: (room.joinpath(path).read_bytes(), kind) for name, (path, kind) in _FILES.items()}
         super().__init__(_Answers, port)
         self._worker = threading.Thread(target=picking.work, daemon=True)
         self._worker.start()

@@ -26,7 +26,7 @@ class View:
     number: int  # another one where anything of it is another
     counts: tuple[int, int]  # of the whole and of the finer ones
     spacings_m: tuple[float, float]
-    content: bytes  # as `drawn` packs them
+    content: bytes  # as `_drawn` packs them
 
 
 def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, number: int) -> View:
@@ -50,12 +50,12 @@ def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, numbe
         rows = rows[(np.abs(points_m[rows] - middle) >= reach).any(axis=1)]
         finer = fine.rows
     counts = (len(rows), len(finer))
-    content = drawn(points_m, [rows, finer], label)
+    content = _drawn(points_m, [rows, finer], label)
     spacings = (whole.spacing_m, whole.spacing_m if fine is None else fine.spacing_m)
     return View(number, counts, spacings, content)
 
 
-def drawn(
+def _drawn(
     points_m: NDArray[np.float64], parts: list[NDArray[np.intp]], label: NDArray[np.int8] | None
 ) -> bytes:
     """Places (n, 3) of some rows as 4-byte floats, then the brightness and the label of each as a byte."""
@@ -74,9 +74,9 @@ def detail(
     middle_m: NDArray[np.float64],
     reach_m: float,
 ) -> tuple[float, bytes]:
-    """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `drawn`."""
+    """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `_drawn`."""
     near = thinned(points_m, SHOWN_POINTS // 2, around(points_m, middle_m, reach_m))
-    return near.spacing_m, drawn(points_m, [near.rows], label)
+    return near.spacing_m, _drawn(points_m, [near.rows], label)
 
 
 def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.pick.shown import View, view_of
 
-Note = Callable[[str], None]
+_Note = Callable[[str], None]
 
 _KNOWN: dict[Path, Registered] = {}
 """The cloud of this process, by its folder."""
@@ -51,7 +51,7 @@ class Stored:
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class _Split:
     """What a split became: the cloud as registered, what was worked out, a label for each point, notes, the view."""
 
     registered: Stored
@@ -68,18 +68,18 @@ def split(
     bootstrap: int,
     inspection: Inspection,
     number: int,
-    note: Note,
-) -> Split:
+    note: _Note,
+) -> _Split:
     """Register a cloud, once, and split it; `number` is the view's."""
     cloud = _cloud(stored, note)
     worked, label, notes = work_out(cloud, note, near_m, hint, bootstrap, inspection)
     note("showing the rock")
     moved = Stored(stored.folder / "registered", stored.rest)
     fitted = moved if moved.folder.exists() else stored
-    return Split(fitted, worked, label, notes, view_of(cloud.cloud.points_m, label, number))
+    return _Split(fitted, worked, label, notes, view_of(cloud.cloud.points_m, label, number))
 
 
-def _cloud(stored: Stored, note: Note) -> Registered:
+def _cloud(stored: Stored, note: _Note) -> Registered:
     if stored.folder not in _KNOWN:
         note("registering stations")
         read = stored.cloud()
@@ -92,13 +92,13 @@ def _cloud(stored: Stored, note: Note) -> Registered:
     return _KNOWN[stored.folder]
 
 
-def draw(worked: WorkedOut, note: Note) -> tuple[Scene, WorkedOut]:
+def draw(worked: WorkedOut, note: _Note) -> tuple[Scene, WorkedOut]:
     """Draw the hidden base."""
     note("drawing the hidden base")
     return worked.scene()
 
 
-def look_around(stored: Stored, _: Note) -> list[dict[str, Any]]:
+def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:
     """What stands in a cloud."""
     points = stored.cloud().points_m
     return [

@@ -19,7 +19,7 @@ _MOST_PLACES = 1000
 _FEWEST_POINTS = 3
 """Points that make an interface; fewer are a beginning."""
 
-Place = tuple[float, ...]
+_Place = tuple[float, ...]
 
 _unusable = refusals(
     expected="hints by the names of options: words (units, up), numbers (near, plane, length) or lists of numbers",
@@ -38,14 +38,14 @@ class UserHints:
 
     units: str | None = None
     up: str | None = None
-    length: tuple[Place, Place, float] | None = None
-    near: Place | None = None
-    plane: Place | None = None
-    point: tuple[Place, ...] = ()
-    outline: tuple[Place, ...] = ()
-    touch: tuple[Place, ...] = ()
-    daylight: tuple[Place, ...] = ()
-    pull: tuple[Place, ...] = ()
+    length: tuple[_Place, _Place, float] | None = None
+    near: _Place | None = None
+    plane: _Place | None = None
+    point: tuple[_Place, ...] = ()
+    outline: tuple[_Place, ...] = ()
+    touch: tuple[_Place, ...] = ()
+    daylight: tuple[_Place, ...] = ()
+    pull: tuple[_Place, ...] = ()
     base: str | None = None
     touch_only: bool = False
 
@@ -126,14 +126,14 @@ def _word(value: Any, among: tuple[str, ...], name: str) -> str:
     return value
 
 
-def _length(value: Any) -> tuple[Place, Place, float]:
+def _length(value: Any) -> tuple[_Place, _Place, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise _unusable(f"length is {shown(value)}", "the page")
     start, end = (_numbers(each, 3, "length") for each in value[:2])
     return start, end, _numbers(value[2:], 1, "length")[0]
 
 
-def _numbers(value: Any, count: int, name: str) -> Place:
+def _numbers(value: Any, count: int, name: str) -> _Place:
     good = isinstance(value, list) and len(value) == count
     if not good or not all(type(each) in (int, float) and math.isfinite(each) for each in value):
         raise _unusable(f"{name} is {shown(value)}", "the page")

@@ -63,7 +63,7 @@ _EXPLORED = {
 """Points of the front beside and between the presets."""
 
 
-Row = dict[str, object]
+_Row = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def answers(
     return _frame(known[job] for job in jobs)
 
 
-def _frame(rows: Iterable[Row]) -> pd.DataFrame:
+def _frame(rows: Iterable[_Row]) -> pd.DataFrame:
     return pd.DataFrame(rows).astype({"toppled": "boolean"})
 
 
@@ -234,7 +234,7 @@ def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
     return math.sqrt(groups - 1) * float(np.std(shifts))
 
 
-def _shake(job: Job, setting: Setting) -> Row:
+def _shake(job: Job, setting: Setting) -> _Row:
     scene, ensemble = assets()
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     toward = setting.disturbed_toward_deg

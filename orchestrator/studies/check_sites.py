@@ -21,7 +21,7 @@ from toppling.orchestrator.sites import Site, seismograms_in
 _AHEAD = 4
 """Tasks a worker that are handed out: few enough that not all seismograms are in memory."""
 
-Judge = Callable[[Scene, Record, Sequence[float], str], Any]
+_Judge = Callable[[Scene, Record, Sequence[float], str], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:
 def check_sites(
     sites: Sequence[Site],
     given: Sequence[Seismogram],
-    judge: Judge,
+    judge: _Judge,
     factors: Sequence[float],
     preset: str,
     workers: int | None = None,
@@ -144,7 +144,7 @@ def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _judged(
-    site: Site, one: Seismogram, judge: Judge, factors: Sequence[float], preset: str
+    site: Site, one: Seismogram, judge: _Judge, factors: Sequence[float], preset: str
 ) -> dict[str, Any]:
     record_id = one.source[1] if isinstance(one.source, tuple) else one.source.record_id
     try:

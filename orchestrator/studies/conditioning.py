@@ -37,7 +37,7 @@ from toppling.orchestrator.recorded import (
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
-Shake = Callable[[Campaign, Path, Client, ProgressCallback, Limits], object]
+_Shake = Callable[[Campaign, Path, Client, ProgressCallback, Limits], object]
 """Carries a campaign out in a folder, on workers at hand."""
 
 
@@ -45,7 +45,7 @@ Shake = Callable[[Campaign, Path, Client, ProgressCallback, Limits], object]
 class Weighing:
     """Bases are weighed, before the jobs, by the motions that the campaign knows the rock to have stood."""
 
-    shake: Shake
+    shake: _Shake
     before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:

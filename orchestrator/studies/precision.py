@@ -70,7 +70,7 @@ class JobsForPrecision:
         seed = int(planned.id[:8], 16)
         self.rounds = {
             contact: Rounds(pool, self.target, precision, seed)
-            for contact, pool in pools(planned, catalog.loc[names], self.measures).items()
+            for contact, pool in _pools(planned, catalog.loc[names], self.measures).items()
         }
 
     @property
@@ -185,7 +185,7 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
     return usable
 
 
-def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
+def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
     """The jobs of each contact, by record, cell (azimuth and realisation) and level.
 
     catalog: intensities of the records as recorded, in the order in which they are numbered.

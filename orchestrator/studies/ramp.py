@@ -72,7 +72,7 @@ def chosen_waveforms(ensemble: Ensemble, count: int = _WAVEFORMS) -> list[str]:
     return [ordered[round(path)] for path in np.linspace(0, len(ordered) - 1, count)]
 
 
-def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
+def _climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
     """Shake a rock with one waveform, level by level until it topples; one row a level."""
     waveform = _uniaxial(record) if ramp.uniaxial else record
     contact = ContactProperties(ramp.friction, ramp.friction, ramp.restitution)
@@ -185,4 +185,4 @@ def _assets(scene: str, ensemble: str) -> tuple[Scene, Ensemble]:
 
 def _climbed(scene: str, ensemble: str, record_id: str, ramp: Ramp) -> list[dict[str, Any]]:
     rock, motions = _assets(scene, ensemble)
-    return climb(rock, motions.record(record_id), ramp)
+    return _climb(rock, motions.record(record_id), ramp)

@@ -73,7 +73,7 @@ _NUMBERED = {
 }
 """What the atlas draws, by the number that it has in the study."""
 
-Say = Callable[[str], None]
+_Say = Callable[[str], None]
 _ClusterOf = Callable[[], AbstractContextManager[Client]]
 
 
@@ -141,7 +141,7 @@ def carry_out(
     out: Path,
     cluster_of: _ClusterOf,
     watcher: Callable[[], AbstractContextManager[ProgressCallback]],
-    say: Say,
+    say: _Say,
 ) -> list[RunProgress]:
     """Shake: the two runs and the ramp, each going on where it was stopped."""
     progresses = []
@@ -155,7 +155,7 @@ def carry_out(
     return progresses
 
 
-def climb(study: Study, out: Path, cluster_of: _ClusterOf, say: Say) -> tuple[pd.DataFrame, ramp.Ramp]:
+def climb(study: Study, out: Path, cluster_of: _ClusterOf, say: _Say) -> tuple[pd.DataFrame, ramp.Ramp]:
     """Figure 4's ramp: ten of the records, in the direction in which the rock lifts first."""
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
     protocol = ramp.Ramp(azimuth_deg=ramp.weakest_azimuth_deg(scene), preset=study.preset)

@@ -14,7 +14,7 @@ from toppling.orchestrator.verbs.options import FOLDER, option
 _MARK = ".demo"
 _RECORDS = 24
 _SEED = 1
-CAMPAIGN = """\
+_CAMPAIGN = """\
 # As many levels and azimuths as the time allowed. The study has 140 records, 19 levels and 8 azimuths.
 scene = "scene"
 ensemble = "ensemble"
@@ -127,7 +127,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
     step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
-    text = CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])
+    text = _CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])
     (out / "campaign.toml").write_text(text, encoding="utf-8")
 
 

@@ -110,7 +110,7 @@ _STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Levels:
+class _Levels:
     """Evenly spaced levels, the stop included."""
 
     start_m_s2: float
@@ -121,13 +121,13 @@ class Levels:
         return round((self.stop_m_s2 - self.start_m_s2) / self.step_m_s2) + 1
 
 
-def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
+def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
     """About so many levels at round numbers, from below the first acceleration to the second one or above.
 
     Examples
     --------
     >>> _levels_between(2.17, 18.3, 12)
-    Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
+    _Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
     """
     low = _BELOW_LEAST * least_m_s2
     step = min(_STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
@@ -135,7 +135,7 @@ def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
     grid = step if low >= step else max((one for one in _STEPS_M_S2 if one <= low), default=low)
     start = math.floor(low / grid + 1e-9) * grid
     stop = start + math.ceil((most_m_s2 - start) / step - 1e-9) * step
-    return Levels(round(start, 6), round(stop, 6), step)
+    return _Levels(round(start, 6), round(stop, 6), step)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +148,7 @@ class _CampaignTemplate:
     records: int
     statics: Statics
     pilot: Pilot
-    levels: Levels
+    levels: _Levels
     azimuths_deg: Sequence[float]
     frictions: Sequence[float]
     preset: str

@@ -100,7 +100,7 @@ def ramp(
             pool,
             lambda _: advance(),
         )
-    for path in write(rock, levels, protocol.azimuth_deg, friction, out):
+    for path in _write(rock, levels, protocol.azimuth_deg, friction, out):
         click.echo(path)
 
 
@@ -119,7 +119,7 @@ def _named(records: str, motions: "Ensemble") -> list[str]:
     return names
 
 
-def write(
+def _write(
     rock: "Scene", levels: "pd.DataFrame", azimuth_deg: float, friction: float, out: Path
 ) -> list[Path]:
     """Write tables and figure of a ramp."""

@@ -38,12 +38,12 @@ class Constraint:
     @cached_property
     def bound(self) -> pd.DataFrame | None:
         """Rates that are rejected whatever the hazard; None without ages."""
-        return bound_table(self.rocks, self.confidence) if self.dated else None
+        return _bound_table(self.rocks, self.confidence) if self.dated else None
 
     @cached_property
     def branches(self) -> pd.DataFrame | None:
         """Branches of the hazard; None without one."""
-        return branch_table(self.update) if self.update else None
+        return _branch_table(self.update) if self.update else None
 
     @cached_property
     def random_rock(self) -> RandomRock | None:
@@ -104,7 +104,7 @@ def _hazard(update: Update) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def branch_table(update: Update) -> pd.DataFrame:
+def _branch_table(update: Update) -> pd.DataFrame:
     """Survival, verdict, weights and factors of each hazard branch.
 
     A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
@@ -157,7 +157,7 @@ def _interval(
     return float(low), float(high)
 
 
-def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
+def _bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
     """Annual rate of exceedance above which each intensity is rejected, where a rock may topple.
 
     Returns DataFrame: the measure's column, topples (probability that an event topples any), rejected_annual_rate

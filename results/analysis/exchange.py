@@ -55,7 +55,7 @@ _curve_error = refusals(
 )
 
 
-def moments(curve: Lognormal) -> tuple[float, float]:
+def _moments(curve: Lognormal) -> tuple[float, float]:
     """Mean and standard deviation of the lognormal variable with a curve's median and beta."""
     mean = curve.median * math.exp(curve.beta**2 / 2)
     return mean, mean * math.sqrt(math.expm1(curve.beta**2))
@@ -180,7 +180,7 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
         )
         limits = {"imt": imt, "noDamageLimit": repr(least), "minIML": repr(least), "maxIML": repr(most)}
         ET.SubElement(function, f"{{{_SPACE}}}imls", limits)
-        mean, deviation = (value * factor for value in moments(curve))
+        mean, deviation = (value * factor for value in _moments(curve))
         ET.SubElement(function, f"{{{_SPACE}}}params", ls="toppled", mean=repr(mean), stddev=repr(deviation))
         function.append(ET.Comment(f"{_MARK}{json.dumps(_row(curve))}"))
     ET.indent(root)

@@ -9,7 +9,7 @@ from toppling.results.analysis.fragility import CONTACT_COLUMNS, FRICTION, Plane
 _SURROUNDINGS = [name for name in CONTACT_COLUMNS if name not in FRICTION]
 _JOB = [*_SURROUNDINGS, "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]
 
-Friction = tuple[float, float]
+_Friction = tuple[float, float]
 """Static and kinetic coefficient."""
 
 
@@ -18,7 +18,7 @@ def friction_words(static: float, kinetic: float) -> str:
     return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
 
 
-def frictions(frame: pd.DataFrame) -> list[Friction]:
+def frictions(frame: pd.DataFrame) -> list[_Friction]:
     """Pairs of static and kinetic friction that rows have, rising."""
     return sorted(frame[FRICTION].drop_duplicates().itertuples(index=False, name=None))
 
@@ -38,7 +38,7 @@ def compare_frictions(frame: pd.DataFrame, plane: Plane) -> Iterator[tuple[str, 
             yield name, table, pairs
 
 
-def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.DataFrame:
+def compare_cells(frame: pd.DataFrame, plane: Plane, reference: _Friction) -> pd.DataFrame:
     """Toppling probability of each cell under each friction against that under a reference friction.
 
     Only jobs that were answered under both are compared, so that a difference is friction's.
@@ -66,7 +66,7 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
+def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
     """Pair each job with the same one under a reference friction, and count how the answers differ.
 
     Returns DataFrame: one row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither,
@@ -83,7 +83,7 @@ def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def paired_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
+def paired_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
     """Jobs that were answered under a reference friction too: `toppled`, and then `toppled_reference`."""
     answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
     is_reference = (answered[FRICTION].to_numpy() == reference).all(axis=1)
@@ -91,10 +91,10 @@ def paired_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
     return answered[~is_reference].merge(base, on=_JOB, suffixes=("", "_reference"), validate="many_to_one")
 
 
-def _under(frame: pd.DataFrame, friction: Friction) -> pd.DataFrame:
+def _under(frame: pd.DataFrame, friction: _Friction) -> pd.DataFrame:
     return frame[(frame[FRICTION].to_numpy() == friction).all(axis=1)]
 
 
-def _named(friction: Friction, reference: Friction) -> dict[str, float]:
+def _named(friction: _Friction, reference: _Friction) -> dict[str, float]:
     names = [*FRICTION, *(f"reference_{name}" for name in FRICTION)]
     return dict(zip(names, (*friction, *reference), strict=True))

@@ -47,7 +47,7 @@ class Section:
     beside_m: float = 0.0  # how far a contact point lies beside the section's plane, into which it is brought
 
 
-def section(scene: Scene, azimuth_deg: float) -> Section | None:
+def _section(scene: Scene, azimuth_deg: float) -> Section | None:
     """Cut a scene through the centre of mass.
 
     The contact points are where the section's plane cuts the edge of the support. Where it leaves the support on one
@@ -147,7 +147,7 @@ def simulate(
         One row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2, pgv_pga_s,
         toppled.
     """
-    found = {azimuth: section(scene, azimuth) for azimuth in azimuths_deg}
+    found = {azimuth: _section(scene, azimuth) for azimuth in azimuths_deg}
     cuts = [cut for cut in found.values() if cut is not None]
     for sentence in _notes(found):
         log.warning("%s", sentence)

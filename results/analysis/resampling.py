@@ -68,7 +68,7 @@ def bootstrap(
     refits = np.array(found).reshape(-1, design.shape[1])
     turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
     if turns:
-        refits = reflected(np.array(fitted.coefficients), refits, len(records))
+        refits = _reflected(np.array(fitted.coefficients), refits, len(records))
     return Resampled(refits, fitted_again, len(records), turns)
 
 
@@ -96,7 +96,7 @@ _FARTHEST = 4.0
 """Of a reflected sample from the fit, in logarithms of the median and of beta: beyond it a refit means nothing."""
 
 
-def reflected(fitted: Array, refits: Array, records: int) -> Array:
+def _reflected(fitted: Array, refits: Array, records: int) -> Array:
     """Coefficients of a probit whose percentiles are intervals of what depends on its spread, from few records.
 
     Percentiles of a plain bootstrap take the spread of refits for the error of the fit. Of few records, whose jobs are

@@ -12,7 +12,7 @@ from scipy.stats import chi2, f
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
 
-LEAST = 3
+_LEAST = 3
 """Records, and realisations, of which a spread can be told."""
 CAUSES = ("records", "base", "friction", "left")
 _SAME = ["scene_id", "preset", "restitution"]
@@ -72,7 +72,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     """
     rows = frame[frame["toppled"].notna()]
     drawn = rows[rows["realisation"] > 0]
-    if drawn.groupby(["friction_static", "realisation"]).ngroups >= LEAST:
+    if drawn.groupby(["friction_static", "realisation"]).ngroups >= _LEAST:
         rows = drawn  # the nominal scene is no draw
     found = []
     for level, jobs in rows.groupby("level_pga_m_s2"):
@@ -83,7 +83,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
         raise InputError(
             "no level has three records and three realisations that were all answered",
             where="the spread of toppling",
-            expected=f"a campaign with realisations of at least {LEAST + 1}, and {LEAST} records or more",
+            expected=f"a campaign with realisations of at least {_LEAST + 1}, and {_LEAST} records or more",
             remedy="set realisations = 20 or so in the campaign, and run it again: jobs that are done stay",
         )
     table = pd.DataFrame([vars(one) for one in found])
@@ -108,7 +108,7 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     entries = entries.dropna(axis="columns", thresh=int(0.5 * len(entries)) + 1).dropna(axis="index")
     values = entries.to_numpy()
     records, draws = values.shape
-    if records < LEAST or draws < LEAST:
+    if records < _LEAST or draws < _LEAST:
         return None
     of = np.full(records, 1.0 / records)
     weight = _weights(jobs, draw).reindex(entries.columns).to_numpy()

@@ -24,7 +24,7 @@ from toppling.results.replayed_job import Replay, tilt_deg
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
-WIDTH, _STRIP = 480, 92
+_WIDTH, _STRIP = 480, 92
 """Pixels: width of picture and view, height of the strip below with the seismogram."""
 
 _ROW = 19
@@ -60,10 +60,10 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     heading = _heading(title, speed)
     frames = []
     for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
-        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + _STRIP), "white")
+        picture = Image.new("RGB", (_WIDTH, heading.height + _WIDTH + _STRIP), "white")
         picture.paste(heading, (0, 0))
         picture.paste(_pose(replay, view, centre_m, attitude, time), (0, heading.height))
-        picture.paste(below, (0, heading.height + WIDTH))
+        picture.paste(below, (0, heading.height + _WIDTH))
         draw = ImageDraw.Draw(picture)
         past = replay.topple_time_s is not None and time >= replay.topple_time_s
         draw.text(
@@ -72,7 +72,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
         )  # fmt: skip
         x = _across(time, times)
         draw.line(
-            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + _STRIP - 18)],
+            [(x, heading.height + _WIDTH + 4), (x, heading.height + _WIDTH + _STRIP - 18)],
             fill="black",
             width=2,
         )
@@ -113,7 +113,7 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
         painted.append(shades(surface, light)[shown])
     triangles, colours = np.concatenate(corners), np.concatenate(painted)
     order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
-    size = _OVERSAMPLING * WIDTH
+    size = _OVERSAMPLING * _WIDTH
     places = 0.5 * size * (1.0 + (triangles[order, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
     image = Image.new("RGB", (size, size), "#f4f6f8")
     draw = ImageDraw.Draw(image)
@@ -122,7 +122,7 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
     ):
         draw.polygon(outline, fill=tuple(shade))
     _draw_arrow(draw, replay, view, time_s, size)
-    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
+    return image.resize((_WIDTH, _WIDTH), Image.Resampling.BOX)
 
 
 def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
@@ -149,7 +149,7 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 def _heading(title: str, speed: float) -> Image.Image:
     lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
-    image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
+    image = Image.new("RGB", (_WIDTH, _ROW * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):
         fill = "black" if number < len(lines) - 1 else "#555555"
@@ -161,13 +161,13 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     """The stronger horizontal component over the time shown, with the point of no return."""
     motion = replay.motion
     column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
-    at = np.linspace(times[0], times[-1], 4 * WIDTH)
+    at = np.linspace(times[0], times[-1], 4 * _WIDTH)
     values = np.interp(at, motion.time_s, motion.acceleration_m_s2[:, column], right=0.0)
     peak = max(float(np.abs(values).max()), 1e-9)
-    image = Image.new("RGB", (WIDTH, _STRIP), "white")
+    image = Image.new("RGB", (_WIDTH, _STRIP), "white")
     draw = ImageDraw.Draw(image)
     middle, reach = (_STRIP - 18) / 2 + 2, (_STRIP - 26) / 2
-    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
+    draw.line([(8, middle), (_WIDTH - 8, middle)], fill="#cccccc")
     draw.line(
         [
             (_across(time, times), middle - reach * value / peak)
@@ -190,7 +190,7 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
 
 
 def _across(time: float, times: Array) -> float:
-    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
+    return 8 + (time - times[0]) / (times[-1] - times[0]) * (_WIDTH - 16)
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont:

@@ -48,7 +48,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         figure = Figure(figsize=(width_in, 2.7) if beside else (width_in, 7.6), layout="constrained")
         spectra, ratio, source = figure.subplots(*((1, 3) if beside else (3, 1)))
         _draw_spectra(ensemble, spectra)
-        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
+        _scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
         ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")
         plain_log(ratio.yaxis)
         known = np.isfinite(value["distance_km"]) & np.isfinite(value["magnitude"])
@@ -86,7 +86,7 @@ def _log_limits(values: Array) -> tuple[float, float]:
     return float(np.exp(inside.min() - margin)), float(np.exp(inside.max() + margin))
 
 
-def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
+def _scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
     """Points over a logarithmic y; outliers in x and y are triangles inside the edge, named above the panel."""
     end = _upper_limit(x)
     bottom, top = _log_limits(y)

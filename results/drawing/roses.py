@@ -106,11 +106,11 @@ def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
 
 _SCANNED, _STANDS = "#0072b2", "#d55e00"
 """Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
-Rose = Sequence[tuple[float, float]]
+_Rose = Sequence[tuple[float, float]]
 
 
 def draw_settled(
-    scanned: Scene, stands: Scene, outline_m: Array, rose_scanned: Rose, rose_stands: Rose, path: Path
+    scanned: Scene, stands: Scene, outline_m: Array, rose_scanned: _Rose, rose_stands: _Rose, path: Path
 ) -> None:
     """Write a PNG of two panels: the contact in plan, and the least toppling acceleration by azimuth.
 
@@ -148,7 +148,7 @@ def _plan(axes: Axes, scanned: Scene, stands: Scene, outline_m: Array) -> None:
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title="contact from above")
 
 
-def _roses(axes: Axes, rose_scanned: Rose, rose_stands: Rose) -> None:
+def _roses(axes: Axes, rose_scanned: _Rose, rose_stands: _Rose) -> None:
     assert isinstance(axes, PolarAxes)
     reach, scale_deg = 0.0, 67.5
     for rose, dashes, colour, name in (

@@ -4,7 +4,7 @@ An event e of annual rate r_e topples at least one of some rocks with 1 - prod(1
 at several sites feel the same events, and taking them as independent would be biased. Such events have the rate
 nu = sum r_e (1 - prod(1 - F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson.
 
-A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `bootstrap` draws every
+A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `_bootstrap` draws every
 event a Poisson number of times.
 """
 
@@ -128,13 +128,13 @@ def survival(rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure)
     return exposure.survival(any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate)
 
 
-def toppling_rate(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
+def _toppling_rate(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
     """Annual rate of events that topple at least one of the rocks as they are."""
     together = np.ones((1, len(rocks)), np.int8)
     return float((any_topples(standing_shares(rocks, branch), together) @ branch.rate)[0])
 
 
-def bootstrap(
+def _bootstrap(
     rocks: Sequence[FeltRock],
     branch: EventBranch,
     exposure: Exposure,
@@ -170,9 +170,9 @@ def bootstrap(
 def bootstrap_branches(
     rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure
 ) -> list[NDArray[np.float64]]:
-    """`bootstrap` of each branch: the same records and ages for all, and events of their own."""
+    """`_bootstrap` of each branch: the same records and ages for all, and events of their own."""
     return [
-        bootstrap(
+        _bootstrap(
             rocks, branch, exposure, seed=number, sampled=events.sampled, readings=events.readings_of(number)
         )
         for number, branch in enumerate(events.branches)
@@ -218,7 +218,7 @@ def rank_branches(
         lines.append({
             "name": branch.name, "model": branch.model, "events": len(branch.rate),
             "effective_events": _effective_events(rocks, branch),
-            "toppling_rate": toppling_rate(rocks, branch), "survival": survives,
+            "toppling_rate": _toppling_rate(rocks, branch), "survival": survives,
             "survival_low": low, "survival_high": high, "rejected": survives < 1.0 - confidence,
             "prior_weight": prior,
         })  # fmt: skip

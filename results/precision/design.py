@@ -19,7 +19,7 @@ from toppling.models.arrays import Array
 from toppling.results.precision.probit import Answers, Curve, Departure, departure, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
 
-Numbers = NDArray[np.int64]
+_Numbers = NDArray[np.int64]
 
 _FIRST_ROUND = 32
 _GROWTH = (0.3, 1.0)
@@ -47,7 +47,7 @@ _RECORDS_BOUND = 0.3
 class Pool:
     """Jobs that may be chosen: all of a campaign under one contact."""
 
-    rows: Numbers  # (records, cells, levels): rows of the plan
+    rows: _Numbers  # (records, cells, levels): rows of the plan
     log_x: Mapping[str, Array]  # of each measure its logarithm by record and level, (records, levels)
 
 
@@ -76,7 +76,7 @@ def _best_measure(observed: Mapping[str, Answers]) -> str:
     return _USUAL if close else best
 
 
-def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
+def _judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
     """Say what the answers so far tell of the target, and whether another round is worth it.
 
     observed: answers by measure: jobs with an answer of all rounds so far.
@@ -149,7 +149,7 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
     return min(max(needed - jobs, least), most)
 
 
-def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> Numbers:
+def _choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> _Numbers:
     """Rows of the plan to shake next; fewer than asked where the pool is exhausted.
 
     chosen: (n,), rows of the rounds before, in their order.
@@ -188,7 +188,7 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
     return np.array(found, np.int64)
 
 
-def _least_visited(able: NDArray[np.bool_], visits: Numbers, seed: int) -> int:
+def _least_visited(able: NDArray[np.bool_], visits: _Numbers, seed: int) -> int:
     """Of some records one with the fewest jobs, in a random order of its own for each number of them."""
     least = int(visits[able].min())
     order = np.random.default_rng([seed, 1, least]).permutation(len(visits))
@@ -201,7 +201,7 @@ def _in_turn(seed: int, number: int, count: int) -> int:
     return int(np.random.default_rng([seed, 2, turn]).permutation(count)[index])
 
 
-def _first_free(free: NDArray[np.bool_], cell: int, order: Numbers) -> tuple[int, int]:
+def _first_free(free: NDArray[np.bool_], cell: int, order: _Numbers) -> tuple[int, int]:
     """Cell and level of a record that is not taken: the level wanted in this cell or one after it, or else the next."""
     cells = np.roll(np.arange(len(free)), -cell)
     for level in order:
@@ -217,7 +217,7 @@ class Rounds:
     Parameters
     ----------
     precision : float
-        As `judge` takes it.
+        As `_judge` takes it.
     seed : int
         Of the campaign.
 
@@ -235,7 +235,7 @@ class Rounds:
 
     def __init__(self, pool: Pool, target: Target, precision: float, seed: int) -> None:
         self.pool, self.target, self.precision, self.seed = pool, target, precision, seed
-        self.chosen: Numbers = np.array([], np.int64)
+        self.chosen: _Numbers = np.array([], np.int64)
         self.verdict: Verdict | None = None
         self.judged = 0
         self.sizes: list[int] = []
@@ -269,7 +269,7 @@ class Rounds:
         )
         known = self.verdict or start
         size = _round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
-        new = choose(self.pool, self.chosen, size, self.seed, known, self.target)
+        new = _choose(self.pool, self.chosen, size, self.seed, known, self.target)
         if not len(new):
             self.verdict = replace(known, ended=True, reason="every job of the campaign is done")
             return
@@ -280,4 +280,4 @@ class Rounds:
         if not len(next(iter(observed.values())).toppled):
             reason = f"none of {len(self.chosen)} jobs has an answer"
             return Verdict("", None, None, ended=True, reason=reason, jobs_needed=0)
-        return judge(self.pool, observed, self.target, self.precision)
+        return _judge(self.pool, observed, self.target, self.precision)

@@ -3,9 +3,9 @@
 import pyarrow as pa
 
 from toppling.results.reader import open_run
-from toppling.results.schema import SCHEMA, SORT_ORDER, columns
+from toppling.results.schema import SCHEMA, SORT_ORDER, _columns
 
-ANSWERS = columns("identity", "imposed", "outcome")
+ANSWERS = _columns("identity", "imposed", "outcome")
 
 
 def sorted_answers(rows):

@@ -19,7 +19,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies.precision import FirstStatement, JobsForPrecision, pools
+from toppling.orchestrator.studies.precision import FirstStatement, JobsForPrecision, _pools
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run
@@ -90,7 +90,7 @@ def test_rows_are_those_of_one_process_that_follows_the_rounds(whole, planned, a
 def test_the_measures_that_levels_are_chosen_by_are_those_imposed(whole, planned, asking):
     frame = open_run(whole).frame().set_index("job_id")
     catalog = Ensemble.load(asking.ensemble).catalog.to_pandas().set_index("record_id").sort_index()
-    (pool,) = pools(planned, catalog, list(LEVEL_MEASURES)).values()
+    (pool,) = _pools(planned, catalog, list(LEVEL_MEASURES)).values()
     ids = planned.jobs["job_id"].to_pylist()
     for record, cell, level in np.ndindex(*pool.rows.shape):
         job_id = ids[pool.rows[record, cell, level]]

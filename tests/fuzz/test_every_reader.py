@@ -136,12 +136,12 @@ class Sample:
 def scratch(tmp_path_factory):
     """The only place for temporary files, of the guarded process too."""
     place = tmp_path_factory.mktemp("scratch")
-    guarded.stop()
+    guarded._stop()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", str(place))
         patch.setattr(tempfile, "tempdir", str(place))
         yield place
-    guarded.stop()
+    guarded._stop()
 
 
 @pytest.fixture

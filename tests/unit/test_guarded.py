@@ -40,9 +40,9 @@ def reads(tmp_path, monkeypatch):
     file = tmp_path / "file.dat"
     file.write_text("small")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    guarded.stop()
+    guarded._stop()
     yield lambda name: read_guarded(f"hostile_readers:{name}", file)
-    guarded.stop()
+    guarded._stop()
 
 
 def test_what_is_read_comes_back_bit_for_bit_whatever_is_printed_meanwhile(reads):

@@ -15,7 +15,7 @@ from toppling.models.files.lease import Lease
 def quick(monkeypatch):
     monkeypatch.setattr(module, "_RENEW_S", 0.1)
     monkeypatch.setattr(module, "_GONE_AFTER_S", 1.0)
-    monkeypatch.setattr(module, "PAUSE_S", (0.02, 0.1))
+    monkeypatch.setattr(module, "_PAUSE_S", (0.02, 0.1))
 
 
 @pytest.fixture

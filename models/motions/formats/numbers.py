@@ -14,7 +14,7 @@ from toppling.models.motions.formats.component import refuse
 
 _SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
 """Of its samples, and rows: so far is a count off by a program's mistake; beyond that something is missing."""
-_JUMP_RATIO, NEAR = 4.0, 200
+_JUMP_RATIO, _NEAR = 4.0, 200
 """A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
 _FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
@@ -139,7 +139,7 @@ def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:
     between[inner], between[inner - 1] = True, True
     between = between[1 : len(values) - 1]
     for place in np.argsort(np.where(between, bend, 0.0))[-20:]:
-        beside = slice(max(place - NEAR, 0), place + NEAR)
+        beside = slice(max(place - _NEAR, 0), place + _NEAR)
         within = bend[beside][~between[beside]]
         if len(within) and bend[place] > _JUMP_RATIO * within.max():
             return True

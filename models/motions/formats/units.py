@@ -68,7 +68,7 @@ _SPELLINGS = (
 """Ways to write a power of the second, after blanks and words."""
 
 
-def folded(name: str) -> str:
+def _folded(name: str) -> str:
     """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
     text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
     for sign, plain in (("\u2215", "/"), ("\u2212", "-"), ("\u03bc", "u"), ("\u039c", "u")):
@@ -83,12 +83,12 @@ def folded(name: str) -> str:
 
 def unit_of(name: str) -> Unit | None:
     """Unit that a name stands for; None if it is not in the closed list."""
-    return UNITS.get(folded(name))
+    return UNITS.get(_folded(name))
 
 
 def acceleration_m_s2(name: str) -> float | None:
     """One unit of acceleration in m/s2; None if the name is that of none."""
-    return UNITS_M_S2.get(folded(name))
+    return UNITS_M_S2.get(_folded(name))
 
 
 def known_names() -> str:

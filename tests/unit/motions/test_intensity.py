@@ -10,12 +10,12 @@ import pytest
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.intensity import (
+    _directionality,
     _duration_between_shares_s,
     _oscillator_response_m_s2,
     _rotated_peaks,
     _spectral_acceleration_m_s2,
     arias_m_s,
-    directionality,
     measure,
 )
 from toppling.models.motions.motion import Motion
@@ -101,7 +101,7 @@ def test_rotd_by_the_hull_is_rotd_by_every_sample():
 def test_directionality_counts_only_distinct_directions(apart_deg, share):
     angle = np.deg2rad(apart_deg)
     horizontal = np.array([[2.0, 0.0], [1.8 * np.cos(angle), 1.8 * np.sin(angle)], [0.0, 0.0]])
-    assert directionality(horizontal) == pytest.approx(share)
+    assert _directionality(horizontal) == pytest.approx(share)
 
 
 def test_turning_a_motion_turns_the_azimuth_of_its_peak_and_no_vector_measure():

@@ -9,7 +9,7 @@ from obspy.core.inventory.response import InstrumentSensitivity
 
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, unit_of
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
-from toppling.models.motions.metadata import unit_m_s2
+from toppling.models.motions.metadata import _unit_m_s2
 
 G = 9.80665
 
@@ -60,7 +60,7 @@ def test_what_is_no_unit_of_motion_is_none(name):
      ("1e9 m/s2", None), ("0 g", None), ("two g", None), ("1e-6 m/s", None)],
 )  # fmt: skip
 def test_a_tables_unit_may_have_a_factor(text, one_m_s2):
-    assert unit_m_s2(text) == (None if one_m_s2 is None else pytest.approx(one_m_s2))
+    assert _unit_m_s2(text) == (None if one_m_s2 is None else pytest.approx(one_m_s2))
 
 
 def station_of(

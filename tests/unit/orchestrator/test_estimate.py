@@ -8,7 +8,14 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.estimate import TimeEstimate, _sampled_rows, estimate, spread, timed_jobs, words_of
+from toppling.orchestrator.estimate import (
+    TimeEstimate,
+    _sampled_rows,
+    _spread,
+    _timed_jobs,
+    estimate,
+    words_of,
+)
 from toppling.orchestrator.plan import plan
 
 
@@ -25,7 +32,7 @@ def planned(tmp_path_factory):
 
 
 def test_every_beginning_of_the_order_is_spread():
-    order = spread(1000, 64)
+    order = _spread(1000, 64)
     assert len(set(order)) == 64
     for count in (8, 16, 64):
         assert np.diff(np.sort(order[:count])).max() <= 3 * 1000 / count
@@ -57,7 +64,7 @@ def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned
 
 @pytest.mark.parametrize(("jobs", "timed"), [(3, 3), (20, 6), (165, 20), (21280, 48)])
 def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
-    assert timed_jobs(jobs) == timed
+    assert _timed_jobs(jobs) == timed
 
 
 def test_a_small_plan_is_timed_too(planned):

@@ -20,7 +20,7 @@ from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.studies.audit import _AUDITORS
 from toppling.orchestrator.task import versions
-from toppling.orchestrator.verbs.watch import shown
+from toppling.orchestrator.verbs.watch import _shown
 from toppling.results.reader import open_run
 from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, NEEDED, REFERENCE, write_jobs
 from toppling.results.store import compact, finished_ids, write_part
@@ -127,7 +127,7 @@ def test_a_file_of_another_run_is_refused_by_name(swap, runs, name, verb):
 @pytest.mark.parametrize("name", [*ALWAYS_READ, "run.json", "results.parquet", *IN_AUDITS])
 def test_watching_refuses_a_file_of_another_run(swap, name):
     with pytest.raises(InputError, match="another"):
-        shown(swap(name))
+        _shown(swap(name))
 
 
 def test_a_part_of_another_run_is_refused_and_stays_where_it_is(runs, tmp_path):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from toppling.orchestrator.order import (
     _JOBS_OF_A_SCENE,
     _block_jobs,
+    _diagonal,
     balanced_order,
-    diagonal,
 )
 
 RECORD, SCENE, LEVEL, AZIMUTH = range(4)
@@ -36,12 +36,12 @@ def largest_deviation(values):
 
 @given(sizes=st.lists(st.integers(1, 7), min_size=1, max_size=3))
 def test_a_diagonal_visits_each_cell_of_its_grid_once(sizes):
-    assert set(map(tuple, diagonal(*sizes).tolist())) == set(product(*map(range, sizes)))
+    assert set(map(tuple, _diagonal(*sizes).tolist())) == set(product(*map(range, sizes)))
 
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9))
 def test_every_stretch_of_a_diagonal_holds_each_value_equally_often_but_for_one_or_two(first, second):
-    for axis in diagonal(first, second).T:
+    for axis in _diagonal(first, second).T:
         for begin in range(len(axis)):
             counts = np.cumsum(axis[begin:, None] == np.arange(axis.max() + 1), axis=0)
             assert np.ptp(counts, axis=1).max() <= 2

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from toppling.orchestrator.pick.server import _LARGEST_BODY, FILES, PickServer
+from toppling.orchestrator.pick.server import _FILES, _LARGEST_BODY, PickServer
 from toppling.orchestrator.pick.shown import View
 from toppling.orchestrator.pick.user_hints import UserHints
 
@@ -73,7 +73,7 @@ def told(server, path, content, **headers):
 
 
 def test_the_page_has_its_files_the_state_and_the_points(server):
-    for name in FILES:
+    for name in _FILES:
         assert asked(server, f"/{server.secret}/{name}")[0] == 200
     assert asked(server, f"/{server.secret}/state/1") == (200, '{"number": 2}')
     assert asked(server, f"/{server.secret}/cloud/3") == (200, "points")

@@ -15,9 +15,9 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.studies import ramp as ramps
 from toppling.orchestrator.studies.ramp import (
     Ramp,
+    _climb,
     carry_out,
     chosen_waveforms,
-    climb,
     summary,
     weakest_azimuth_deg,
 )
@@ -45,7 +45,7 @@ def test_a_block_is_shaken_across_its_narrow_side():
 
 def test_a_climb_ends_with_the_first_toppling_and_holds_the_tables_displacement(inputs):
     scene, record = Scene.load(inputs / "scene"), Ensemble.load(inputs / "waveforms").record("T3")
-    rows = climb(scene, record, Ramp(0.0, preset="fast", peak_displacement_m=0.05))
+    rows = _climb(scene, record, Ramp(0.0, preset="fast", peak_displacement_m=0.05))
     assert [row["toppled"] for row in rows] == [False] * (len(rows) - 1) + [True]
     assert all(row["pgd_m"] <= 0.05 + 1e-9 for row in rows)
     told = summary(pd.DataFrame(rows)).iloc[0]
@@ -73,7 +73,7 @@ def test_what_is_done_is_not_done_again(inputs, tmp_path, monkeypatch):
     where = inputs / "scene", inputs / "waveforms", ["T1", "T2"], protocol, tmp_path
     with ThreadPoolExecutor(1) as pool:
         first = carry_out(*where, pool)
-        monkeypatch.setattr(ramps, "climb", lambda *_: pytest.fail("done already"))
+        monkeypatch.setattr(ramps, "_climb", lambda *_: pytest.fail("done already"))
         assert carry_out(*where, pool).equals(first)
 
 

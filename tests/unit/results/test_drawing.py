@@ -22,10 +22,10 @@ from toppling.results.analysis.fragility import contact_words
 from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
 from toppling.results.analysis.regression import fit
 from toppling.results.drawing.fit_figures import fit_figure
-from toppling.results.drawing.record_figures import _upper_limit, records_figure, scatter
+from toppling.results.drawing.record_figures import _scatter, _upper_limit, records_figure
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import methods, methods_section
+from toppling.results.drawing.report.methods import _methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory_figures import _AFTER_FALL_S, _trajectory_figure
 from toppling.results.reader import open_run
@@ -39,7 +39,7 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     x, names = np.append(np.linspace(0.05, 0.25, 20), 9.0), [f"record{k}" for k in range(21)]
     assert _upper_limit(x) < 0.3
     axes = Figure().add_subplot()
-    scatter(axes, x, np.ones(21), names, "k")
+    _scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
     assert axes.get_title("right") == "▶ record20: 9"
 
@@ -47,7 +47,7 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
 def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
     y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
     axes = Figure().add_subplot()
-    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
+    _scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
     bottom, top = axes.get_ylim()
     assert 0.2 < bottom < 0.5
     assert 8.0 < top < 20.0
@@ -59,7 +59,7 @@ def test_names_of_outliers_cover_no_point_and_their_triangles_are_whole():
     y = np.append(np.linspace(1.0, 2.0, 20), [1.0, 1.5, 2.0, 2.0])
     figure = Figure(figsize=(2.3, 2.7), layout="constrained")
     axes = figure.add_subplot()
-    scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
+    _scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
     FigureCanvasAgg(figure).draw()
     assert not axes.texts
     assert len(axes.get_title("right").splitlines()) == 4
@@ -168,7 +168,7 @@ def realised(tmp_path):
 
 
 def test_methods_state_what_the_realisations_drew(realised):
-    told = methods(Content(open_run(realised)))
+    told = _methods(Content(open_run(realised)))
     assert (
         "in 4 realisations. Contact followed Coulomb friction (coefficient 1) and Newtonian restitution (0). "
         "One realisation was the nominal scene, and each of the 3 others drew one of the possible unseen bases "
@@ -183,7 +183,7 @@ def test_methods_state_the_distributions_that_the_campaign_gives(realised):
         "unmeasured = { friction = [0.5, 1.0], restitution = [0.0, 0.3], yaw_deg = 5.0, either_sense = true, "
         "band_hz = 25.0, above_band = [0.0, 0.6] }\n"
     )
-    told = methods(Content(open_run(realised)))
+    told = _methods(Content(open_run(realised)))
     for drawn in (
         "friction (static and kinetic alike, uniform, 0.5 to 1)", "restitution (uniform, 0 to 0.3)",
         "at most 5° either way", "reversed in one half", "octave above 25 Hz, 0 to 0.6 times",
@@ -194,10 +194,10 @@ def test_methods_state_the_distributions_that_the_campaign_gives(realised):
 def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing_of_one_realisation(tmp_path):
     jobs = [one | {"friction_factor": 1.0} for one in rows(records=3, azimuths=(0.0,))]
     write_part(tmp_path, jobs)
-    assert "realisation" not in methods(Content(open_run(tmp_path)))
+    assert "realisation" not in _methods(Content(open_run(tmp_path)))
     drawn = {"realisation": 1, "friction_factor": 1.02}
     write_part(tmp_path, [one | drawn | {"job_id": one["job_id"] + "-1"} for one in jobs])
-    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in methods(
+    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in _methods(
         Content(open_run(tmp_path))
     )
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.results.analysis.constraint import bound_table, branch_table
+from toppling.results.analysis.constraint import _bound_table, _branch_table
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
 from toppling.results.drawing.hazard_figures import hazard_figure
@@ -165,7 +165,7 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
 
 @pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
 def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one):
-    bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
+    bound = _bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
     axes = constraint_figure(bound, branches_of(power_law(rate_at_one), power_law(1e-3)), 0.95).axes[0]
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x = np.geomspace(left, right, 100)
@@ -176,7 +176,7 @@ def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one
 
 
 def test_a_branch_without_rates_in_the_frame_is_named_so():
-    bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
+    bound = _bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
     (legend,) = constraint_figure(bound, branches_of(power_law(low=100.0)), 0.95).legends
     assert "power law (no rates here)" in [text.get_text() for text in legend.get_texts()]
 
@@ -185,10 +185,10 @@ def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     rocks = [Standing("rock", ROCK, np.array([1e4, 2e4]))]
     branches = branches_of(power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9))
     figure = constraint_figure(
-        bound_table(rocks, 0.95),
+        _bound_table(rocks, 0.95),
         branches,
         0.95,
-        branch_table(Update(rocks, HazardTree("pgv_m_s", tuple(branches)))),
+        _branch_table(Update(rocks, HazardTree("pgv_m_s", tuple(branches)))),
         rocks,
     )
     (legend,) = figure.legends

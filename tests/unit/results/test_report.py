@@ -23,7 +23,7 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import _what_standing_says
-from toppling.results.drawing.report.methods import methods
+from toppling.results.drawing.report.methods import _methods
 from toppling.results.drawing.report.sections import (
     SECTIONS,
     _accuracy_section,
@@ -121,7 +121,7 @@ def test_the_first_screen_says_what_topples_with_what_probability_and_what_stand
 
 @pytest.mark.slow
 def test_the_methods_name_the_runs_own_numbers(run):
-    told = methods(Content(run))
+    told = _methods(Content(run))
     for number in ("(12)", "4 levels", "between 1 and 12 m/s²", "2 azimuths", "preset standard"):
         assert number in told
 

@@ -9,6 +9,7 @@ import trimesh
 from reference.bodies import round_cap
 from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
@@ -193,6 +194,50 @@ def test_a_rock_let_go_wedges_and_slides_as_an_independent_contact_dynamics_says
     assert math.degrees(rested) == pytest.approx(rest_deg, rel=0.01)
     moved_m = abs(trajectory.position_m[-1, 0] - scene.rock.com_m[0])
     assert moved_m == pytest.approx(slip_m, rel=0.01)
+
+
+def slide_of_two_feet_m(rock, feet_m, slopes_deg, friction, level_m_s2, lasting_s):
+    """Way of the centre of mass toward x of a rock both of whose feet slide on their facets, in a plane.
+
+    From rest, under a horizontal specific force for a while, until they stop: their normal forces are those with which
+    neither leaves its facet.
+    """
+    slope = np.radians(slopes_deg)
+    normals = np.column_stack([-np.sin(slope), np.cos(slope)])
+    forces = normals - friction * np.column_stack([np.cos(slope), np.sin(slope)])
+    inertia_m2, arms = rock.inertia_per_mass_m2[1, 1], feet_m - rock.com_m[[0, 2]]
+
+    def moved(time_s, state):
+        rate, angle = state[3:], state[2]
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        arm = arms @ turn.T
+        moments = arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0]
+        turning = (arm[:, 0] * normals[:, 1] - arm[:, 1] * normals[:, 0])[:, None]
+        free = np.array([level_m_s2 if time_s < lasting_s else 0.0, -G])
+        loads = np.linalg.solve(
+            normals @ forces.T + turning * moments / inertia_m2,
+            rate[2] ** 2 * (normals * arm).sum(axis=1) - normals @ free,
+        )
+        assert (loads > 0.0).all()
+        return np.concatenate([rate, free + loads @ forces, [loads @ moments / inertia_m2]])
+
+    def stops(time_s, state):
+        return state[3] if time_s > 0.5 * lasting_s else 1.0
+
+    stops.terminal = True
+    return solve_ivp(moved, (0.0, 2.0), np.zeros(6), events=stops, max_step=1e-3, rtol=1e-8).y[0, -1]
+
+
+@pytest.mark.parametrize(
+    ("level_m_s2", "lasting_s"), [(2.4, 0.2), (3.0, 0.1), (3.0, 0.2), (4.0, 0.1), (6.0, 0.05)]
+)
+def test_a_rock_that_wedges_off_a_ledge_slides_as_the_equations_of_its_two_feet_say(level_m_s2, lasting_s):
+    scene = block_on(0, -30)
+    feet = np.array([[-HALF_WIDTH_M, 0.0], [HALF_WIDTH_M, -HALF_WIDTH_M * math.tan(math.radians(30))]])
+    exact_m = slide_of_two_feet_m(scene.rock, feet, [0, -30], 0.8, level_m_s2, lasting_s)
+    shaken = shake(scene, pulse(-level_m_s2, lasting_s), "standard", trajectory=True, shortcuts=False)
+    moved_m = shaken.trajectory.position_m[-1, 0] - scene.rock.com_m[0]
+    assert moved_m == pytest.approx(exact_m, rel=0.03)
 
 
 def peaks(angle_rad):

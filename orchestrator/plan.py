@@ -1,7 +1,7 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -247,7 +247,15 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         check_weighable(scene, campaign.first_realisation + campaign.realisations - 1, str(campaign.scene))
         recorded = read_recorded(campaign.stood)
     sha = {record: ensemble.sha(record) for record in records}
-    axes = list(_axes(campaign))
+    # One record's points: those of one scene together, and of them the strongest shaking, the longest, first.
+    levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
+    numbers = range(campaign.first_realisation, campaign.first_realisation + campaign.realisations)
+    axes = [
+        (pga, azimuth, *friction, restitution, realisation)
+        for friction, restitution, realisation, pga, azimuth in product(
+            campaign.friction, campaign.restitution, numbers, levels, campaign.azimuth_deg or (np.nan,)
+        )
+    ]
     scene_id = scene.id
     per_record = [np.tile(np.array(column), len(records)) for column in zip(*axes, strict=True)]
     for column, name, given in (
@@ -271,18 +279,6 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         # A record shakes a scene once: making many scenes ready would cost more than reading many records.
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
     return Plan(campaign, (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),), jobs, recorded)
-
-
-def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
-    """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
-    levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
-    azimuths = campaign.azimuth_deg or (np.nan,)
-    first = campaign.first_realisation
-    numbers = range(first, first + campaign.realisations)
-    for (static, kinetic), restitution, realisation, pga, azimuth in product(
-        campaign.friction, campaign.restitution, numbers, levels, azimuths
-    ):
-        yield pga, azimuth, static, kinetic, restitution, realisation
 
 
 def _spec(campaign: Campaign, scene_id: str, record_sha: str, record_id: str, axes: Iterable[Any]) -> JobSpec:

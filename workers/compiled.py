@@ -22,12 +22,12 @@ def ensure_compiled(use_everything: Callable[[], object], ground: str = PLANE) -
     if ground in _ENSURED:
         return
     _ENSURED.add(ground)
-    if FOLDER is None or is_compiled(ground):
+    if FOLDER is None or _is_compiled(ground):
         return
     with (FOLDER / "lock").open("w") as lock:
         with contextlib.suppress(OSError):  # a file system without locks: two processes may do it twice
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if not is_compiled(ground):
+        if not _is_compiled(ground):
             sys.stderr.write("compiling for this machine, once: about half a minute\n")
             with _rare_collections():
                 use_everything()
@@ -47,14 +47,14 @@ def _rare_collections() -> Iterator[None]:
         gc.unfreeze()
 
 
-def is_compiled(ground: str = PLANE) -> bool:
+def _is_compiled(ground: str = PLANE) -> bool:
     """Whether the next process finds compiled what a shake on this kind of ground needs."""
     return FOLDER is not None and (FOLDER / COMPLETE[ground]).exists()
 
 
 def compile_apart() -> None:
     """As :func:`toppling.workers.shake.compile_once`, in a process of its own: what compiling takes is given back."""
-    if not is_compiled() and FOLDER is not None:
+    if not _is_compiled() and FOLDER is not None:
         program = "from toppling.workers.shake import compile_once; compile_once()"
         # Ctrl-C is for this process, which ends the other one.
         subprocess.run([sys.executable, "-P", "-c", program], check=True, start_new_session=True)

@@ -37,7 +37,7 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
         shortest_s = 1.0 / (_STEPS_PER_PERIOD * _FAST_HZ[1])
         if step_s <= shortest_s or not _slips(scene, motion):
             return step_s
-        fast_hz = energetic_frequency_hz(motion)
+        fast_hz = _energetic_frequency_hz(motion)
         return (
             min(step_s, max(1.0 / (_STEPS_PER_PERIOD * fast_hz), shortest_s))
             if fast_hz > _FAST_HZ[0]
@@ -54,7 +54,7 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
     return float(asked_s)
 
 
-def energetic_frequency_hz(motion: Motion) -> float:
+def _energetic_frequency_hz(motion: Motion) -> float:
     """Frequency above which a quarter of the energy of a motion's acceleration lies, of all components."""
     count = fft.next_fast_len(len(motion.acceleration_m_s2), real=True)
     energy = np.square(np.abs(fft.rfft(motion.acceleration_m_s2, count, axis=0))).sum(axis=1)

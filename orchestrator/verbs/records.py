@@ -59,7 +59,7 @@ records.add_command(select)
 )  # fmt: skip
 @replace_option
 @json_option("Print what was read and left out as JSON.")
-def import_(
+def _import(
     paths: tuple[Path, ...],
     out: Path,
     metadata: Path | None,

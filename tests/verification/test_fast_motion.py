@@ -9,7 +9,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.options import PRESETS
-from toppling.workers.resolution import energetic_frequency_hz
+from toppling.workers.resolution import _energetic_frequency_hz
 from toppling.workers.shake import shake
 
 SLOPE_DEG, FRICTION, G = 8.0, 0.4, 9.81
@@ -73,4 +73,4 @@ def test_the_faster_of_two_sines_counts_from_a_quarter_of_the_energy_on(share, h
     slow, fast = (np.sin(2.0 * np.pi * frequency * time_s) for frequency in (5.0, 30.0))
     mixed = math.sqrt(1.0 - share) * slow + math.sqrt(share) * fast
     motion = Motion(np.outer(mixed, [0.0, 1.0, 0.0]), 0.002)
-    assert energetic_frequency_hz(motion) == pytest.approx(highest_hz, abs=0.5)
+    assert _energetic_frequency_hz(motion) == pytest.approx(highest_hz, abs=0.5)

@@ -271,6 +271,6 @@ def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypat
     for _ in range(2):
         for ground in (room.PLANE, "surface"):
             room.ensure_compiled(lambda ground=ground: used.append(ground), ground)
-            assert room.is_compiled(ground)
+            assert room._is_compiled(ground)
         room._ENSURED.clear()  # as in the next process
     assert used == ["plane", "surface"]

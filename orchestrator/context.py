@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -132,10 +132,6 @@ class JobSelection(Protocol):
 
     def __len__(self) -> int:
         """Number of jobs in all, as far as known."""
-
-
-Choose = Callable[[Plan, Path], JobSelection]
-"""The jobs wanted of a plan in a run's folder."""
 
 
 class Stage(Protocol):

@@ -37,8 +37,11 @@ def run(
         If the run cannot go on; what was done stays.
     """
     ENGINES[planned.campaign.engine].require()
-    session = Session(cluster, watch, limits, again, [Weighing(shake_alone), *stages], select_jobs)
-    return session.carry_out(planned, folder.absolute())
+    session, place = (
+        Session(cluster, watch, limits, again, [Weighing(shake_alone), *stages]),
+        folder.absolute(),
+    )
+    return session.carry_out(planned, place, select_jobs(planned, place))
 
 
 def shake_alone(

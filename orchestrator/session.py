@@ -13,7 +13,7 @@ from distributed import Client
 
 from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import (
-    Choose,
+    JobSelection,
     ProgressCallback,
     RunProgress,
     Stage,
@@ -41,12 +41,12 @@ class Session:
     # Statuses whose jobs are done again; what they have counts until there is a newer row.
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
-    choose: Choose = lambda planned, _: planned  # the jobs wanted of a plan in a run's folder
 
-    def carry_out(self, planned: Plan, folder: Path) -> RunProgress:
+    def carry_out(self, planned: Plan, folder: Path, selection: JobSelection | None = None) -> RunProgress:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
 
         folder: the run's, absolute; made if absent.
+        selection: the jobs wanted; all unless given.
         Returns RunProgress: of this session.
         Raises InputError if the folder is of another campaign, or workers are unfit for the run.
         Raises RunError if the run cannot go on; what was done stays.
@@ -64,7 +64,8 @@ class Session:
             for sentence, fields in remarks(folder):
                 log.warning("%s", sentence, extra={"fields": fields})
             try:
-                progress = self._until_complete(_Goal(planned, folder, notes, self.again, self.choose), here)
+                goal = _Goal(planned, folder, notes, self.again, planned if selection is None else selection)
+                progress = self._until_complete(goal, here)
             except BaseException as error:
                 tell("session ended", how=type(error).__name__, why=str(error))
                 raise
@@ -111,13 +112,18 @@ class _Goal:
     """The rows that a run is to have, and what becomes of its folder once they are there."""
 
     def __init__(
-        self, planned: Plan, folder: Path, notes: dict[str, Any], again: Collection[str], choose: Choose
+        self,
+        planned: Plan,
+        folder: Path,
+        notes: dict[str, Any],
+        again: Collection[str],
+        selection: JobSelection,
     ) -> None:
         self.planned, self.folder, self.notes = planned, folder, notes
         self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
         self.redo = attempts_with(folder, again) if again else {}
-        self.selection = choose(planned, folder)
-        if self.selection is planned:  # a run that was to end with a statement may go on to all of its jobs
+        self.selection = selection
+        if selection is planned:  # a run that was to end with a statement may go on to all of its jobs
             set_jobs(folder, len(planned))
         self.progress = RunProgress(
             len(self.selection), len(self.finished - self.redo.keys()), len(self.redo)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
+from toppling.models.ground.kind import GroundKind
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
 from toppling.models.scan.separated_meshes import SeparatedMeshes
@@ -267,11 +268,15 @@ def test_along_a_groove_the_walls_press_harder_than_the_plane():
     assert shake(scene, motion, "fast").slip_m < 0.9 * shake(level, motion, "fast").slip_m
 
 
+class SurfaceScene(Scene):
+    """A scene to be shaken on its surface where a plane would do, also once its rock has settled."""
+
+    ground = GroundKind(False, "asked for")
+
+
 def as_surface(scene):
-    """The same scene, to be shaken on its surface where a plane would do."""
-    forced = Scene(scene.rock, scene.pedestal, scene.contact)
-    vars(forced)["ground"] = type(scene.ground)(False, "asked for")
-    return forced
+    """The same scene, to be shaken on its surface."""
+    return SurfaceScene(scene.rock, scene.pedestal, scene.contact)
 
 
 def test_a_surface_that_is_a_plane_gives_the_planes_answer():

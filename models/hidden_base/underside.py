@@ -51,8 +51,11 @@ _STRAYS = 0.02
 _LIT_ENDS_SHARE = 0.7
 """Of the way to a rim that nobody saw: pedestal that was seen farther out lies beside the rock and not below it."""
 _PASSED_SHARE, _FEET_AROUND_SHARE, _PASSAGE_CELLS = 0.5, 0.5, 2
-"""One sees through between feet where the pedestal shows below so much of the hidden part, and low parts of the rock in
-at most such a share of the directions around it; cells beside what shows."""
+"""One sees through between feet where the pedestal shows below so much of what low parts enclose, and these stand in at
+most such a share of the directions around it; cells beside what shows."""
+_FEET_SHARE = 0.2
+"""Or where what is hidden beside it, within all low parts, takes up so much of it: feet stand all around a sculpture; a
+base that is seen through all around its middle has next to nothing there."""
 _WIDEST_SPACING_CELLS = 4.0
 """Points farther apart than this are strays: no ray went through between them."""
 
@@ -91,6 +94,8 @@ class Underside:
     # How the rim goes on where nobody saw it; the hidden part reaches to its likeliest outline.
     side: UnseenSide | None = None
     widest: NDArray[np.bool_] | None = None  # (shape): hidden on the widest of them
+    # (shape): of the hidden part, what one sees through between feet.
+    passage: NDArray[np.bool_] | None = None
 
     @property
     def may_be_hidden(self) -> NDArray[np.bool_]:
@@ -132,13 +137,13 @@ class Underside:
         if interface is not None and interface.edge is not None:
             seat = interface.edge.outside_m(grid.nodes_m) < 0.0
             seen, hidden = seen & seat, _largest(hidden & seat)
-        widest = None
+        widest, shown = None, _hole_depth(grid, lit) == 0.0
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
-            lit_there = (_hole_depth(grid, lit) == 0.0) & ends
-            hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~lit_there)
-        if _stands_on_feet(grid, seen, hidden):
-            hidden |= seat & _feet(grid, seen, lit)
+            hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~(shown & ends))
+        feet, passed = seat & _feet(grid, seen, shown), _seen_through(hidden, shown)
+        if on_feet := _stands_on_feet(grid, seen, hidden, feet, passed):
+            hidden = hidden | feet
         outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
@@ -147,7 +152,11 @@ class Underside:
         depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
         into_seen = ndimage.distance_transform_edt(~hidden)
         carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
-        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen, side, widest)
+        passage = None
+        if on_feet and passed and outline is None:
+            lit_there = hidden & (depth == 0.0)
+            passage = hidden & ndimage.binary_dilation(lit_there, iterations=_PASSAGE_CELLS)
+        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen, side, widest, passage)
 
     def beyond_m(self, places_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """How far places (n, 2) lie beyond each rim that was drawn (DRAWN, n); None where it was seen around."""
@@ -160,16 +169,7 @@ class Underside:
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
         sheet = np.where(self.hidden, sheet_m, side - away)
         height = np.where(sheet < _RESTING_PER_HEIGHT * height_m, 0.0, sheet)
-        return Base(self.grid, height, self.hidden, side=self.side, passage=self._passage())
-
-    def _passage(self) -> NDArray[np.bool_] | None:
-        """Cells (shape) between feet, below which the pedestal was seen; None where the rim was seen around."""
-        lit = self.hidden & (self.hole_depth == 0.0)
-        if self.outline is not None or lit.sum() < _PASSED_SHARE * self.hidden.sum() or not lit.any():
-            return None
-        if not _stands_on_feet(self.grid, self.seen, self.hidden):
-            return None
-        return self.hidden & ndimage.binary_dilation(lit, iterations=_PASSAGE_CELLS)
+        return Base(self.grid, height, self.hidden, side=self.side, passage=self.passage)
 
 
 def hidden_base(
@@ -272,20 +272,30 @@ def _gone_on(
     return hidden, hidden | _largest(hidden | (free & (share < 1.0) & side.in_range(nodes)))
 
 
-def _stands_on_feet(grid: Grid, seen: NDArray[np.bool_], hidden: NDArray[np.bool_]) -> bool:
-    """Whether the rock lies low in few of the directions around its hidden part."""
+def _seen_through(hidden: NDArray[np.bool_], shown: NDArray[np.bool_]) -> bool:
+    """Whether the pedestal was seen below most of what the rock's low parts enclose."""
+    return bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
+
+
+def _stands_on_feet(
+    grid: Grid, seen: NDArray[np.bool_], hidden: NDArray[np.bool_], feet: NDArray[np.bool_], passed: bool
+) -> bool:
+    """Whether the rock lies low in few directions around its hidden part, or that is passed between wide feet."""
     if not hidden.any() or not seen.any():
         return False
+    if passed and (feet & ~hidden).sum() > _FEET_SHARE * hidden.sum():
+        return True
     around = np.unique(sectors(grid.nodes_m[seen] - grid.nodes_m[hidden].mean(axis=0)))
     return len(around) <= _FEET_AROUND_SHARE * SECTORS
 
 
-def _feet(grid: Grid, seen: NDArray[np.bool_], lit: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _feet(grid: Grid, seen: NDArray[np.bool_], shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells between what was seen of a rock's feet where the pedestal was not: those of each foot."""
     nodes = grid.nodes_m
     hull = ConvexHull(nodes[seen]).equations
     inside = (nodes @ hull[:, :2].T + hull[:, 2] <= 0.0).all(axis=-1)
-    return inside & ~seen & (_hole_depth(grid, lit) > 0.0)
+    # Along the pedestal's edge runs a strip that a few points leave open.
+    return ndimage.binary_opening(inside & ~seen & ~shown, iterations=2)
 
 
 def _lowest_of_rim(

@@ -222,7 +222,10 @@ def _largest_facet(
     left = area > 0.0
     tree, candidates = cKDTree(flat), np.flatnonzero(left)
     best, own = np.zeros(3), np.zeros(len(flat), bool)
-    for seed in candidates[:: max(1, len(candidates) // _SEEDS)]:
+    # As many in a part seen by few points as its area asks for.
+    steps = np.linspace(0.0, 1.0, min(_SEEDS, len(candidates)), endpoint=False)
+    passed = np.cumsum(area[candidates]) / area.sum()
+    for seed in np.unique(candidates[np.searchsorted(passed, steps, side="right")]):
         around = np.array(tree.query_ball_point(flat[seed], _SEED_TOLERANCES * tolerance_m))
         mine = np.zeros(len(flat), bool)
         mine[around[normals[around] @ normals[seed] > alike]] = True

@@ -32,6 +32,10 @@ POISSON_DEPTH, COARSE_DEPTH = 7, 6
 """Levels of the octree: of a scene's rock, and of rocks that only tell how numbers spread."""
 _POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
+_BULGES_PER_WIDTH = 0.2
+"""What was not seen of a rock whose rim shows nearly all around stays so near to its outline: a square's corner that is
+cut off by a line over the widest range of directions that may be missing lies .29 of the side beyond it, the arc of a
+circle .09 of the diameter."""
 _SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 _BASE_SHARE_OF_HEIGHT = 0.0003
@@ -86,6 +90,8 @@ def close_rock(
         unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
     body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
+    if base.side is None:
+        body = _within_outline(body, np.vstack([flat, sunk])[:, :2])
     if interface.sheet is None:
         room = _above(base, flat, height)
         if interface.edge is not None:
@@ -106,6 +112,15 @@ def close_rock(
     return ClosedRock(
         rock_body, *_shares(vertices, faces, np.abs(over) < 1e-9 * height, flat, surfels.voxel_m)
     )
+
+
+def _within_outline(body: manifold3d.Manifold, seen_m: NDArray[np.float64]) -> manifold3d.Manifold:
+    """The part of a body that lies above and about the outline of places (n, 2)."""
+    outline = manifold3d.CrossSection.hull_points(seen_m)
+    low_u, low_v, high_u, high_v = outline.bounds()
+    outline = outline.offset(0.5 * _BULGES_PER_WIDTH * (high_u - low_u + high_v - low_v))
+    low, high = body.bounding_box()[2::3]
+    return body ^ outline.extrude(high - low + 2.0).translate([0.0, 0.0, low - 1.0])
 
 
 def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: float) -> NDArray[np.float64]:

@@ -76,8 +76,9 @@ def upright_split(
     except InputError:
         _refuse_near(points_m, near_m, origin_m)
         raise
-    rock = parts.surfels.points_m[parts.surfel_label == ROCK]
-    found = leaning(parts.surfels, _TALL * float(np.ptp(rock[:, 2])))
+    of_rock = parts.surfel_label == ROCK
+    rock = parts.surfels.points_m[of_rock]
+    found = leaning(parts.surfels, _TALL * float(np.ptp(rock[:, 2])), of_rock)
     if near_m is None:
         touching_m = _TOUCH_VOXELS * parts.surfels.voxel_m
         _refuse(
@@ -93,7 +94,7 @@ def upright_split(
 def check_upright(parts: Segmentation, origin_m: Array) -> None:
     """Refuse a rock that was separated before, as points, and leans on its pedestal."""
     rock = parts.surfel_label == ROCK
-    found = _lean(parts.surfels, rock, np.ones(len(rock), bool))
+    found = _lean(parts.surfels, rock, np.ones(len(rock), bool), ~rock)
     _refuse([] if found is None else [found], origin_m)
 
 
@@ -138,15 +139,21 @@ def leans(body: Lean, origin_m: Array) -> InputError:
     )
 
 
-def leaning(surfels: Surfels, least_m: float = 0.0) -> Iterator[Lean]:
-    """Bodies of at least such a height that lean."""
+def leaning(surfels: Surfels, least_m: float = 0.0, rock: Flags | None = None) -> Iterator[Lean]:
+    """Bodies of at least such a height that lean.
+
+    rock: (n,), patches of the rock, where it was found: what stands on the rock alone is a part of it.
+    """
     number = _bodies(surfels)
     for each in np.flatnonzero(np.bincount(number[number >= 0]) >= _LEAST_PATCHES):
         own = number == each
         height_m = float(np.ptp(surfels.points_m[own, 2]))
         if height_m < max(least_m, _LEAST_TALL_VOXELS * surfels.voxel_m) or _is_cut_off(surfels, own):
             continue
-        found = _lean(surfels, own, number >= 0)
+        carries = np.ones(len(own), bool)
+        if rock is not None and rock[own].mean() > 0.5:
+            carries = ~rock
+        found = _lean(surfels, own, number >= 0, carries)
         if found is not None:
             yield found
 
@@ -176,23 +183,27 @@ def _is_cut_off(surfels: Surfels, own: Flags) -> bool:
     return bool(((places < low + margin) | (places > high - margin)).any())
 
 
-def _lean(surfels: Surfels, own: Flags, counts: Flags) -> Lean | None:
+def _lean(surfels: Surfels, own: Flags, counts: Flags, carries: Flags) -> Lean | None:
     """How a body leans, by its hull: its weight is that of the hull's volume.
 
     counts: (n,), patches that may carry or hold something.
+    carries: (n,), those of them that may carry it.
     """
-    points, others = surfels.points_m[own], surfels.points_m[~own & counts]
+    beside = np.flatnonzero(~own & counts)
+    points, others = surfels.points_m[own], surfels.points_m[beside]
     if len(others) == 0:
         return None
     low, height_m = points[:, 2].min(), float(np.ptp(points[:, 2]))
     away, nearest = cKDTree(others).query(points)
     up = points[:, 2] - low
-    foot = points[(up < _FOOT * height_m) & (away < _FOOT_VOXELS * surfels.voxel_m)]
+    near = away < _FOOT_VOXELS * surfels.voxel_m
+    stands = (up < _FOOT * height_m) & near
+    foot = points[stands]
     holds = (up > _HIGH * height_m) & (away < _TOUCH_VOXELS * surfels.voxel_m)
     held = points[holds]
-    if len(foot) < _LEAST_FOOT or len(held) < _LEAST_TOUCHES:
+    if len(foot) < _LEAST_FOOT or len(held) < _LEAST_TOUCHES or carries[beside[nearest[stands]]].mean() < 0.5:
         return None
-    below = np.median(surfels.normals[~own & counts][nearest[holds], 2])
+    below = np.median(surfels.normals[beside[nearest[holds]], 2])
     if below > LEVEL and np.median(surfels.normals[own][holds, 2]) > _FACES_DOWN:
         return None  # it is carried there, and hangs down over an edge
     try:

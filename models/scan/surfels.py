@@ -1,5 +1,6 @@
 """Surfels: a cloud thinned to one oriented patch of surface per voxel."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,12 @@ from toppling.models.arrays import bounds_of, numbered
 
 _NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
-_ESCAPE_DIRECTIONS = 24
+_ESCAPE_DIRECTIONS, _SKY_FROM = 24, -0.15
+"""Rays from a patch, and the least upward part of those to the sky."""
+_BOTH_SIDES = 3.0
+"""Rays that escape from both sides of a patch: where they are nearly as many, something of the rock was not seen."""
+_LEAVING, _OWN_SHEET_VOXELS = 0.1, 4.0
+"""Cosine between a ray and the way out, and how far away it meets something, of a ray that left its own sheet."""
 _STRAY_SHARE = 0.2
 """A voxel with less than this share of the points of a typical neighbour holds strays only."""
 
@@ -71,9 +77,16 @@ def voxels(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
 def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:
     """Local planes of thinned points, their normals turned toward the side from which more sky is seen."""
     normals, thickness = _local_planes(points_m)
-    outside = _escapes(points_m, normals, voxel_m) - _escapes(points_m, -normals, voxel_m)
-    outside = _agreed(points_m, normals, outside, voxel_m)
-    return Surfels(points_m, np.where(outside < 0, -1.0, 1.0)[:, None] * normals, thickness, voxel_m)
+    rays = _Rays.over(points_m, normals, voxel_m)
+    before, behind = rays.escaping(normals), rays.escaping(-normals)
+    normals = _turned(points_m, normals, before - behind, voxel_m)
+    fewer = np.minimum(before, behind)
+    doubtful = np.flatnonzero((fewer >= _BOTH_SIDES) & (fewer > 0.5 * np.maximum(before, behind)))
+    if len(doubtful):
+        outside = np.abs(before - behind)
+        outside[doubtful] = rays.of_air(doubtful, normals, 1.0) - rays.of_air(doubtful, normals, -1.0)
+        normals = _turned(points_m, normals, outside, voxel_m)
+    return Surfels(points_m, normals, thickness, voxel_m)
 
 
 def roughness(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -90,33 +103,76 @@ def _local_planes(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
     return axes[:, :, 0], thickness
 
 
-def _escapes(
-    points_m: NDArray[np.float64], normals: NDArray[np.float64], voxel_m: float
-) -> NDArray[np.float64]:
-    """How many rays to the sky, from a little above each patch, meet no other patch.
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """Rays from a little beside patches."""
 
-    Rays below the horizon would pass under the ground, which the scan shows from above only.
-    """
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    side = np.cross(normals, np.where(np.abs(normals[:, 2:]) < 0.7, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
-    side *= 0.8 * voxel_m / np.linalg.norm(side, axis=1, keepdims=True)
-    up = np.cross(normals, side)
-    corners = np.stack([points_m + side, points_m + up, points_m - side, points_m - up], axis=1)
-    first = 4 * np.arange(len(points_m))[:, None]
-    faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(corners.reshape(-1, 3).astype(np.float32)),
-        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
-    )
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_ESCAPE_DIRECTIONS)
-    z = -0.15 + 1.1 * (np.arange(_ESCAPE_DIRECTIONS) + 0.5) / _ESCAPE_DIRECTIONS
-    sky = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
-    start = (points_m + 1.5 * voxel_m * normals).astype(np.float32)
-    free = np.zeros(len(points_m))
-    for direction in sky.astype(np.float32):
-        rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1)
-        free += ~scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
-    return free
+    points_m: NDArray[np.float64]
+    voxel_m: float
+    scene: o3d.t.geometry.RaycastingScene
+
+    @classmethod
+    def over(cls, points_m: NDArray[np.float64], normals: NDArray[np.float64], voxel_m: float) -> "_Rays":
+        """Rays among patches as wide as a voxel."""
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        side = np.cross(normals, np.where(np.abs(normals[:, 2:]) < 0.7, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+        side *= 0.8 * voxel_m / np.linalg.norm(side, axis=1, keepdims=True)
+        up = np.cross(normals, side)
+        corners = np.stack([points_m + side, points_m + up, points_m - side, points_m - up], axis=1)
+        first = 4 * np.arange(len(points_m))[:, None]
+        # The triangles of patch k are number k and k + n.
+        faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+        scene.add_triangles(
+            o3d.core.Tensor.from_numpy(corners.reshape(-1, 3).astype(np.float32)),
+            o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
+        )
+        return cls(points_m, voxel_m, scene)
+
+    def _from(
+        self, patches: NDArray[np.int64], out: NDArray[np.float64], lowest: float
+    ) -> Iterator[tuple[NDArray[np.float32], o3d.core.Tensor]]:
+        """Directions (3,) whose upward part is at least so much, and rays (n, 6) from beside patches that way."""
+        start = (self.points_m[patches] + 1.5 * self.voxel_m * out).astype(np.float32)
+        number = np.arange(_ESCAPE_DIRECTIONS)
+        turn, z = np.pi * (3 - np.sqrt(5)) * number, lowest + (0.95 - lowest) * (number + 0.5) / len(number)
+        level = np.sqrt(1 - z**2)
+        for way in np.column_stack([level * np.cos(turn), level * np.sin(turn), z]).astype(np.float32):
+            yield way, o3d.core.Tensor.from_numpy(np.hstack([start, np.broadcast_to(way, start.shape)]))
+
+    def escaping(self, out: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How many rays (n,) to the sky that start on one side of each patch meet no other.
+
+        Rays far below the horizon would pass under the ground, which the scan shows from above only.
+        """
+        free = np.zeros(len(self.points_m))
+        for _, rays in self._from(np.arange(len(free)), out, _SKY_FROM):
+            free += ~self.scene.test_occlusions(rays, nthreads=1).numpy()
+        return free
+
+    def of_air(
+        self, patches: NDArray[np.int64], normals: NDArray[np.float64], side: float
+    ) -> NDArray[np.float64]:
+        """How many rays (k,) from one side of some patches meet the sky or another's face, less those that meet backs.
+
+        Through what nobody saw of a rock rays escape from within; what they meet of its other side is its back. In
+        front of a patch lies the ground that was seen, below what hangs over it.
+        """
+        out, count = side * normals[patches], np.zeros(len(patches))
+        for way, rays in self._from(patches, out, -1.0):
+            met = self.scene.cast_rays(rays, nthreads=1)
+            number, away_m = met["primitive_ids"].numpy(), met["t_hit"].numpy()
+            of_back = normals[number % len(normals)] @ way > 0.0
+            told = np.where(np.isfinite(away_m), np.where(of_back, -1.0, 1.0), float(way[2] > _SKY_FROM))
+            # What goes back through the patch's own sheet says nothing.
+            count += told * ((out @ way > _LEAVING) & (away_m > _OWN_SHEET_VOXELS * self.voxel_m))
+        return count
+
+
+def _turned(
+    points_m: NDArray[np.float64], normals: NDArray[np.float64], vote: NDArray[np.float64], voxel_m: float
+) -> NDArray[np.float64]:
+    """Normals turned round where votes, agreed with those of neighbours, are below 0."""
+    return np.where(_agreed(points_m, normals, vote, voxel_m) < 0, -1.0, 1.0)[:, None] * normals
 
 
 def _agreed(

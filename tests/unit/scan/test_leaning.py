@@ -93,6 +93,14 @@ def test_a_block_past_its_balance_on_a_wall_leans_toward_it_by_what_its_weight_h
         assert words in said
 
 
+@pytest.mark.parametrize("leans", [True, False])
+def test_what_stands_and_leans_on_the_rock_alone_is_a_part_of_it(leans):
+    """As a sculpted leg is, or a knob: a rock taken together with its wall still stands on the ground."""
+    surfels = beside_a_wall(25.0, OF_WALL_M)
+    rock = surfels.points_m[:, 2] > VOXEL_M if leans else np.ones(len(surfels.points_m), bool)
+    assert bool(list(leaning(surfels, rock=rock))) == leans
+
+
 def test_a_block_far_past_its_balance_on_the_level_top_edge_of_a_low_boulder_leans():
     assert list(leaning(beside_a_wall(50.0, 0.3)))
 

@@ -61,7 +61,7 @@ def nominal_draw(
         standing = unseen.on_feet_of(rock, plane, number)
         if not at_rest(standing):
             continue
-        if within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
+        if _within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
             pulls, _borne_ratios(standing, interface, pulls)
         ):
             return number, True
@@ -72,10 +72,10 @@ def nominal_draw(
 def smooth_is_likely(drawn: DrawnBases, smooth_m_s2: Array, margin: float) -> bool:
     """Whether a smooth closing's toppling acceleration is one that the draws give too."""
     near = bool(drawn.apart(smooth_m_s2) < _SMOOTH_IS_LIKELY)
-    return near and within_interval(drawn, smooth_m_s2, margin)
+    return near and _within_interval(drawn, smooth_m_s2, margin)
 
 
-def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
+def _within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
     """Whether toppling accelerations (azimuths,) lie within the draws' interval nearly everywhere.
 
     At the azimuth at which least topples, of the draws and of what is asked, they must; elsewhere they may exceed it by

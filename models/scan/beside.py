@@ -79,7 +79,7 @@ class Beside:
         )
 
 
-def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
+def _in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
     """Patches (n,) of the pedestal above the ground's relief that the rock meets as it tilts; few are none.
 
     rock, pedestal: (n,), which are theirs.
@@ -130,7 +130,7 @@ def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface,
     """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none."""
     beside = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
     pedestal = pedestal & (beside | ~in_plants(surfels.points_m, surfels.roughness))
-    reached = in_reach(surfels, rock, pedestal, interface, height_m)
+    reached = _in_reach(surfels, rock, pedestal, interface, height_m)
     if not reached.any():
         return reached
     flat = interface.over(surfels.points_m)
@@ -147,7 +147,7 @@ def beside(
 ) -> Beside | None:
     """Mesh of what the rock can reach beside it, as far as no map of heights shows it; None if that is nothing.
 
-    surfels, rock, pedestal, interface, height_m: as for `in_reach`.
+    surfels, rock, pedestal, interface, height_m: as for `_in_reach`.
     """
     shown = _shown(surfels, rock, pedestal, interface, height_m)
     if not shown.any():

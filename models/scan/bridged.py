@@ -23,7 +23,7 @@ def bridged(observed: ObservedRock, interface: Interface) -> Doubt | None:
     """A doubt in the rim of a model whose surface falls away from the rock on all sides, as filled holes do."""
     if observed.hint is not None:
         return None  # the user knows the interface
-    near_deg = collar_deg(observed, interface)
+    near_deg = _collar_deg(observed, interface)
     if near_deg < _STEEP_DEG:
         return None
     beyond_deg = _beyond_collar_deg(observed, interface)
@@ -38,7 +38,7 @@ def bridged(observed: ObservedRock, interface: Interface) -> Doubt | None:
     )
 
 
-def collar_deg(observed: ObservedRock, interface: Interface) -> float:
+def _collar_deg(observed: ObservedRock, interface: Interface) -> float:
     """Slope by which the pedestal falls away from the rock beside it, in three directions in four or more."""
     every = _falls_deg(observed, interface, _BESIDE_PER_HEIGHT, _BAND_PER_HEIGHT)
     every = np.append(every, np.zeros(SECTORS - len(every)))

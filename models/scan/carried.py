@@ -40,7 +40,7 @@ _OF_A_STACK = 0.5
 """Of two things one upon the other the upper is meant if it has this share of the height of both."""
 
 
-def find_carried(surfels: Surfels) -> list[Candidate]:
+def _find_carried(surfels: Surfels) -> list[Candidate]:
     """What the planes of a cloud carry, the highest first; of what stands upon another, the upper one.
 
     surfels: of the whole cloud.
@@ -73,7 +73,7 @@ def carried_instead(
     highest = standing[0].height_m if standing else 0.0
     if _TALLER * highest > relief or (len(standing) == 1 and highest > _OF_THE_RELIEF * relief):
         return None
-    for each in find_carried(surfels):
+    for each in _find_carried(surfels):
         rock = surfels.points_m[each.rock, :2]
         covers = near_m is None or ((near_m > rock.min(axis=0)) & (near_m < rock.max(axis=0))).all()
         if covers and each.height_m > _TALLER * highest:

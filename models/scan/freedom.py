@@ -70,7 +70,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     """
     if closed.invented_share <= _MOST_INVENTED:
         return
-    blind_deg, toward_deg = unseen_range(observed, interface)
+    blind_deg, toward_deg = _unseen_range(observed, interface)
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
     if blind_deg >= _ONE_SIDE_DEG:
         what = (
@@ -98,7 +98,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     )
 
 
-def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
+def _unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
     normals = observed.surfels.normals[observed.patches]
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT

@@ -50,14 +50,14 @@ _MUCH_INVENTED = 0.15
 """From this share of the surface on, volume and centre of mass are guesses."""
 
 
-def cap_share(surface_share: float) -> float:
+def _cap_share(surface_share: float) -> float:
     """Share of a ball's volume in a cap with a share of its surface."""
     return surface_share**2 * (3.0 - 2.0 * surface_share)
 
 
 def bias_floors(invented_share: float) -> dict[str, float]:
     """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
-    cap = cap_share(invented_share)
+    cap = _cap_share(invented_share)
     return {
         "com_per_height": float(np.hypot(_COM_BIAS_PER_HEIGHT, _INVENTED_COM_PER_HEIGHT * cap)),
         "volume_share": float(np.hypot(_VOLUME_BIAS_SHARE, cap)),
@@ -97,7 +97,7 @@ def uncertainty(
 
     Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor, measured on
     known rocks: 0.1 % of the rock's height in each coordinate of the centre of mass, 0.6 % of the height itself, 0.3 %
-    of volume and inertia, 2 % of the toppling acceleration. The floors grow with what is invented (`cap_share`): by
+    of volume and inertia, 2 % of the toppling acceleration. The floors grow with what is invented (`_cap_share`): by
     that share of volume and inertia, by a fifth of it of the height in the centre of mass, and by what this shift does
     to the toppling. An invented top counts in the height by as much as it rises above what was seen.
 
@@ -166,7 +166,7 @@ def _half_samples(
     """Half samples that closed, and how many were tried: fewer where more would tell nothing."""
     closed: list[_HalfSample] = []
     for number in range(realisations):
-        if len(closed) >= _ENOUGH and adds_nothing(spreads(closed)):
+        if len(closed) >= _ENOUGH and _adds_nothing(spreads(closed)):
             for _ in range(number, realisations):
                 each()
             return closed, number
@@ -177,7 +177,7 @@ def _half_samples(
     return closed, realisations
 
 
-def adds_nothing(spreads: Spreads) -> bool:
+def _adds_nothing(spreads: Spreads) -> bool:
     """Whether each number's spread over half samples, rms of its parts, is small beside its floor."""
     return all(
         bool(np.linalg.norm(spread) <= _ADDS_NOTHING * np.linalg.norm(floor))
@@ -228,7 +228,7 @@ def _tipped(closed: list[_HalfSample], invented_share: float) -> float:
     """
     height = float(np.mean([each.rock.height_m for each in closed]))
     raised = [each.interface.flat(each.rock.com_m[None])[0, 2] for each in closed]
-    return _INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
+    return _INVENTED_COM_PER_HEIGHT * _cap_share(invented_share) * height / float(np.mean(raised))
 
 
 def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) -> dict[str, Any]:
@@ -260,7 +260,7 @@ def invention_warning(scene: Scene) -> str | None:
         return None
     return (
         f"warning: {share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and "
-        f"inertia are guesses, the volume by about ±{cap_share(share):.0%}: scan the rock from the other sides"
+        f"inertia are guesses, the volume by about ±{_cap_share(share):.0%}: scan the rock from the other sides"
     )
 
 

@@ -9,7 +9,7 @@ from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, beside, few_triangles, in_reach
+from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, _in_reach, beside, few_triangles
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL
@@ -56,7 +56,7 @@ def patches(gap_m, *, hidden_from_m=None):
 def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(gap_m):
     """The block's side, tilted by t about its foot, is at the wall gap / tan(t) above the ground."""
     surfels, rock = patches(gap_m)
-    reached = in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M)
+    reached = _in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M)
     height = surfels.points_m[reached & (np.abs(surfels.points_m[:, 0] - HALF_WIDTH_M - gap_m) < 0.01), 2]
     cell = CELL_PER_HEIGHT * HEIGHT_M
     assert height.max() > WALL_M - 2.0 * VOXEL_M
@@ -67,7 +67,7 @@ def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(
 
 def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
     surfels, rock = patches(1.3)
-    assert not in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
+    assert not _in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
     assert beside(surfels, rock, ~rock, LEVEL, HEIGHT_M) is None
 
 

@@ -11,14 +11,14 @@ from toppling.models import shapes
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.attached import creased_share
-from toppling.models.scan.carried import find_carried
+from toppling.models.scan.carried import _find_carried
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import (
+    _unseen_range,
     check_not_sunk,
     check_seen_enough,
     doubts,
     embedded,
-    unseen_range,
 )
 from toppling.models.scan.hanging import check_above
 from toppling.models.scan.interface import Interface, fit_interface
@@ -358,7 +358,7 @@ def test_a_surface_that_goes_on_into_the_ground_is_no_block():
 @pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
 def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
     rock = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides)
-    told = unseen_range(seen_of(rock, ground()), LEVEL)
+    told = _unseen_range(seen_of(rock, ground()), LEVEL)
     assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
 
@@ -401,7 +401,7 @@ def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():
     shown = (np.abs(plinth[0][:, :2]).max(axis=1) > 0.26) | (plinth[0][:, 2] < 0.5)
     statue = box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.7))
     scene = together((plinth[0][shown], plinth[1][shown]), statue, ground(0.61))
-    (found,) = find_carried(Surfels(scene[0], scene[1], np.zeros(len(scene[0])), VOXEL_M))
+    (found,) = _find_carried(Surfels(scene[0], scene[1], np.zeros(len(scene[0])), VOXEL_M))
     assert found.height_m == pytest.approx(1.2, abs=0.1)
 
 

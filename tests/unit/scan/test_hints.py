@@ -12,9 +12,9 @@ from toppling.models.hidden_base import from_scan as unseen
 from toppling.models.hidden_base import kinds as base_kinds
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
-from toppling.models.hidden_base.gap import GapDraw, way_out
+from toppling.models.hidden_base.gap import GapDraw, _way_out
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.nominal import nominal_draw, smooth_fits_inspection, within_interval
+from toppling.models.hidden_base.nominal import _within_interval, nominal_draw, smooth_fits_inspection
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.pulls import check_joint, check_spanned, fits
 from toppling.models.hidden_base.standing import check_inspection
@@ -146,7 +146,7 @@ def test_a_smooth_closing_that_is_off_where_least_topples_is_not_the_nominal_sce
     least = int(np.median(drawn.toppling_m_s2, axis=0).argmin())
     lower = drawn.toppling_m_s2.copy()
     lower[:, least] *= 0.7
-    assert not within_interval(dataclasses.replace(drawn, toppling_m_s2=lower), SMOOTH)
+    assert not _within_interval(dataclasses.replace(drawn, toppling_m_s2=lower), SMOOTH)
 
 
 def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nominal_where_no_hint_was_given():
@@ -155,7 +155,7 @@ def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nomin
     lower = drawn.toppling_m_s2.copy()
     lower[:, SMOOTH / SMOOTH.min() > 1.05] *= 0.93
     drawn = dataclasses.replace(drawn, toppling_m_s2=lower)
-    assert not within_interval(drawn, SMOOTH)
+    assert not _within_interval(drawn, SMOOTH)
     assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
     assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
 
@@ -298,7 +298,7 @@ def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_l
     turn = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     outline = np.column_stack([3.0 * np.cos(turn), np.sin(turn)])
     places = np.vstack([[[0.0, 0.0]], 0.5 * outline, outline])
-    way = way_out(places)
+    way = _way_out(places)
     assert way[0] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(way[1:65], 0.5, atol=1e-9)
     np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.half_samples import adds_nothing, bias_floors, cap_share, invention_warning
+from toppling.models.scan.half_samples import _adds_nothing, _cap_share, bias_floors, invention_warning
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -22,7 +22,7 @@ def with_invented(share):
 @pytest.mark.parametrize("height", [0.1, 0.5, 1.3, 2.0])
 def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
     # Of a ball of radius 1, a cap of height h has the surface 2 pi h and the volume pi h^2 (3 - h) / 3.
-    assert cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
+    assert _cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
 
 
 def test_a_rock_that_was_seen_is_told_without_a_warning():
@@ -55,9 +55,9 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
 def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_floor():
     small, large = (np.array([0.1, 0.4]), np.array([1.0, 1.0])), (np.array([0.1, 0.5]), np.array([1.0, 1.0]))
     without_floor = (np.array(0.01), np.array(0.0))
-    assert adds_nothing({"volume": small, "height": small})
-    assert not adds_nothing({"volume": small, "height": large})
-    assert not adds_nothing({"volume": small, "height": without_floor})
+    assert _adds_nothing({"volume": small, "height": small})
+    assert not _adds_nothing({"volume": small, "height": large})
+    assert not _adds_nothing({"volume": small, "height": without_floor})
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -99,5 +99,5 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
     assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()
     assert spread["bias"]["volume_share"] == pytest.approx(
-        cap_share(found.report["surface"]["invented_share"]), rel=1e-3
+        _cap_share(found.report["surface"]["invented_share"]), rel=1e-3
     )

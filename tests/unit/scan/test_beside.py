@@ -133,8 +133,8 @@ def beside_a_wall(gap_m):
     """A block beside a rock face, and the same as a scene of the true meshes."""
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HEIGHT_M / 2).moved(np.eye(3), (0.0, 0.0, HEIGHT_M / 2))
     ground = virtual_shapes.ground(4.0, 1.0, 3, bumps_m=0.05)
-    thick = box(2.0, 4.0, WALL_M / 2 + 0.1)
-    wall = thick.moved(np.eye(3), (HALF_WIDTH_M + gap_m + 2.0, 0.0, WALL_M / 2 - 0.1))
+    thick = box(0.5, 1.5, WALL_M / 2 + 0.1)  # no station stands in it
+    wall = thick.moved(np.eye(3), (HALF_WIDTH_M + gap_m + 0.5, 0.0, WALL_M / 2 - 0.1))
     truth = virtual.Truth(
         Rock.from_triangles(rock.vertices_m, rock.faces),
         Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground),

@@ -37,11 +37,8 @@ def run(
         If the run cannot go on; what was done stays.
     """
     ENGINES[planned.campaign.engine].require()
-    session, place = (
-        Session(cluster, watch, limits, again, [Weighing(shake_alone), *stages]),
-        folder.absolute(),
-    )
-    return session.carry_out(planned, place, select_jobs(planned, place))
+    session = Session(cluster, watch, limits, again, [Weighing(shake_alone), *stages])
+    return session.carry_out(planned, folder.absolute(), select_jobs(planned, folder.absolute()))
 
 
 def shake_alone(

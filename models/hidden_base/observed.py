@@ -16,7 +16,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import BaseObservation, Relief
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside
+from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside, depth_of_holes
 from toppling.models.scan.interface import Interface
 
 PLACES_ACROSS = 21
@@ -60,6 +60,8 @@ _OUTLINE_STD_PER_HEIGHT = 0.0015
 """Of the gap along an outline of the contact."""
 _CLOSED_PER_HEIGHT = 1e-4
 """Least gap of what is known not to touch, however near it is."""
+_SHOWN_SHARE = 0.5
+"""Of what a rock's low parts enclose: where so much of the pedestal shows and nothing is hidden, they touch nowhere."""
 _NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
@@ -120,12 +122,7 @@ def hidden_part(
     grid, cell = under.grid, under.grid.cell_m
     width_m = cell * float(np.sqrt(under.hidden.sum()))
     if not width_m:
-        raise InputError(
-            "no hidden base is enclosed by what was seen of the rock's foot",
-            where="the base",
-            expected="the foot of the rock seen from several sides, all around what no laser sees",
-            remedy="one side is not enough: scan the rock's foot from the other sides",
-        )
+        raise _no_base(under, low, lit)
     stride = max(1, round((interface.lattice_m or width_m / PLACES_ACROSS) / cell))
     chosen = np.zeros(grid.shape, bool)
     chosen[::stride, ::stride] = True
@@ -155,6 +152,27 @@ def hidden_part(
         under.beyond_m(places),
     )
     return HiddenPart(under, observed, width_m, len(inner), inspection)
+
+
+def _no_base(under: Underside, low: Array, lit: Array) -> InputError:
+    """Say why nothing is hidden: the pedestal shows all below the rock, or the rock's foot was not seen around."""
+    hull, nodes = ConvexHull(low[:, :2]).equations, under.grid.nodes_m
+    inside = (nodes @ hull[:, :2].T + hull[:, 2] < 0.0).all(axis=-1)
+    if (depth_of_holes(under.grid, lit) == 0.0)[inside].mean() > _SHOWN_SHARE:
+        return InputError(
+            f"the pedestal was seen everywhere below the rock, which hangs {low[:, 2].min():.3g} m over it and more: "
+            "it touches nowhere",
+            where="the base",
+            expected="a rock that stands on its pedestal, and hides it where it does",
+            remedy="give rock and pedestal in one frame, the rock as it stands, with its foot; or say where they meet "
+            "by --plane",
+        )
+    return InputError(
+        "no hidden base is enclosed by what was seen of the rock's foot",
+        where="the base",
+        expected="the foot of the rock seen from several sides, all around what no laser sees",
+        remedy="one side is not enough: scan the rock's foot from the other sides",
+    )
 
 
 def _along_edge(under: Underside, interface: Interface, step_m: float) -> list[Array]:

@@ -137,7 +137,7 @@ class Underside:
         if interface is not None and interface.edge is not None:
             seat = interface.edge.outside_m(grid.nodes_m) < 0.0
             seen, hidden = seen & seat, _largest(hidden & seat)
-        widest, shown = None, _hole_depth(grid, lit) == 0.0
+        widest, shown = None, depth_of_holes(grid, lit) == 0.0
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
             hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~(shown & ends))
@@ -149,7 +149,7 @@ class Underside:
             seen, hidden = seen & ~outline, hidden | outline
         # Points at the border may be the pedestal beside the rock.
         within = ndimage.binary_erosion(hidden, iterations=3)
-        depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
+        depth = depth_of_holes(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
         into_seen = ndimage.distance_transform_edt(~hidden)
         carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
         passage = None
@@ -347,7 +347,7 @@ def _lowest(grid: Grid, points: NDArray[np.float64]) -> tuple[NDArray[np.float64
     return height, seen
 
 
-def _hole_depth(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
+def depth_of_holes(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
     """How many cells deep each cell lies in a hole of the pedestal's seen points; 0 where it was seen."""
     if len(lit) < 10:
         return np.full(grid.shape, 10.0)

@@ -116,9 +116,10 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     lining = below & (surfels.normals[:, 2] > _LEVEL)
     if lining.sum() < _LEAST_CREVICE_SURFELS:
         steep = below & (np.abs(surfels.normals[:, 2]) < _LEVEL)
+        like_a_neck = steep.sum() > max(lining.sum(), _LEAST_CREVICE_SURFELS)
         raise InputError(
             f"only {int(lining.sum())} patches of the pedestal's top were seen beside the rock"
-            + ("; it goes on below into something steep, like a neck" if steep.sum() > lining.sum() else ""),
+            + ("; it goes on below into something steep, like a neck" if like_a_neck else ""),
             where="interface",
             expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
             remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "

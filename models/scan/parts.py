@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
@@ -22,6 +23,8 @@ from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, 
 _CLASSES = ("classification", "class", "label", "segment")
 """Names that a PLY's scalar has which says what a point is of, alone or after "scalar_"."""
 _SHOWN = 12
+_APART_PER_HEIGHT = 0.05
+"""Farther from its pedestal a rock shows no crevice."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,7 @@ def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
 def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segmentation:
     """Patches around a rock that was separated before.
 
-    Raises InputError if it has no height.
+    Raises InputError if it has no height, or lies apart from its pedestal.
     """
     rock = points_m[label == ROCK]
     height = float(np.ptp(rock[:, 2]))
@@ -162,5 +165,23 @@ def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segme
         )
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
+    _check_together(surfels.points_m, surfel_label, height)
     share = concave_share(surfels, neighbourhood(surfels.points_m, surfels.voxel_m), surfel_label == ROCK)
     return Segmentation(label, surfels, surfel_label, share, [])
+
+
+def _check_together(patches_m: NDArray[np.float64], label: NDArray[np.int8], height_m: float) -> None:
+    """Refuse a rock that touches nothing: what follows would look for a crevice between the two."""
+    rock, pedestal = patches_m[label == ROCK], patches_m[label == PEDESTAL]
+    apart_m = float(cKDTree(pedestal).query(rock)[0].min()) if len(pedestal) and len(rock) else np.inf
+    if apart_m < _APART_PER_HEIGHT * height_m:
+        return
+    told = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
+    raise InputError(
+        f"rock and pedestal lie apart, where they are nearest by {told}",
+        where="--rock, --pedestal",
+        expected=f"a rock that stands on its pedestal, in the files no farther from it than "
+        f"{_APART_PER_HEIGHT * height_m:.2g} m",
+        remedy="give both in one frame and one unit, the rock as it stands, and cut off neither what lies beside the "
+        "crevice",
+    )

@@ -6,8 +6,11 @@ import manifold3d
 import numpy as np
 import pytest
 
+from toppling.models.errors import InputError
+from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
-from toppling.models.hidden_base.underside import hidden_base
+from toppling.models.hidden_base.observed import hidden_part
+from toppling.models.hidden_base.underside import Underside, hidden_base
 from toppling.models.scan.close import _within_outline, close_rock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels, orient
@@ -77,6 +80,16 @@ def test_one_sees_through_between_feet_alone(below):
     on_feet = np.vstack([points[points[:, 2] < 0.07] for points, _ in feet(0.006)])
     assert hidden_base(NearInterface(around, ground(below), HEIGHT_M), 0.8).passage is None
     assert (hidden_base(NearInterface(on_feet, ground(below), HEIGHT_M), 0.8).passage is not None) == below
+
+
+def test_a_rock_that_hangs_over_a_pedestal_seen_all_below_it_touches_nowhere():
+    along = np.arange(-HALF_M, HALF_M, 0.006)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    underside, level = np.column_stack([x, y, np.full(len(x), 0.02)]), np.arange(-0.8, 0.8, 0.006)
+    u, v = (each.ravel() for each in np.meshgrid(level, level))
+    near = NearInterface(underside, np.column_stack([u, v, np.zeros(len(u))]), HEIGHT_M)
+    with pytest.raises(InputError, match=r"hangs 0\.02 m over it and more: it touches nowhere"):
+        hidden_part(Underside.of(near), near, Inspection(), LEVEL)
 
 
 def test_what_was_not_seen_bulges_no_farther_out_than_a_corner_may():

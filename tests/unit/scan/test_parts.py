@@ -115,3 +115,16 @@ def test_a_level_ground_that_is_called_the_rock_is_refused():
     with pytest.raises(InputError, match="lie at one height") as found:
         as_labelled(points, np.repeat([ROCK, PEDESTAL], 1000).astype(np.int8))
     assert "exchanged" in str(found.value)
+
+
+@pytest.mark.parametrize("apart_m", [0.2, 30.0])
+def test_a_rock_that_lies_apart_from_its_pedestal_is_refused_as_that(apart_m):
+    along = np.linspace(-1.5, 1.5, 151)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    pedestal = np.column_stack([x, y, np.zeros(len(x))])
+    rock = np.random.default_rng(1).uniform(-1.0, 1.0, (20_000, 3))
+    rock = 0.5 * rock / np.abs(rock).max(axis=1, keepdims=True) + [0.0, 0.0, 0.5 + apart_m]
+    label = np.repeat(np.array([PEDESTAL, ROCK], np.int8), [len(pedestal), len(rock)])
+    told = "nearest by 0.2" if apart_m < 1.0 else "farther than the rock is high"
+    with pytest.raises(InputError, match=f"lie apart, .*{told}"):
+        as_labelled(np.vstack([pedestal, rock]), label)

@@ -96,7 +96,7 @@ def test_parts_that_are_merged_before_they_are_looked_at_are_not_missed(run_fold
 
 
 def test_parts_that_are_merged_under_a_lazy_query_do_not_stop_it(run_folder, merge):
-    merge(toppling.results.queries, "connect")
+    merge(toppling.results.queries, "_connect")
     assert READERS["sql"][1](open_run(run_folder)) == 7
 
 

@@ -196,8 +196,7 @@ def _lean(surfels: Surfels, own: Flags, counts: Flags, carries: Flags) -> Lean |
     low, height_m = points[:, 2].min(), float(np.ptp(points[:, 2]))
     away, nearest = cKDTree(others).query(points)
     up = points[:, 2] - low
-    near = away < _FOOT_VOXELS * surfels.voxel_m
-    stands = (up < _FOOT * height_m) & near
+    stands = (up < _FOOT * height_m) & (away < _FOOT_VOXELS * surfels.voxel_m)
     foot = points[stands]
     holds = (up > _HIGH * height_m) & (away < _TOUCH_VOXELS * surfels.voxel_m)
     held = points[holds]

@@ -132,7 +132,7 @@ def _check_table(table: Path, friction: float | None, given: list[Seismogram], *
         rows = check_sites(sites, given, judged, factors, asked["preset"], asked["workers"], advance)
     matrix = matrix_of(rows)
     if out := asked["out"]:
-        from toppling.results.drawing.run_figures import write_csv
+        from toppling.models.files.csv_text import write_csv
         from toppling.results.drawing.side_by_side_figures import scenarios_figure
         from toppling.results.drawing.style import save
 

@@ -16,7 +16,7 @@ from toppling.models.motions.formats.response import is_station_xml, responses
 from toppling.models.motions.metadata import Entry, looks_like_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
-from toppling.models.motions.quality import beyond_nature, check_samples
+from toppling.models.motions.quality import beyond_nature, check_apart, check_samples
 from toppling.models.motions.record import Record
 from toppling.models.motions.stations import Triple, grouped, oriented, triple
 from toppling.models.motions.table_rows import channels_of_row, rows_given
@@ -55,6 +55,7 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     if not options.doubtful:
         for component in channels.channels:
             check_samples(component)
+        check_apart(channels.channels)
     motion, azimuths, oriented_how = oriented(channels)
     corrected = _corrected(channels)
     of_table = entry.corner_hz if entry else None

@@ -1,6 +1,8 @@
 """Doubts about samples: beyond what shaking is, clipped, a spike, a gap that was filled with a constant."""
 
 import math
+from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -11,6 +13,10 @@ _TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
 """Beyond these few records have been; a unit that was mistaken is likelier."""
 _USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * 9.80665, 1.5
 _COMMON_UNITS_M_S2 = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
+_USUAL_PULSE_S = (0.01, 0.4)
+"""PGV/PGA of nearly all records. Velocity, displacement, or a time step in error by a factor of ten, lie beyond it."""
+_OTHER_PEAK = 1.5
+"""Factor between a header's peak and that of the samples, beyond which unit, scale or samples are others."""
 _CLIPPED_SAMPLES, _CLIPPED_RUN = 10, 4
 """So many samples at the extreme, so many of them in a row, are a clipped instrument."""
 _RAIL_SHARE, _RAIL_RUNS = 0.95, 3
@@ -30,6 +36,7 @@ def check_samples(component: Component) -> None:
     """
     a = component.acceleration_m_s2
     peak = float(np.abs(a).max())
+    _other_peak(component, a, peak)
     if peak > _QUESTIONABLE_M_S2:
         _refuse_sample(
             component,
@@ -43,6 +50,24 @@ def check_samples(component: Component) -> None:
     _clipped(component, a)
     _spike(component, a)
     _filled_gap(component, a, peak)
+
+
+def check_apart(channels: Sequence[Component]) -> None:
+    """Refuse two channels of one record with the same samples: one file that was given twice.
+
+    Raises InputError: with both files.
+    """
+    for one, other in combinations(channels, 2):
+        a, b = (c.acceleration_m_s2 for c in (one, other))
+        count = min(len(a), len(b))
+        if np.array_equal(a[:count], b[:count]) or np.array_equal(a[:count], -b[:count]):
+            refuse(
+                f"the samples are those of {one.where}, another component",
+                other.path,
+                other.line,
+                expected="components of one shaking, each with its own samples",
+                remedy="give each component's own file, or accept it with --doubtful",
+            )
 
 
 def beyond_nature(
@@ -60,10 +85,21 @@ def beyond_nature(
     )
     beyond = [f"{name} is {value:.3g} {of}" for name, value, limit, of in limits if value > limit]
     if not beyond:
-        return ()
+        return _unusual_pulse(pga_m_s2, pgv_m_s)
     if not baseline and pga_m_s2 <= _TOLD_PGA_M_S2:
         return (f"{beyond[0]}: its baseline is not corrected",)
     return (", ".join(beyond) + _explained(pga_m_s2, pgv_m_s, unit_m_s2),)
+
+
+def _unusual_pulse(pga_m_s2: float, pgv_m_s: float) -> tuple[str, ...]:
+    pulse_s = pgv_m_s / pga_m_s2 if pga_m_s2 > 0 else math.nan
+    if math.isnan(pulse_s) or _USUAL_PULSE_S[0] <= pulse_s <= _USUAL_PULSE_S[1]:
+        return ()
+    least_s, most_s = _USUAL_PULSE_S
+    return (
+        f"PGV/PGA is {pulse_s:.2g} s, outside the {least_s:g} to {most_s:g} s of nearly all records: see"
+        " that its samples are acceleration, and that its time step is right",
+    )
 
 
 def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
@@ -81,6 +117,25 @@ def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
                 f" the peak is {pga_m_s2 / factor:.3g} m/s2"
             )
     return ""
+
+
+def _other_peak(component: Component, a: np.ndarray, peak: float) -> None:
+    """Refuse samples whose peak, about zero or their mean, is far from that in the file's own header."""
+    stated = component.stated_peak_m_s2
+    peaks = (peak, float(np.abs(a - a.mean()).max()))
+    if (
+        not stated
+        or not component.unit_known
+        or any(1 / _OTHER_PEAK < p / stated < _OTHER_PEAK for p in peaks)
+    ):
+        return
+    _refuse_sample(
+        component,
+        int(np.abs(a).argmax()),
+        f"the peak is {peak:.4g} m/s2, and {stated:.4g} m/s2 by the file's header",
+        "samples whose peak is that of the header",
+        "correct the unit or scale in the header, or fetch the file again, or accept it with --doubtful",
+    )
 
 
 def _clipped(component: Component, a: np.ndarray) -> None:

@@ -18,6 +18,9 @@ _SAME_INSTRUMENT = 1.25
 _SAME_UNIT = 1e-3
 """Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
 
+_SAME_STEP = 0.02
+"""Share by which two statements of one time step differ at most: tables round it."""
+
 
 def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entry, list[Path]]]:
     """Rows of the table with those of their files that are given.
@@ -188,7 +191,18 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
 
 
 def _step(component: Component, entry: Entry) -> float:
-    """Time step by the file, or by the table where the file has no times."""
-    if math.isfinite(component.time_step_s):
-        return component.time_step_s
-    return entry.time_step_s if entry.time_step_s and entry.time_step_s > 0 else math.nan
+    """Time step by the file, or by the table where the file has no times.
+
+    Raises InputError if both state one, and they differ.
+    """
+    by_file, by_row = component.time_step_s, entry.time_step_s
+    if not math.isfinite(by_file):
+        return by_row if by_row and by_row > 0 else math.nan
+    if by_row and not math.isclose(by_file, by_row, rel_tol=_SAME_STEP):
+        raise InputError(
+            f"the time step is {by_row:g} s by the row, and {by_file:g} s by {component.path.name}",
+            where=entry.where,
+            expected="one time step of the samples",
+            remedy="correct the column 'dt' or the file, or leave 'dt' empty where the file states it",
+        )
+    return by_file

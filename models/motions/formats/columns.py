@@ -47,6 +47,8 @@ _REGULAR_SHARE = 0.95
 _COARSE, _COARSE_RANGE, _COARSE_WINDOW = 0.1, 1.3, 50
 """Times whose last digit is more than this share of the step leave their line by this many digits where rows are lost;
 the place is found by the means of so many times on both sides."""
+_DERIVED = 0.9
+"""Correlation of a column with the slope of the next, from which this is its integral."""
 _WIDTHS = (1, 2, 4)
 
 
@@ -92,6 +94,8 @@ def read(path: Path, text: str) -> list[Component]:
             first + 1,
             expected="acceleration alone, time and acceleration, or time and three components",
         )
+    if width == 4:
+        _refuse_derived(values, path, first + 1)
     columns = _columns(lines[at], width) if at is not None else []
     if at is not None and first > at + 1:
         columns = _units_below(lines[at], lines[first - 1]) or columns
@@ -107,6 +111,23 @@ def read(path: Path, text: str) -> list[Component]:
         _component(values[:, place], step, label, named[place], path, first + 1)
         for place, label in enumerate(labels, max(width - len(labels), 0))
     ]
+
+
+def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
+    """Refuse a column that is the integral of the one before it, as velocity and displacement beside acceleration."""
+    slopes = np.diff(values, axis=0)[:, 1:]
+    means = 0.5 * (values[1:] + values[:-1])[:, 1:]
+    for column in (1, 2):
+        pair = np.stack([means[:, column - 1], slopes[:, column]])
+        if pair.std(axis=1).min() == 0 or np.corrcoef(pair).item(1) < _DERIVED:
+            return
+    refuse(
+        "its last two columns are integrals of the second: velocity and displacement beside the acceleration",
+        path,
+        line,
+        expected="acceleration alone, time and acceleration, or time and three components",
+        remedy="leave the columns of velocity and displacement out, and give one file a component",
+    )
 
 
 def _component(

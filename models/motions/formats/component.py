@@ -31,6 +31,7 @@ class Component:
     unit_known: bool = True
     # One unit of the file, where it is a word in a header that the metadata table must not contradict.
     stated_unit_m_s2: float | None = None
+    stated_peak_m_s2: float | None = None  # largest sample by the header, of either sign
     # As in the header.
     event: str = ""
     station: str = ""

@@ -1,6 +1,7 @@
 """Headers of keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
 
 import re
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,10 @@ class esm:  # noqa: N801  (a reader, as the modules are)
             refuse(f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2")
         step = _number(header, "SAMPLING_INTERVAL_S", path)
         body = lines[first:]
-        found = counted(numbers_in(body, path, first + 1), int(_number(header, "NDATA", path)), body, path, 1)
+        count = int(_number(header, "NDATA", path))
+        _refuse_other_duration(_optional(header.get("DURATION_S")), count, step, path)
+        found = counted(numbers_in(body, path, first + 1), count, body, path, 1)
+        peak_cm_s2 = _optional(header.get("PGA_CM/S^2"))
         stream = header.get("STREAM", "")
         return [
             Component(
@@ -68,6 +72,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 magnitude=_optional(header.get("MAGNITUDE_W") or header.get("MAGNITUDE_L")),
                 distance_km=_optional(header.get("EPICENTRAL_DISTANCE_KM")),
                 series=stream[:-1],
+                stated_peak_m_s2=None if peak_cm_s2 is None else 0.01 * abs(peak_cm_s2),
                 warnings=found.warnings,
                 missing=found.missing,
             )
@@ -125,6 +130,7 @@ class unam:  # noqa: N801
                 expected="whole rows",
             )
         table = found.values.reshape(-1, len(labels))
+        peaks = [_optional(text) for text in _slashed(header, "ACEL. MAX.(Gal), C1-C6")]
         moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
         return [
             Component(
@@ -139,10 +145,11 @@ class unam:  # noqa: N801
                 station=header.get("CLAVE DE LA ESTACION", ""),
                 label=label,
                 magnitude=float(moment[1]) if moment else None,
+                stated_peak_m_s2=0.01 * abs(peak) if peak is not None else None,
                 warnings=found.warnings,
                 missing=found.missing,
             )
-            for channel, label in enumerate(labels)
+            for channel, (label, peak) in enumerate(zip_longest(labels, peaks[: len(labels)]))
         ]
 
 
@@ -204,6 +211,19 @@ class cwb:  # noqa: N801
             for column, letter in enumerate(order)
             if letter != "Time"
         ]
+
+
+def _refuse_other_duration(duration_s: float | None, count: int, step_s: float, path: Path) -> None:
+    """Refuse a duration that is not that of the samples: one of step, count and duration is wrong."""
+    if duration_s is None or abs(count * step_s - duration_s) <= 0.01 * duration_s + 2 * step_s:
+        return
+    refuse(
+        f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}",
+        path,
+        1,
+        expected="a duration that is the number of samples by their time step",
+        remedy="correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again",
+    )
 
 
 def _refuse_gap(time: NDArray[np.float64], step: float, path: Path, line: int) -> None:

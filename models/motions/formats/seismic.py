@@ -200,6 +200,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
         label=stats.channel,
         series=_series(stats),
         magnitude=float(own["mag"]) if "mag" in own else None,
+        stated_peak_m_s2=0.01 * abs(float(own["accmax"])) if "accmax" in own else None,
         start_s=float(stats.starttime.timestamp),
         notes=found.notes,
         warnings=(*messages, *found.warnings, *contradiction),

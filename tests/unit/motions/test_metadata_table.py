@@ -107,3 +107,15 @@ def test_a_file_name_that_no_file_system_has_is_refused_with_its_line(name, tmp_
     (tmp_path / "table.csv").write_text(f"h1,h2,v\na,{name},c\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"table\.csv:2: the file in column h2"):
         read_table(tmp_path / "table.csv")
+
+
+def test_a_time_step_of_the_row_that_contradicts_the_file_is_refused_with_its_row(tmp_path):
+    WRITERS["columns"](tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    header, row = table.read_text().splitlines()
+    for step_s, read in ((0.01, True), (0.1, False)):
+        table.write_text(f"{header},dt\n{row},{step_s:g}\n")
+        outcome = import_records(record_files([tmp_path]), read_table(table))
+        assert bool(outcome.records) is read
+    assert "the time step is 0.1 s by the row, and 0.01 s" in outcome.refusals[0].reason.what
+    assert outcome.refusals[0].reason.where == f"{table}:2"

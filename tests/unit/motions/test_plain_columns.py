@@ -137,3 +137,13 @@ def test_fortrans_double_precision_is_read(letter, tmp_path):
     path.write_text(path.read_text().replace("E", letter))
     read = np.column_stack([component.acceleration_m_s2 for component in read_file(path)])
     assert np.abs(read - a).max() < 1e-9
+
+
+@pytest.mark.parametrize("unit", [1.0, 100.0])
+def test_velocity_and_displacement_beside_the_acceleration_are_no_components(unit, tmp_path):
+    """Under no names, the three columns would be two horizontals and the vertical."""
+    a = shaking()[:, 0]
+    velocity = unit * np.cumsum(a) * STEP_S
+    path = table_of(tmp_path, "", np.column_stack([a, velocity, np.cumsum(velocity) * STEP_S]))
+    with pytest.raises(InputError, match=r"rec\.csv:1: its last two columns are integrals"):
+        read_file(path)

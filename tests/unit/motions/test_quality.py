@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motion_samples import STEP_S, G, shaking
+from motion_samples import STEP_S, WRITERS, G, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import Component
-from toppling.models.motions.quality import check_samples
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.quality import beyond_nature, check_samples
 
 
 def channel(acceleration_m_s2):
@@ -55,3 +56,56 @@ def test_one_rail_reached_again_and_again_is_clipped_though_the_other_sign_goes_
     a = shaking(600)[:, 0]
     with pytest.raises(InputError, match="clipped"):
         check_samples(channel(np.minimum(a, 0.55 * np.abs(a).max())))
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("writer", "key", "values"),
+    [
+        ("esm", "PGA_CM/S^2: ", "{:.4f}\n".format),
+        ("unam", "ACEL. MAX.(Gal), C1-C6                 : ", "/{0:.4f}/{0:.4f}/{0:.4f}\n".format),
+        ("knet", "Max. Acc. (gal)   ", "{:.3f}\n".format),
+    ],
+)
+def test_samples_have_the_peak_that_their_own_header_states(writer, key, values, factor, tmp_path):
+    a = np.repeat(shaking()[:, :1], 3, axis=1) * [1.0, 1.01, 1.02]
+    for path in WRITERS[writer](tmp_path, a):
+        text = path.read_text()
+        if key in text:
+            before, _, after = text.partition(key)
+            text = before + after.partition("\n")[2]
+            place = len(before)
+        else:
+            place = next(text.index(word) for word in ("USER0", "UNIDADES") if word in text)
+        path.write_text(text[:place] + key + values(100 * factor * np.abs(a).max()) + text[place:])
+    outcome = import_records(record_files([tmp_path]), options=ImportOptions(process=False))
+    if factor == 1.0:
+        assert len(outcome.records) == 1
+    else:
+        assert "by the file's header" in outcome.refusals[0].reason.what
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
+    a = shaking()
+    a[:, 1] = sign * a[:, 0]
+    WRITERS["peer"](tmp_path, a)
+    outcome = import_records(record_files([tmp_path]))
+    assert "another component" in outcome.refusals[0].reason.what
+    assert len(import_records(record_files([tmp_path]), options=ImportOptions(doubtful=True)).records) == 1
+
+
+@pytest.mark.parametrize(("step_factor", "told"), [(0.1, True), (1.0, False), (10.0, True)])
+def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, told):
+    a = 0.1 * shaking()
+    pgv_m_s = np.abs(np.cumsum(a[:, 0]) * STEP_S).max()
+    found = beyond_nature(np.abs(a[:, 0]).max(), pgv_m_s * step_factor)
+    assert [("time step" in text) for text in found] == [True] * told
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_duration_that_is_not_that_of_the_samples_is_refused(sign, tmp_path):
+    for path in WRITERS["esm"](tmp_path, shaking()):
+        path.write_text(path.read_text().replace("USER0:", f"DURATION_S: {4.0 * 10**sign:.3f}"))
+    outcome = import_records(record_files([tmp_path]))
+    assert "DURATION_S" in outcome.refusals[0].reason.what

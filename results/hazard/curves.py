@@ -94,6 +94,8 @@ def curve_of_rates(
     expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
     if len(x) > 1 and (np.diff(x) < 0).all():
         x, rate = x[::-1], rate[::-1]
+    if len(x) > 1 and x[0] == 0:  # exceeded by every event: no level of a logarithmic curve
+        x, rate = x[1:], rate[1:]
     if wrong := _wrong_levels(x):
         raise InputError(
             what=wrong, where=where, expected=expected,

@@ -1,10 +1,21 @@
 """Names and units of intensity measures in hazard files, and the results' columns that they are."""
 
 import re
+from collections.abc import Iterator
 
+from toppling.models.motions.formats.units import unit_of
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
-_SA = re.compile(r"SA ?(?:\(?(\d+(?:\.\d+)?) ?S?\)?|(\d+)P(\d+))")
+_NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
+_SA = re.compile(
+    rf"SA[ _]?\(?(?:T ?= ?)?{_NUMBER_S} ?(?:S|SECS?|SECONDS?)?\)?|{_NUMBER_S}[ -]?(?:S|SECS?|SECONDS?) SA|SA(\d+)P(\d+)"
+)
+_WORDS = (
+    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION"), "PGA"),
+    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
+    (re.compile(r"\b(?:PSEUDO[- ])?SPECTRAL ACCELERATION|\bPSA\b"), "SA"),
+)
+"""Words for measures, in capitals."""
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 UNSCALED = ("arias_m_s", "cav_m_s")
 """Measures of both horizontal components: no ratio of components applies to them."""
@@ -12,19 +23,8 @@ UNSCALED = ("arias_m_s", "cav_m_s")
 LONGEST_NAME = 200
 """Characters; a longer text names no column, and is not searched for one."""
 
-_UNITS = {
-    "g": ("m/s2", STANDARD_G_M_S2), "%g": ("m/s2", 0.01 * STANDARD_G_M_S2), "mg": ("m/s2", 0.001 * STANDARD_G_M_S2),
-    "m/s2": ("m/s2", 1.0),
-    "cm/s2": ("m/s2", 0.01), "gal": ("m/s2", 0.01), "m/s": ("m/s", 1.0), "cm/s": ("m/s", 0.01),
-    "mm/s": ("m/s", 0.001), "m": ("m", 1.0), "cm": ("m", 0.01),
-}  # fmt: skip
-"""SI unit of each unit, and how many of them it is."""
-
-
-def _unit(text: str) -> str:
-    """A unit as `_UNITS` spells it: cm/s^2, cm/sec2, cm/s/s, cm/s² and cm_s2 are one."""
-    plain = re.sub(r"[\s^*]", "", text.lower()).replace("²", "2").replace("sec", "s").replace("_s", "/s")
-    return plain.replace("/s/s", "/s2")
+_BEFORE_UNIT = re.compile(r"_|,\s*|\s+in\s+|\s+")
+"""What parts a measure from its unit, where no brackets do."""
 
 
 def is_spectral(column: str) -> bool:
@@ -47,12 +47,14 @@ def measure_of(imt: str) -> tuple[str, float] | None:
 
     Both state accelerations in g and velocity in cm/s. None for a measure that no column is.
     """
-    imt = imt.strip().upper()
+    imt = " ".join(imt.strip()[:LONGEST_NAME].upper().split())
+    for words, short in _WORDS:
+        imt = words.sub(short, imt)
     for column, (name, per_si) in OPENQUAKE.items():
         if imt == name:
             return column, 1.0 / per_si
     if found := _SA.fullmatch(imt):
-        period = found[1] or f"{found[2]}.{found[3]}"
+        period = found[1] or found[2] or f"{found[3]}.{found[4]}"
         return sa_column(float(period)), STANDARD_G_M_S2
     return None
 
@@ -75,12 +77,27 @@ def measure_with_unit(text: str) -> tuple[str, float] | None:
         return text, 1.0
     if bare := measure_of(text):
         return bare
-    stated = re.fullmatch(r"(?P<name>.+?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]", text) or re.fullmatch(
-        r"(?P<name>[A-Za-z]+(?:\([\d.]+\))?)_(?P<unit>g|gal|cm_s2|m_s2|cm_s|m_s|cm|m)", text
-    )
-    known = stated and measure_of(stated["name"])
-    if not (stated and known):
+    return next(filter(None, (_of_unit(*parts) for parts in _name_and_unit(text))), None)
+
+
+def _name_and_unit(text: str) -> Iterator[tuple[str, str]]:
+    """Ways to part a header's words into a measure and its unit."""
+    if bracketed := re.fullmatch(r"(.+?)\s*[(\[]([^()\[\]]+)[)\]]", text):
+        yield bracketed[1], bracketed[2]
+    for sign in _BEFORE_UNIT.finditer(text):
+        yield text[: sign.start()], text[sign.end() :].replace("_", "/")
+
+
+def _of_unit(name: str, unit_name: str) -> tuple[str, float] | None:
+    """Column of a measure and SI factor of its unit; None if either is not known or the unit is of something else."""
+    known, unit = measure_of(name), unit_of(unit_name)
+    if known is None or unit is None or known[0] == "cav_m_s":
         return None
-    unit = _UNITS.get(_unit(stated["unit"]))
-    own = "m/s2" if known[0].endswith("_m_s2") else "m/s" if known[0].endswith("_m_s") else "m"
-    return (known[0], unit[1]) if unit and unit[0] == own and known[0] != "cav_m_s" else None
+    own = (
+        "acceleration"
+        if known[0].endswith("_m_s2")
+        else "velocity"
+        if known[0].endswith("_m_s")
+        else "displacement"
+    )
+    return (known[0], unit.factor) if unit.quantity == own else None

@@ -119,7 +119,7 @@ def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
     means = 0.5 * (values[1:] + values[:-1])[:, 1:]
     for column in (1, 2):
         pair = np.stack([means[:, column - 1], slopes[:, column]])
-        if pair.std(axis=1).min() == 0 or np.corrcoef(pair).item(1) < _DERIVED:
+        if pair.std(axis=1).min() == 0 or np.asarray(np.corrcoef(pair))[0, 1] < _DERIVED:
             return
     refuse(
         "its last two columns are integrals of the second: velocity and displacement beside the acceleration",

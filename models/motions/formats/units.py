@@ -52,7 +52,8 @@ _WORDS = (
     (r"gals", "gal"),
     (r"kines", "kine"),
     (r"milli-?g", "mg"),
-    (r"percentg", "%g"),
+    (r"percentg|percentofg|%ofg", "%g"),
+    (r"fractionofg", "g"),
     (r"gravity|g's|gn", "g"),
 )
 """Words for units and powers, in the order in which they are replaced."""

@@ -1,13 +1,18 @@
 """Columns of text: an intensity measure, and its annual rate, or its probability over a stated time."""
 
+import csv
 import math
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
+from math import isclose
+from operator import mul
 from pathlib import Path
 
 from toppling.models.files.csv_text import is_numeral
+from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import LONGEST_NAME, measure_with_unit
+from toppling.results.hazard.measures import LONGEST_NAME, measure_of, measure_with_unit
 from toppling.results.hazard.readers.statement import (
     Hints,
     Statement,
@@ -18,24 +23,38 @@ from toppling.results.hazard.readers.statement import (
 )
 
 _RATE = re.compile(
-    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|m?afe|m?are|"
-    r"(?:exceedance )?(?:rate|frequency)(?: of exceedance)? per (?P<unit>year|kyr)|exceedances per (?P<each>year|kyr)"
+    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|(?:mean )?m?afe|m?are|"
+    r"(?:mean )?(?:exceedance )?(?:rate|frequency|hazard|lambda|λ)(?: of exceedance)? per (?P<unit>year|kyr)|"
+    r"exceedances per (?P<each>year|kyr)"
 )
-_ANNUAL = re.compile(r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|ape")
+_ANNUAL = re.compile(r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|apo?e")
 _PROBABILITY = re.compile(
-    r"(?:poe|probability(?:[_ ]of[_ ]exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
+    r"(?:poe|probability(?: of (?P<non>non ?)?exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
 )
-_RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri")
+_PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent\b|(?<=\))%")
+"""Of a column's values; a percentage behind a number is that of a hazard level."""
+_RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri|rp|tr")
 _TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
+_YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka)[)\]]$")
 _COMMENTS = ("#", "%", "//")
+_MOST_NAMES = 50
+"""Of a header, that are looked at for a measure."""
+_STATED_UNIT = re.compile(
+    r"(?:\bin |\bunits?\b ?(?:is |are |of |in |[:=])? ?|[(\[=])\s*([a-z%][a-z0-9%/^*²-]*(?: s\^?-2)?)"
+)
+_STATED_YEARS = re.compile(
+    r"(?:investigation[_ ]time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
+)
+_MOST_G, _LEAST_CM_S = 10.0, 5.0
+"""Levels of a whole curve: beyond in g, or below in cm/s, they are in another unit than its name implies."""
 
 
 def matches(lines: Sequence[str]) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
-    bare = [line for line in lines if line and not line.startswith(_COMMENTS)]
-    if not bare:
+    at = _header_line(lines)
+    if at is None:
         return False
-    header = ",".join(_cells(bare[:1])[0]).split(",")
+    header = _names(lines[at].lstrip("".join(_COMMENTS) + " "))
     measures = [name for name in header if measure_with_unit(name)]
     return len(measures) == 1 and (len(header) == 2 or any(map(_says_value, header)))
 
@@ -45,23 +64,101 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
 
     Raises InputError if the header does not name a measure, or not what the values are.
     """
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)]
-    if not lines:
+    at = _header_line(lines)
+    if at is None:
         refuse(path, "holds no table")
-    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(lines)])) or [(0, [])]
-    levels, values = _columns(path, lines[0], header)
+    before = " ".join(lines[:at]).lower()
+    top = lines[at].lstrip("".join(_COMMENTS) + " ")
+    body = [top, *("" if line.lstrip().startswith(_COMMENTS) else line for line in lines[at + 1 :])]
+    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(body)], at + 1)) or [(0, [])]
+    header, rows = _upright(*_with_units(header, rows))
+    levels, values = _columns(path, lines[at], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
-    years, rate_of = _values(path, header[values], hints)
+    years, rate_of = _values(path, header[values], hints, before)
     x, y = [], []
     for line, row in rows:
         if len(row) != len(header):
             refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
         x.append(number(path, line, row[levels]) * factor)
         y.append(rate_of(number(path, line, row[values])))
+    if measure_of(header[levels]):
+        _refuse_other_unit(path, header[levels], column, x, before)
     origin = {"source": str(path)}
     if not years:
         return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
     return [Statement(curve_of_probabilities(path.stem, column, x, y, years, **origin))]
+
+
+def _header_line(lines: Sequence[str]) -> int | None:
+    """Place of the line that names a measure, below a title perhaps or in a comment, else of the first of a table."""
+    comment = [line.lstrip().startswith(_COMMENTS) for line in lines]
+    table = [place for place, line in enumerate(lines) if line.strip() and not comment[place]]
+    first_row = next((n for n in table if is_numeral(re.split(r"[\s,;]+", lines[n].strip())[0])), len(lines))
+    bare = {place: line.lstrip("".join(_COMMENTS) + " ") for place, line in enumerate(lines[: first_row + 1])}
+    named = [
+        n for n, line in bare.items() if line and any(map(measure_with_unit, _names(line)[:_MOST_NAMES]))
+    ]
+    named = [n for n in named if len(_names(bare[n])) > 1]
+    return next((n for n in named if not comment[n]), named[-1] if named else next(iter(table), None))
+
+
+def _names(line: str) -> list[str]:
+    """Names of a header's columns."""
+    return [name.strip(' "') for cells in csv.reader([",".join(_cells([line])[0])]) for name in cells]
+
+
+def _with_units(
+    header: list[str], rows: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Header with the units of a line below the names, and the rows below that."""
+    if not rows or len(rows[0][1]) != len(header) or any(map(is_numeral, rows[0][1])) or not any(rows[0][1]):
+        return header, rows
+    units = [cell.strip("()[] ") for cell in rows[0][1]]
+    joined = [
+        f"{name} ({unit})" if unit.strip("-") else name for name, unit in zip(header, units, strict=True)
+    ]
+    if not any(map(measure_with_unit, joined)):
+        return header, rows
+    return joined, rows[1:]
+
+
+def _upright(
+    header: list[str], rows: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Table whose names stand above its columns, of one whose names stand before its rows."""
+    if (
+        len(header) < 3
+        or not all(map(is_numeral, header[1:]))
+        or any(len(row) != len(header) for _, row in rows)
+    ):
+        return header, rows
+    names, *columns = zip(header, *(row for _, row in rows), strict=True)
+    return list(names), [(rows[0][0] if rows else 1, list(column)) for column in columns]
+
+
+def _refuse_other_unit(path: Path, name: str, column: str, levels: Sequence[float], before: str) -> None:
+    """Refuse levels under a bare name whose unit is another by the lines above, or by their size."""
+    if not column.endswith("_m_s2") and column != "pgv_m_s":
+        return
+    factor = (measure_of(name) or ("", 1.0))[1]
+    quantity = "acceleration" if column.endswith("_m_s2") else "velocity"
+    found = {text: unit_of(text) for text in _STATED_UNIT.findall(before)}
+    other = [
+        t
+        for t, unit in found.items()
+        if unit and unit.quantity == quantity and not isclose(unit.factor, factor)
+    ]
+    largest = max(levels, default=0.0) / factor
+    beyond = largest > _MOST_G if quantity == "acceleration" else largest < _LEAST_CM_S
+    if not other and not (levels and beyond):
+        return
+    own = "g" if quantity == "acceleration" else "cm/s"
+    why = f"the lines above say {other[0]!r}" if other else f"its levels reach {largest:g}"
+    refuse(
+        path,
+        f"the column {name!r} names no unit, which is {own} then, and {why}",
+        f"name the unit in the column, such as {name} ({other[0] if other else 'cm/s2' if own == 'g' else 'm/s'})",
+    )
 
 
 def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
@@ -106,9 +203,9 @@ def _cells(lines: Sequence[str]) -> list[list[str]]:
 
 def _plain(name: str) -> str:
     """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per kyr`."""
-    plain = re.sub(r"[ _-]+", " ", name.lower()).strip()
+    plain = re.sub(r"[ _-]+", " ", _PERCENT.sub("", name.lower())).strip()
     if not (found := _TIMES.search(plain)):
-        return re.sub(r" ?[(\[](?:yr|years?|a)[)\]]$", "", plain)
+        return _YEARS.sub("", plain).strip()
     time = " per kyr" if found["time"][0] in "k1" else " per year"
     bare = plain[: found.start()].strip()
     return bare if bare.startswith(("annual", "mean annual")) and time == " per year" else bare + time
@@ -118,26 +215,30 @@ def _says_value(name: str) -> bool:
     if len(name) > LONGEST_NAME:
         return False
     plain = _plain(name)
-    return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN)) or bool(
-        _PROBABILITY.fullmatch(name.lower())
-    )
+    return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN, _PROBABILITY))
 
 
-def _values(path: Path, name: str, hints: Hints) -> tuple[float, Callable[[float], float]]:
+def _values(path: Path, name: str, hints: Hints, before: str) -> tuple[float, Callable[[float], float]]:
     """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either."""
     plain = _plain(name) if len(name) <= LONGEST_NAME else ""
     stated: float | None = None
-    convert: Callable[[float], float] = float
+    scale = 0.01 if plain and _PERCENT.search(name.lower()) else 1.0
+    convert: Callable[[float], float] = partial(mul, scale)
     if rate := _RATE.fullmatch(plain):
         stated = 0.0
         if "kyr" in (rate["unit"], rate["each"]):
-            convert = _per_year
+            convert = partial(mul, scale / 1000.0)
     elif _RETURN.fullmatch(plain):
-        stated, convert = 0.0, _rate_of_return
+        kyr = (time := _YEARS.search(name.lower())) and time["time"].startswith("k")
+        stated, convert = 0.0, partial(_rate_of_return, 1000.0 if kyr else 1.0)
     elif _ANNUAL.fullmatch(plain):
         stated = 1.0
-    elif found := _PROBABILITY.fullmatch(name.lower()) if plain else None:
-        stated = float(found["years"]) if found["years"] else None
+    elif found := _PROBABILITY.fullmatch(plain):
+        above = set(_STATED_YEARS.findall(before))
+        text = found["years"] or (above.pop() if len(above) == 1 else None)
+        stated = float(text) if text else None
+        if found["non"]:
+            convert = partial(_exceedance, scale)
         if not (hints.years if stated is None else stated):
             remedy = "call the column after it, such as probability_50_years, or give --values 50"
             refuse(path, f"states no time that its {name!r} is over", remedy)
@@ -147,9 +248,9 @@ def _values(path: Path, name: str, hints: Hints) -> tuple[float, Callable[[float
     return years_of_values(path, stated, hints) or 0.0, convert
 
 
-def _per_year(per_kyr: float) -> float:
-    return per_kyr / 1000.0
+def _rate_of_return(unit_years: float, period: float) -> float:
+    return 1.0 / (unit_years * period) if period > 0 else math.nan
 
 
-def _rate_of_return(years: float) -> float:
-    return 1.0 / years if years > 0 else math.nan
+def _exceedance(scale: float, non_exceedance: float) -> float:
+    return 1.0 - scale * non_exceedance

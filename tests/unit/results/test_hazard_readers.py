@@ -129,6 +129,16 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("// of mine\nPGA (%g),annual_rate\n10,1D-2\n20,1D-3\n", "utf-8"),
         ("PGA (g),Return period (yr)\n{0},100\n{2},1000\n", "utf-8"),
         ("PGA (g),rate (1/kyr)\n{0},10\n{2},1\n", "utf-8"),
+        ("PGA (g),annual_rate\n0,0.1\n{0},{1}\n{2},{3}\n", "utf-8"),
+        ("PGA (m s-2),annual_rate\n0.980665,{1}\n1.96133,{3}\n", "utf-8"),
+        ("PGA cm/s2,annual_rate\n98.0665,{1}\n196.133,{3}\n", "utf-8"),
+        ('"PGA, g",Return period (kyr)\n{0},0.1\n{2},1\n', "utf-8"),
+        ("Peak Ground Acceleration (g),RP\n{0},100\n{2},1000\n", "utf-8"),
+        ("PGA,annual rate\nm/s2,1/yr\n0.980665,{1}\n1.96133,{3}\n", "utf-8"),
+        ("sep=,\nPGA in g,hazard (1/yr)\n{0},{1}\n{2},{3}\n", "utf-8"),
+        ("Hazard at the rock\n\nPGA (g);annual rate\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
+        ("# at the rock, Vs30 in m/s\n# PGA (g), annual rate\n{0},{1}\n{2},{3}\n", "utf-8"),
+        ("PGA (g),{0},{2}\nannual rate,{1},{3}\n", "utf-8"),
     ],
 )
 def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
@@ -186,7 +196,7 @@ def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
     ("levels", "said"),
     [
         ((), "has no level"), ((0.1, 0.3, 0.2), "after 2.94"), ((0.1, 0.2, 0.2), "twice"),
-        ((0.0, 0.1, 0.2), "has the level 0"), ((-0.1, 0.1, 0.2), "must be positive"),
+        ((0.1, 0.0, 0.2), "has the level 0"), ((-0.1, 0.1, 0.2), "must be positive"),
     ],
 )  # fmt: skip
 def test_levels_that_are_no_levels_of_one_curve_are_named(tmp_path, levels, said):
@@ -398,6 +408,10 @@ def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
         ("PGV (cm/s),annual_rate", 0.01, 0.1), ("pgv_m_s,annual_rate", 1.0, 0.1), ("PGA (gal),annual_rate", 0.01, 0.1),
         ("SA(1.0),poe_50_years", G, -math.log(0.9) / 50), ("SA0P2,probability (1 yr)", G, -math.log(0.9)),
         ("PGA,probability_in_475_years", G, -math.log(0.9) / 475), ("PGA,annual_probability", G, -math.log(0.9)),
+        ("PGA (g),PoE in 50 years (%)", G, -math.log(0.999) / 50), ("PGA (g),AEP [%]", G, -math.log(0.999)),
+        ("PGA,PoE [%] 50 yr", G, -math.log(0.999) / 50), ("Sa(T=1.0 s) [g],MAFE", G, 0.1), ("sa_1s_g,afe", G, 0.1),
+        ("1.0 Second Spectral Acceleration (g),AFE", G, 0.1), ("pga_cm_s2,annual_rate", 0.01, 0.1),
+        ("# investigation time: 50 years\nPGA (g),poe", G, -math.log(0.9) / 50),
     ],
 )  # fmt: skip
 def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity, rate):
@@ -425,6 +439,32 @@ def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(InputError, match=said):
         read_hazard(path)
+
+
+def test_probabilities_of_non_exceedance_are_those_of_exceedance_from_the_other_side(tmp_path):
+    path = tmp_path / "curve.csv"
+    path.write_text("PGA (g),probability of non-exceedance in 50 years\n0.1,0.9\n0.2,0.99\n")
+    assert read_curve(path).annual_rate == pytest.approx([-math.log(0.9) / 50, -math.log(0.99) / 50])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# PGA in m/s2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "'m/s2'"),
+        ("# units: cm/s^2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", r"'cm/s\^2'"),
+        ("PGV [m/s] of the rock\n\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "'m/s'"),
+        ("PGA,annual_rate\n10,1e-2\n980,1e-3\n", "reach 980"),
+        ("PGV,annual_rate\n{0},1e-2\n{1},1e-3\n", "reach 2"),
+        ("SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n", "reach 200"),
+    ],
+)
+def test_levels_without_a_unit_that_are_in_another_than_is_usual_are_refused(tmp_path, text, said):
+    """Under 'PGA' alone 980 cm/s2 would be 980 g: a rock that nothing topples."""
+    path = tmp_path / "curve.csv"
+    path.write_text(text.format(0.1, 2.0))
+    with pytest.raises(InputError, match=said) as error:
+        read_curve(path)
+    assert "name the unit in the column" in error.value.remedy
 
 
 def test_openquakes_curves_without_time_or_measure_are_told_what_to_add(tmp_path):

@@ -17,6 +17,8 @@ _SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
 _JUMP_RATIO, _NEAR = 4.0, 200
 """A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
 _FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
+_GLUED = re.compile(r"(?<=\d)(?=[-+]\d*\.\d)")
+"""Between two numbers of full Fortran columns: before a sign that is no exponent's, as that has no point behind it."""
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
 
 
@@ -48,6 +50,9 @@ def numbers_in(
         values = _floats([_FORTRAN.sub(r"\1E\2", token) for token in tokens])
     if values is None and all(map(_COMMA_NUMBER.match, tokens)):
         values = _floats([_FORTRAN.sub(r"\1E\2", token.replace(",", ".")) for token in tokens])
+    if values is None and width is None and any(map(_GLUED.search, tokens)):
+        apart = [_GLUED.sub(" ", line) for line in lines]
+        return numbers_in(apart, path, first_line) if apart != lines else np.empty(0)
     if values is not None and np.isfinite(values).all():
         return values
     left = len(tokens)

@@ -4,49 +4,67 @@ import re
 from pathlib import Path
 
 from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
-from toppling.models.motions.formats.numbers import counted, numbers_in
+from toppling.models.motions.formats.numbers import Counted, counted, numbers_in
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 NAME = "PEER AT2"
-_COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)
-_STEP = re.compile(r"DT\s*=?\s*([-+0-9.Ee]+)", re.IGNORECASE)
+_COUNT = re.compile(r"NPTS\s*[=:]?\s*(\d+)", re.IGNORECASE)
+_STEP = re.compile(r"DT\s*[=:]?\s*([-+]?[0-9]*[.,]?[0-9]+(?:[EeDd][-+]?[0-9]+)?)", re.IGNORECASE)
+_BARE = re.compile(r"^\s*(\d+)\s*,?\s+(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
+_SERIES = re.compile(r"\b(?:ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\bUNITS?\b", re.IGNORECASE)
+_HEADER_LINES = 8
+"""Among which the title of the series is looked for; four are usual."""
 _UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
 _SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
 """NGA-East's labels: a channel's code, and its location behind it."""
 _DATE = re.compile(r"\d+[/.-]\d+[/.-]\d+")
 _AGENCY = re.compile(r"\s*\([^()]*\)\s*$")
-_OLD = re.compile(r"^\s*(\d+)\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
+_OLD = re.compile(r"^\s*(\d+)\s+([0-9.EeDd+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
 
 
 def recognises(head: str) -> bool:
-    """Whether this is how an AT2 file begins."""
-    lines = head.splitlines()
-    return len(lines) >= 4 and "PEER" in lines[0].upper() and "STRONG MOTION" in lines[0].upper()
+    """Whether this is how an AT2 file begins: PEER in the first line, or its series' title above NPTS and DT."""
+    lines = head.strip("\n").splitlines()
+    if len(lines) >= 4 and "PEER" in lines[0].upper() and "STRONG MOTION" in lines[0].upper():
+        return True
+    at = _series_line(lines)
+    return at is not None and any(map(_numbers_of, lines[at + 1 : at + 3]))
 
 
 def read(path: Path, text: str) -> list[Component]:
     """Read one component; both header styles (`NPTS= 5437, DT= .0050 SEC` and `5437 0.0050 NPTS, DT`)."""
     lines = text.splitlines()
-    named = _UNIT.search(lines[2])
+    top = next(place for place, line in enumerate(lines) if line.strip())
+    at = _series_line(lines)
+    at = top + 2 if at is None else at
+    named = _UNIT.search(lines[at])
     unit = acceleration_m_s2(named[1]) if named else None
-    if "ACCELERATION" not in lines[2].upper() or unit is None:
+    if "ACCELERATION" not in lines[at].upper() or unit is None:
         refuse(
-            f"the third line says {lines[2].strip()[:60]!r}",
+            f"the title of the series is {lines[at].strip()[:60]!r}",
             path,
-            3,
+            at + 1,
             expected="'ACCELERATION TIME SERIES IN UNITS OF G'",
             remedy="give the acceleration file (.AT2), not velocity or displacement",
         )
-    count, step = _count_and_step(lines[3], path)
-    found = counted(numbers_in(lines[4:], path, 5), count, lines[4:], path, 4)
-    event, station, label = _title(lines[1])
+    numbers = next((n for n in range(at + 1, min(at + 3, len(lines))) if _numbers_of(lines[n])), at + 1)
+    count, step = _count_and_step(lines[numbers], path, numbers + 1)
+    first = numbers + 1
+    values = numbers_in(lines[first:], path, first + 1)
+    if count is None:
+        found = Counted(
+            values, warnings=(f"{path.name}: no NPTS, all {len(values)} samples that follow are read",)
+        )
+    else:
+        found = counted(values, count, lines[first:], path, first)
+    event, station, label = _title(lines[top + 1] if at > top + 1 else lines[top])
     return [
         Component(
             acceleration_m_s2=found.values * unit,
             time_step_s=step,
             direction=_direction(label),
             path=path,
-            line=5,
+            line=first + 1,
             file_format=NAME,
             corrected=True,
             event=event,
@@ -59,27 +77,32 @@ def read(path: Path, text: str) -> list[Component]:
     ]
 
 
-def _count_and_step(line: str, path: Path) -> tuple[int, float]:
-    old = _OLD.match(line)
-    count, step = (old[1], old[2]) if old else (_COUNT.search(line), _STEP.search(line))
-    if count is None or step is None:
-        refuse(
-            f"no NPTS and DT in {line.strip()[:60]!r}",
-            path,
-            4,
-            expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
-        )
+def _series_line(lines: list[str]) -> int | None:
+    """Place of the line that names quantity and unit, which filters or blank lines may have moved."""
+    return next((n for n, line in enumerate(lines[:_HEADER_LINES]) if _SERIES.search(line)), None)
+
+
+def _numbers_of(line: str) -> tuple[str | None, str | None] | None:
+    """Number of samples and time step as a line has them; None if it has neither."""
+    if both := _OLD.match(line) or _BARE.match(line):
+        return both[1], both[2]
+    count, step = _COUNT.search(line), _STEP.search(line)
+    return (count and count[1], step and step[1]) if count or step else None
+
+
+def _count_and_step(line: str, path: Path, number: int) -> tuple[int | None, float]:
+    count, step = _numbers_of(line) or (None, None)
     try:
-        number = int(count if isinstance(count, str) else count[1])
-        seconds = float(step if isinstance(step, str) else step[1])
+        seconds = float((step or "").upper().replace("D", "E").replace(",", "."))
     except ValueError:
         refuse(
             f"{line.strip()[:60]!r} has no readable time step",
             path,
-            4,
+            number,
             expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
+            remedy="write NPTS and DT into this line, or fetch the file again",
         )
-    return number, positive(seconds, "time step", path, 4)
+    return (None if count is None else int(count)), positive(seconds, "time step", path, number)
 
 
 def _title(line: str) -> tuple[str, str, str]:

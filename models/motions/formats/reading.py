@@ -1,6 +1,7 @@
 """Which reader a file needs, by its first bytes."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -27,6 +28,18 @@ class Reader(Protocol):
 
 _TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried."""
+_UNPACK = "unpack it first, and give the records in it"
+_EXPORT = "export the record as text: time and acceleration in columns under their names with units"
+_NO_RECORDS = (
+    (rb"PK\x03\x04(?=[\s\S]{0,4000}(?:xl/|Content_Types))", "a spreadsheet", "save its sheet as CSV"),
+    (rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!", "a packed archive", _UNPACK),
+    (rb"\x89HDF|MATLAB|\x93NUMPY", "a file of arrays (HDF5, MATLAB, NumPy)", _EXPORT),
+    (rb"\s*<!doctype html|\s*<html", "a web page, such as of a login", "fetch the record itself again"),
+    (rb"\s*<\?xml|\s*<", "XML other than StationXML", "give the record, or the StationXML of its station"),
+    (rb"%PDF|\xff\xd8\xff|\x89PNG", "a document or picture", "give the record's file"),
+    (rb"\s*[{\[]", "JSON", _EXPORT),
+)
+"""Beginnings of files that are no records: what they are, and what to give instead."""
 _LARGEST_BYTES = 500_000_000
 _LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
@@ -56,15 +69,19 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     reader = next((reader for reader in _TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
         return _checked(_read_text(reader, path, text), path)
+    head = content[:HEAD_BYTES]
     del content, text
     found = seismic.read(path, inventory)
     if found is None:
+        for beginning, what, remedy in _NO_RECORDS:
+            if re.match(beginning, head, re.IGNORECASE):
+                refuse(f"the file is {what}", path, expected="a record", remedy=remedy)
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         refuse(
             "the format is not known",
             path,
             expected=f"{names}, or a format that ObsPy reads",
-            remedy="convert the file, or leave it out",
+            remedy="convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'",
         )
     return _checked(found, path)
 

@@ -30,6 +30,15 @@ SAME = [
     ("unam", "Gal (cm/s/s)", "GALS"),
     ("unam", "V N00E N90E\n", "V N00E N90E\n\n"),
     ("peer", "IN UNITS OF G", "IN UNITS OF G. FILTER POINTS: HP=0.1 Hz LP=20.0 Hz"),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD", "PEER NGA-SUB RECORD"),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD\n", ""),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD", "\nPEER NGA STRONG MOTION DATABASE RECORD"),
+    ("peer", "\nACCELERATION", "\nFILTER HP=0.1 LP=20\nACCELERATION"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS: 400, DT: 0.01"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "DT= 1.000D-02 SEC, NPTS=400"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS= 400, DT= ,0100 SEC"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "   400   .0100"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS= 400, DT= .01\n"),
     ("knet", "(gal)/", "(GAL)/"),
 ]  # fmt: skip
 
@@ -72,7 +81,7 @@ def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path)
         ("esm", "DATA_TYPE: ACCELERATION", "DATA_TYPE: Velocity", "DATA_TYPE is Velocity"),
         ("esm", "UNITS: cm/s^2", "UNITS: cm/s", "UNITS is 'cm/s'"),
         ("unam", "Gal (cm/s/s)", "Pa", "UNIDADES DE LOS DATOS is 'Pa'"),
-        ("peer", "IN UNITS OF G", "IN UNITS OF CM", "the third line says"),
+        ("peer", "IN UNITS OF G", "IN UNITS OF CM", "the title of the series is"),
         ("knet", "(gal)/", "(g)/", "the scale factor is not in gal"),
     ],
 )
@@ -128,3 +137,45 @@ def test_a_row_that_cwbs_times_miss_is_refused(lost, tmp_path):
     path.write_text("".join(line for place, line in enumerate(lines) if place not in lost))
     with pytest.raises(InputError, match=r"the time goes from|truncated"):
         read_file(path)
+
+
+def test_samples_that_no_header_counts_are_read_and_told(tmp_path):
+    for path in WRITERS["peer"](tmp_path, shaking()):
+        path.write_text(path.read_text().replace("NPTS=    400, ", ""))
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    assert "no NPTS" in outcome.warnings[0][1]
+
+
+def test_numbers_of_full_columns_are_parted_before_their_signs(tmp_path):
+    a = shaking()
+    for width, folder in ((15, tmp_path / "apart"), (13, tmp_path / "glued")):
+        folder.mkdir()
+        for path in WRITERS["peer"](folder, a):
+            lines = path.read_text().splitlines()
+            numbers = " ".join(lines[4:]).split()
+            rows = ["".join(f"{float(x):{width}.6E}" for x in numbers[i : i + 5]) for i in range(0, 400, 5)]
+            path.write_text("\n".join([*lines[:4], *rows]) + "\n")
+    assert "E-01-" in (tmp_path / "glued" / "RSN9_TEST_STA090.AT2").read_text()
+    (apart,), (glued,) = (imported(tmp_path / name).records for name in ("apart", "glued"))
+    assert apart.sha == glued.sha
+
+
+@pytest.mark.parametrize(
+    ("content", "what", "remedy"),
+    [
+        (b"PK\x03\x04" + b"\0" * 30 + b"[Content_Types].xml", "a spreadsheet", "CSV"),
+        (b"PK\x03\x04" + b"\0" * 30 + b"RSN9.AT2", "a packed archive", "unpack"),
+        (b"\x1f\x8b\x08" + bytes(range(200)), "a packed archive", "unpack"),
+        (b"\x89HDF\r\n\x1a\n" + b"\0" * 100, "a file of arrays", "text"),
+        (b"MATLAB 5.0 MAT-file" + b"\0" * 200, "a file of arrays", "text"),
+        (b"<!DOCTYPE html>\n<html><body>Please log in</body></html>\n" * 9, "a web page", "fetch"),
+        (b'{"dt": 0.005, "acceleration": [0.1, 0.2]}\n', "JSON", "text"),
+    ],
+)
+def test_what_is_no_record_is_refused_by_what_it_is(content, what, remedy, tmp_path):
+    path = tmp_path / "record.AT2"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"the file is {what}") as error:
+        read_file(path)
+    assert remedy in error.value.remedy

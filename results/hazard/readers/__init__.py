@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.readers import columns, cybershake, nshmp, openquake
+from toppling.results.hazard.readers import columns, cybershake, nrml, nshmp, openquake
 from toppling.results.hazard.readers.assembly import combined, trees_of
 from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
@@ -24,11 +24,10 @@ _EXPORT = "export its curves as text: oq export hcurves --export-type csv"
 _BINARY = {
     b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", _EXPORT),
     b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
-    b"<?xml": ("is XML", _EXPORT),
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
 
-_SUFFIXES = {".csv", ".txt", ".json", ".dat", ".tsv", ""}
+_SUFFIXES = {".csv", ".txt", ".json", ".xml", ".dat", ".tsv", ""}
 
 
 def read_hazard(
@@ -126,6 +125,8 @@ def _is_hazard(path: Path) -> bool:
         return False
     if path.suffix == ".json":
         return nshmp.matches_json(_text(path))
+    if path.suffix == ".xml":
+        return nrml.matches("\n".join(lines))
     if any(one.matches(lines[:2]) for one in (openquake, nshmp, cybershake)):
         return True
     return columns.matches(lines)
@@ -148,7 +149,11 @@ def _parsed(path: Path, text: str, hints: Hints) -> Stated:
     if path.suffix == ".json" or text.lstrip().startswith("{"):
         if not nshmp.matches_json(text):
             refuse(path, "is no answer of the hazard web service")
-        return nshmp.read_json(path, text)
+        return nshmp.read_json(path, text, hints)
+    if text.lstrip().startswith("<"):
+        if not nrml.matches(text):
+            refuse(path, "is XML without hazard curves", _EXPORT)
+        return nrml.read(path, text, hints)
     for family in (openquake, nshmp, cybershake):
         if family.matches(lines):
             return family.read(path, lines, hints)

@@ -132,39 +132,52 @@ def _years(path: Path, hints: Hints, old: bool) -> float | None:
 
 def matches_json(text: str) -> bool:
     """Whether a text is an answer of the hazard web service."""
-    return '"response"' in text and '"xvalues"' in text
+    return '"response"' in text and ('"xvalues"' in text or '"xs"' in text)
 
 
-def read_json(path: Path, text: str) -> list[Statement]:
-    """Read an answer of the hazard web service: totals, and contributions of source types.
+def read_json(path: Path, text: str, hints: Hints) -> list[Statement]:
+    """Read an answer of the hazard web service, old or new: totals, and contributions of source types.
 
     Raises InputError if the answer lacks a field, or states no annual frequencies.
     """
     try:
-        answers = json.loads(text)["response"]
-        return [statement for answer in answers for statement in _answer(path, answer)]
+        whole = json.loads(text)
+        answers = whole["response"] if isinstance(whole["response"], list) else [whole["response"]]
+        found = []
+        for answer in answers:
+            about: dict[str, Any] = {}
+            for part in (whole, whole.get("metadata"), whole.get("request"), answer, answer.get("metadata")):
+                about |= {key.lower(): value for key, value in (part or {}).items()}
+            for curve in answer.get("hazardCurves", [answer]):
+                found += _answer(
+                    path, about | {"imt": curve.get("imt", about.get("imt"))}, curve["data"], hints
+                )
+        return found
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         if hasattr(error, "remedy"):
             raise
         refuse(path, f"is no answer of the hazard web service ({type(error).__name__}: {error})")
 
 
-def _answer(path: Path, answer: dict[str, Any]) -> list[Statement]:
-    about = answer["metadata"]
+def _answer(path: Path, about: dict[str, Any], data: Any, hints: Hints) -> list[Statement]:
+    """Curves over one measure: old answers have one list of levels, new ones levels beside each curve's values."""
     imt = about["imt"]["value"] if isinstance(about["imt"], dict) else about["imt"]
     known = measure_of(str(imt))
     if known is None:
         refuse(path, f"is over {imt!r}, which is no measure known here")
-    if "annual" not in str(about.get("ylabel", "")).lower():
-        refuse(
-            path, f"states {about.get('ylabel')!r}", "ask the service for annual frequencies of exceedance"
-        )
-    levels = [float(x) * known[1] for x in about["xvalues"]]
+    label = about.get("ylabel")
+    if "annual" not in str(label or "").lower() and (label or hints.years is None):
+        remedy = "ask the service for annual frequencies of exceedance" if label else "give --values rate"
+        refuse(path, f"states {label!r}" if label else "does not say what its values are", remedy)
+    years = years_of_values(path, 0.0 if label else None, hints)
     stated = {"site": (float(about["longitude"]), float(about["latitude"])), "source": str(path)}
     found = []
-    for one in answer["data"]:
-        total = one["component"] == "Total"
+    for one in data if isinstance(data, list) else [data]:
+        total = one.get("component", "Total") == "Total"
         name = "total" if total else f"source {one['component']}"
-        curve = curve_of_rates(name, known[0], levels, [float(y) for y in one["yvalues"]], **stated)
+        values = one.get("values", one)
+        levels = [float(x) * known[1] for x in values.get("xs") or about["xvalues"]]
+        rates = [float(y) for y in values.get("ys") or values["yvalues"]]
+        curve = _curve(name, known[0], levels, rates, years or None, stated)
         found.append(Statement(curve, "curve" if total else "part", None if total else name))
     return found

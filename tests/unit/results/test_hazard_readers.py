@@ -538,3 +538,106 @@ def test_a_name_of_any_length_is_soon_known_to_be_no_column(filler):
     assert measure_with_unit(f"PGA{filler * 100_000}(g)") is None
     assert not columns._says_value(f"poe{filler * 100_000}1x1")
     assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square
+
+
+def answer(new: bool, label: str | None) -> dict:
+    """The web service's answer for one site, as it was until 2021 and as it is since."""
+    about = {"longitude": -118.1, "latitude": 34.2, **({"ylabel": label} if label else {})}
+    levels, rates = [0.1, 0.2], {"Total": [1e-2, 1e-3], "Fault": [7e-3, 6e-4]}
+    if new:
+        data = [{"component": name, "values": {"xs": levels, "ys": ys}} for name, ys in rates.items()]
+        curves = [{"imt": {"value": imt, "display": "?"}, "data": data} for imt in ("PGA", "SA0P2")]
+        return {"request": about, "response": {"metadata": {"model": "CONUS_2018"}, "hazardCurves": curves}}
+    data = [{"component": name, "yvalues": ys} for name, ys in rates.items()]
+    return {
+        "response": [
+            {"metadata": {**about, "imt": imt, "xvalues": levels}, "data": data} for imt in ("PGA", "SA0P2")
+        ]
+    }
+
+
+@pytest.mark.parametrize("new", [False, True])
+@pytest.mark.parametrize(("label", "years"), [("Annual Frequency of Exceedence", None), (None, 0.0)])
+def test_answers_of_the_web_service_old_and_new_are_one_tree_by_measure(tmp_path, new, label, years):
+    path = tmp_path / "answer.json"
+    path.write_text(json.dumps(answer(new, label)))
+    trees = read_hazard(path, hints=Hints(years=years))
+    assert [tree.measure for tree in trees] == ["pga_m_s2", "sa_0.2s_m_s2"]
+    for tree in trees:
+        assert tree.curves[0].intensity == pytest.approx([0.1 * G, 0.2 * G])
+        assert tree.curves[0].annual_rate == pytest.approx([1e-2, 1e-3])
+        assert tree.curves[0].site == (-118.1, 34.2)
+        assert [part.name for part in tree.parts] == ["source Fault"]
+
+
+@pytest.mark.parametrize("new", [False, True])
+def test_an_answer_that_does_not_say_what_its_values_are_is_refused(tmp_path, new):
+    path = tmp_path / "answer.json"
+    for label, said in (
+        (None, "does not say what its values are"),
+        ("Probability of Exceedance", "states 'Prob"),
+    ):
+        path.write_text(json.dumps(answer(new, label)))
+        with pytest.raises(InputError, match=said):
+            read_hazard(path)
+
+
+NRML = {
+    "0.5": (
+        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.5">'
+        '<hazardCurves {stat} investigationTime="50.0" IMT="{imt}"><IMLs>0.1 0.2</IMLs>'
+        "<hazardCurve><gml:Point><gml:pos>-118.1 34.2</gml:pos></gml:Point><poEs>{high} 0.01</poEs></hazardCurve>"
+        "<hazardCurve><gml:Point><gml:pos>10.0 45.0</gml:pos></gml:Point><poEs>0.5 0.4</poEs></hazardCurve>"
+        "</hazardCurves></nrml>"
+    ),
+    "0.3": (
+        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.3"><hazardResult>'
+        '<config><hazardProcessing investigationTimeSpan="50.0"/></config><hazardCurveField {stat}>'
+        '<IML IMT="{imt}">0.1 0.2</IML><HCNode><site><gml:Point><gml:pos>-118.1 34.2</gml:pos></gml:Point></site>'
+        "<hazardCurve><poE>{high} 0.01</poE></hazardCurve></HCNode></hazardCurveField></hazardResult></nrml>"
+    ),
+}
+
+
+@pytest.mark.parametrize("version", NRML)
+@pytest.mark.parametrize(
+    ("imt", "measure", "unit"),
+    [("PGA", "pga_m_s2", G), ("PGV", "pgv_m_s", 0.01), ('SA" saPeriod="1.0', "sa_1s_m_s2", G)],
+)
+def test_curves_in_openquakes_xml_are_those_in_its_csv(tmp_path, version, imt, measure, unit):
+    path = tmp_path / "curves.xml"
+    text = NRML[version].format(stat='statistics="mean"', imt=imt, high=0.1)
+    for declaration in ("", '<?xml version="1.0" encoding="utf-8"?>\n'):
+        path.write_text(declaration + text)
+        (tree,) = read_hazard(tmp_path, hints=Hints(site=(-118.1, 34.2)))
+        assert tree.measure == measure
+        assert tree.curves[0].intensity == pytest.approx([0.1 * unit, 0.2 * unit])
+        assert tree.curves[0].annual_rate == pytest.approx(-np.log([0.9, 0.99]) / 50)
+
+
+def test_fractiles_in_openquakes_xml_belong_to_their_mean(tmp_path):
+    for name, stat, high in (
+        ("mean", 'statistics="mean"', 0.1),
+        ("q", 'statistics="quantile" quantileValue="0.95"', 0.2),
+    ):
+        (tmp_path / f"{name}.xml").write_text(NRML["0.3"].format(stat=stat, imt="PGA", high=high))
+    (tree,) = read_hazard(tmp_path)
+    assert tree.fractiles[0.95].annual_rate[0] == pytest.approx(-np.log(0.8) / 50)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('investigationTime="50.0"', "", "states no investigationTime"),
+        ('IMT="PGA"', 'IMT="MMI"', "over 'MMI'"),
+        ("0.1 0.01</poEs>", "0.1</poEs>", "2 levels and 1 probabilities"),
+        ("</nrml>", "", "no whole XML document"),
+        ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "defines entities"),
+        ("hazardCurves", "hazardMap", "XML without hazard curves"),
+    ],
+)
+def test_xml_that_is_no_whole_hazard_curve_is_refused_by_its_cause(tmp_path, old, new, said):
+    path = tmp_path / "curves.xml"
+    path.write_text(NRML["0.5"].format(stat="", imt="PGA", high=0.1).replace(old, new))
+    with pytest.raises(InputError, match=said):
+        read_hazard(path, hints=Hints(site=(-118.1, 34.2)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
-from toppling.models.motions.formats.component import TIME_STEPS_S
+from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
 from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
 
 _COLUMNS = {
@@ -227,14 +227,20 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
         time_step_s=_number(text, "time_step_s", where, TIME_STEPS_S),
         corrected=None if not processing else processing.startswith("corrected"),
         corner_hz=_number(text, "corner_hz", where),
-        h1_azimuth_deg=_number(text, "h1_azimuth", where),
-        h2_azimuth_deg=_number(text, "h2_azimuth", where),
+        h1_azimuth_deg=_azimuth(text, "h1_azimuth", where),
+        h2_azimuth_deg=_azimuth(text, "h2_azimuth", where),
         peaks_m_s2=(
             _number(text, "pga_h1", where),
             _number(text, "pga_h2", where),
             _number(text, "pga_v", where),
         ),
     )
+
+
+def _azimuth(text: dict[str, str], key: str, where: str) -> float | None:
+    """Compass bearing, as a number or in letters: E, NS, N45E."""
+    named = bearing(text[key])
+    return named if isinstance(named, float) else _number(text, key, where)
 
 
 def _number(

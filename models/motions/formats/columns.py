@@ -1,19 +1,32 @@
-"""Plain columns: acceleration alone, time and acceleration, or time and three components.
+"""Plain columns: acceleration alone, time and acceleration, or components with the time or without.
 
-Units come from the names of the columns or the metadata table, the time step of a single column from the table.
+Units come from the names of the columns, the text above them or the metadata table, the time step of columns without
+times from that text or the table.
 """
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
+from toppling.models.motions.formats.column_names import (
+    Column,
+    Roles,
+    column_of,
+    is_unit,
+    refuse_names,
+    roles_of,
+)
+from toppling.models.motions.formats.column_times import UNITS_S, as_seconds, past_midnight, time_step
+from toppling.models.motions.formats.component import Component, code_direction, refuse
+from toppling.models.motions.formats.header_text import stated_step_s, stated_unit
 from toppling.models.motions.formats.numbers import numbers_in
 from toppling.models.motions.formats.units import known_names, unit_of
 
@@ -31,51 +44,125 @@ _NOT_COMMA = SEPARATORS.replace(",", "")
 _BETWEEN = re.compile(rf",(?=[\s{_NOT_COMMA}]|$)")
 """A comma with a blank behind it, which stands between two numbers whatever other commas do."""
 _WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
-_BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
-_TIME = re.compile(r"(?:t|times?|s|secs?|seconds?)(?![a-z])", re.IGNORECASE)
-_QUANTITY = re.compile(r"^A(?:CC(?:EL(?:ERATION)?)?)?[\s._-]+")
-_CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
-"""SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
-_HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
-"""Names of horizontals that say nothing of their bearing."""
-_TIME_WORDS = {"s", "sec", "seconds", "ms", "msec"}
-_TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
-"""Units of a column of times that is not in seconds."""
-_STEP_TOLERANCE = 0.01
-"""Largest departure of one time difference from their median, as a share of it."""
-_REGULAR_SHARE = 0.95
-_COARSE, _COARSE_RANGE, _COARSE_WINDOW = 0.1, 1.3, 50
-"""Times whose last digit is more than this share of the step leave their line by this many digits where rows are lost;
-the place is found by the means of so many times on both sides."""
+_TEXT = re.compile(r"\s*[A-Za-z#%!/]")
+"""How a line of text begins, below the samples."""
+_OF_OBSPY = ("TIMESERIES", "WID2", "WID1")
+"""First words of text formats of others, whose samples look like columns."""
 _DERIVED = 0.9
 """Correlation of a column with the slope of the next, from which this is its integral."""
 _WIDTHS = (1, 2, 4)
+"""Numbers of columns that are understood without names."""
+_MOST_COLUMNS, _MOST_ABOVE, _MOST_FOOTER, _SHOWN = 12, 500, 20, 60
+_LEAST_ROWS = 2
+"""So many rows of one width show where the columns begin."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where columns begin, what stands between their numbers, and what their names say."""
+
+    first: int  # line of the first row, from 0
+    width: int
+    decimal_comma: bool
+    names_at: int | None = None
+    columns: tuple[Column, ...] = ()
 
 
 def recognises(head: str) -> bool:
-    """Whether the first lines that are no comments hold one, two or four numbers each, below their names."""
-    body = [line for line in head.splitlines()[:-1] if _is_body(line)]
-    comma = _is_decimal_comma(body[2:20])
-    rows = [_split(line, comma) for line in body[:20]]
-    if len(rows) < 4:
-        return len(rows) == 3 and _are_numbers(rows[1:])
-    return _are_numbers(rows[1:]) or (_are_numbers(rows[2:]) and _units_below(body[0], body[1]) is not None)
-
-
-def _are_numbers(rows: list[list[str]]) -> bool:
-    """Whether rows hold as many numbers each as this format has columns, or twice as many without a point."""
-    if len(rows[0]) not in _WIDTHS and not (len(rows[0]) == 2 * _WIDTHS[-1] and "." not in "".join(rows[0])):
+    """Whether rows of numbers follow that have names, or are as many columns as need none."""
+    if head.lstrip().startswith(_OF_OBSPY):
         return False
-    return all(len(row) == len(rows[0]) and all(map(_NUMBER.match, row)) for row in rows)
+    layout = _layout(head.splitlines()[:-1])
+    if layout is None:
+        return False
+    if layout.width in _WIDTHS or layout.width == 3 or _roles(layout) is not None:
+        return layout.names_at is None or _roles(layout) is not None or _is_header(head, layout)
+    return layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout)
+
+
+def _is_header(head: str, layout: _Layout) -> bool:
+    """Whether what stands above the rows is one line of names, with comments perhaps, and no other program's header."""
+    above = [line for line in head.splitlines()[: layout.first] if _is_body(line)]
+    return len(above) <= 2
+
+
+def _whole_numbers(head: str, layout: _Layout) -> bool:
+    """Whether eight columns are four whose decimal commas stand between numbers too; `read` says so."""
+    row = head.splitlines()[layout.first]
+    return layout.names_at is None and "." not in row and "," in row
+
+
+def _layout(lines: Sequence[str]) -> _Layout | None:
+    """Layout of a file by its first lines; None where no rows of numbers follow on each other."""
+    plain = [_plain(line) for line in lines]
+    numeric = [line for line in plain if re.match(r"\s*[-+.,\d]", line)]
+    middle = len(numeric) // 2
+    comma = _is_decimal_comma(numeric[middle : middle + 20])
+    rows = {n: _split(plain[n], comma) for n in range(len(lines)) if _is_body(lines[n])}
+    widths = {n: len(row) if all(map(_NUMBER.match, row)) else 0 for n, row in rows.items()}
+    places = list(rows)
+    for at, place in enumerate(places):
+        run = [widths[n] for n in places[at : at + _LEAST_ROWS]]
+        if 0 < run[0] <= _MOST_COLUMNS and len(run) == _LEAST_ROWS and len(set(run)) == 1:
+            return _named(lines, _Layout(place, run[0], comma), places[:at])
+    return None
+
+
+def _named(lines: Sequence[str], layout: _Layout, above: list[int]) -> _Layout:
+    """Layout with the names in the line above the rows, or in the last comment, and with units between them."""
+    candidates = above[-2:] or [n for n in range(layout.first) if lines[n].strip()][-1:]
+    if not candidates:
+        return layout
+    names_at, units = candidates[-1], []
+    if len(candidates) == 2 and (below := _units_in(lines[candidates[1]], layout.width)):
+        names_at, units = candidates[0], below
+    columns = _columns(lines[names_at], layout.width)
+    if units and len(columns) == len(units):
+        columns = [replace(each, unit=unit or each.unit) for each, unit in zip(columns, units, strict=True)]
+    return replace(layout, names_at=names_at, columns=tuple(columns))
+
+
+def _units_in(line: str, width: int) -> list[str]:
+    """Units of a line of units, nothing if it is none."""
+    parts = _parts(line)
+    bare = [part.strip("()[]- \"'") for part in parts]
+    return bare if len(parts) == width and all(map(is_unit, parts)) and any(bare) else []
+
+
+def _parts(line: str) -> list[str]:
+    """Cells of a header."""
+    text = line.strip().lstrip("".join(_COMMENT)).strip(" ")
+    between = next((separator for separator in SEPARATORS if separator in text), None)
+    parts = text.split(between) if between else _WORD.findall(text)
+    return parts[:-1] if between and len(parts) > 1 and not parts[-1].strip() else parts
+
+
+def _columns(line: str, width: int) -> list[Column]:
+    """Columns as a line names them; none if it is a comment or numbers, of another number of words, and no header."""
+    found = [column_of(part) for part in _parts(line)]
+    numbers = all(_NUMBER.match(each.name) for each in found)
+    return [] if len(found) != width and (numbers or line.lstrip().startswith(_COMMENT)) else found
+
+
+def _roles(layout: _Layout) -> Roles | None:
+    """Roles of the columns by their names, or by their number where they have none that is understood."""
+    columns = list(layout.columns)
+    if len(columns) == layout.width and (roles := roles_of(columns)):
+        return roles
+    if layout.width <= 2:
+        return Roles(None if layout.width == 1 else 0, {layout.width - 1: ""})
+    return Roles(0, {1: "h1", 2: "h2", 3: "v"}) if layout.width == 4 and not columns else None
 
 
 def read(path: Path, text: str) -> list[Component]:
     """Read the columns; the unit of their samples is that in their names, else the metadata table must name it."""
     lines = text.splitlines()
-    at, first = _header(lines)
-    comma = _is_decimal_comma(lines[first : first + 20])
-    rows = [_EXPONENT.sub("E", _separated(line, comma)) for line in lines[first:]]
-    width = len(rows[0].split()) if rows else 0
+    layout = _layout(lines[:_MOST_ABOVE])
+    if layout is None:
+        refuse("no rows of numbers follow on each other", path, 1, expected="columns of numbers")
+    first, width = layout.first, layout.width
+    end, warnings = _end(lines, layout, path)
+    rows = [_EXPONENT.sub("E", _separated(_plain(line), layout.decimal_comma)) for line in lines[first:end]]
     for offset, row in enumerate(rows):
         if row.strip() and len(row.split()) != width:
             refuse(
@@ -83,42 +170,93 @@ def read(path: Path, text: str) -> list[Component]:
                 path,
                 first + 1 + offset,
                 expected="the same columns on every line",
-                remedy="the file is damaged or truncated here: fetch it again",
+                remedy="fill an empty cell, or fetch the file again if it is damaged or truncated here",
             )
     _refuse_two_commas(lines[first], width, rows, path, first + 1)
-    values = numbers_in(rows, path, first + 1).reshape(-1, max(width, 1))
-    if len(values) < 2 or width not in _WIDTHS:
-        refuse(
-            f"{len(values)} rows of {width} numbers",
-            path,
-            first + 1,
-            expected="acceleration alone, time and acceleration, or time and three components",
-        )
-    if width == 4:
+    values = numbers_in(rows, path, first + 1).reshape(-1, width)
+    roles = _roles(layout)
+    if roles is None:
+        _refuse_columns(layout, path)
+    if roles.components == {1: "h1", 2: "h2", 3: "v"}:
         _refuse_derived(values, path, first + 1)
-    columns = _columns(lines[at], width) if at is not None else []
-    if at is not None and first > at + 1:
-        columns = _units_below(lines[at], lines[first - 1]) or columns
-    labels = _labels(columns, width, path, (at or 0) + 1)
-    named = columns if len(columns) == width else [_Column("", "")] * width
-    step = math.nan
-    if width > 1:
-        times = [row.split()[0] for row in rows if row.strip()]
-        step = _time_step(values[:, 0], times, path, first + 1) * _TIME_UNITS_S.get(
-            named[0].unit.lower(), 1.0
-        )
+    step = _step(values, rows, layout, roles, lines, path)
+    if roles.left_out:
+        warnings = (*warnings, f"{path.name}: columns left out: {', '.join(roles.left_out)}")
+    named = layout.columns if len(layout.columns) == width else (Column("", ""),) * width
+    above = stated_unit(
+        [line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns]
+    )
     return [
-        _component(values[:, place], step, label, named[place], path, first + 1)
-        for place, label in enumerate(labels, max(width - len(labels), 0))
+        replace(
+            _component(values[:, place], step, label, named[place], path, first + 1, above), warnings=warnings
+        )
+        for place, label in roles.components.items()
     ]
+
+
+def _end(lines: Sequence[str], layout: _Layout, path: Path) -> tuple[int, tuple[str, ...]]:
+    """Place behind the last row, and what is told of text below it: sums, or that it is the end."""
+    end = len(lines)
+    while end > layout.first + _LEAST_ROWS and not lines[end - 1].strip():
+        end -= 1
+    last = end
+    while last > layout.first + _LEAST_ROWS and _TEXT.match(lines[last - 1]):
+        if all(map(_NUMBER.match, _split(lines[last - 1], layout.decimal_comma))):
+            break
+        last -= 1
+    if not 0 < end - last <= _MOST_FOOTER:
+        return end, ()
+    told = f"{path.name}: text below the samples is left out: {lines[last].strip()[:_SHOWN]!r}"
+    return last, (told,)
+
+
+def _step(
+    values: NDArray[np.float64],
+    rows: Sequence[str],
+    layout: _Layout,
+    roles: Roles,
+    lines: Sequence[str],
+    path: Path,
+) -> float:
+    """Time step by the column of times, else by the text above; NaN where neither states it."""
+    if roles.time is None:
+        above = stated_step_s([line for line in lines[: layout.first] if line.strip()], len(values))
+        return math.nan if above is None else above
+    unit = (
+        layout.columns[roles.time].unit.lower().replace("µ", "u").replace("μ", "u") if layout.columns else ""
+    )
+    clock = _plain(lines[layout.first]) != _unquoted(lines[layout.first])
+    if not clock and unit not in UNITS_S:
+        refuse(
+            f"the time is in {unit!r}",
+            path,
+            (layout.names_at or 0) + 1,
+            expected=f"one of {', '.join(filter(None, UNITS_S))}",
+            remedy="correct the unit, or give the time in seconds",
+        )
+    printed = [row.split()[roles.time] for row in rows if row.strip()]
+    time = past_midnight(values[:, roles.time]) if clock else values[:, roles.time]
+    return time_step(time, printed, path, layout.first + 1) * (1.0 if clock else UNITS_S[unit])
+
+
+def _refuse_columns(layout: _Layout, path: Path) -> NoReturn:
+    if layout.columns:
+        refuse_names(list(layout.columns), layout.width, path, (layout.names_at or 0) + 1)
+    refuse(
+        f"{layout.width} columns without names",
+        path,
+        layout.first + 1,
+        expected="acceleration alone, time and acceleration, or time and three components",
+        remedy="name them in a line above, such as 'Time (s),NS (cm/s2),EW (cm/s2)'",
+    )
 
 
 def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
     """Refuse a column that is the integral of the one before it, as velocity and displacement beside acceleration."""
     slopes = np.diff(values, axis=0)[:, 1:]
     means = 0.5 * (values[1:] + values[:-1])[:, 1:]
-    for column in (1, 2):
-        pair = np.stack([means[:, column - 1], slopes[:, column]])
+    for place in (1, 2):
+        pair = np.stack([means[:, place - 1], slopes[:, place]])
         if pair.std(axis=1).min() == 0 or np.asarray(np.corrcoef(pair))[0, 1] < _DERIVED:
             return
     refuse(
@@ -131,8 +269,15 @@ def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
 
 
 def _component(
-    values: NDArray[np.float64], step: float, label: str, column: "_Column", path: Path, line: int
+    values: NDArray[np.float64],
+    step: float,
+    label: str,
+    column: Column,
+    path: Path,
+    line: int,
+    above: float | None,
 ) -> Component:
+    """One channel; its unit is its column's, else that of the text above."""
     unit, no_unit = unit_of(column.unit) if column.unit else None, None
     if unit is not None and unit.quantity != "acceleration":
         refuse(
@@ -149,7 +294,7 @@ def _component(
             expected=f"one of {known_names()}",
             remedy="correct it, or give a metadata table with the column 'unit' (--metadata)",
         )
-    factor = unit.factor if unit else None
+    factor = unit.factor if unit else None if column.unit else above
     return Component(
         acceleration_m_s2=values * (factor or 1.0),
         time_step_s=step,
@@ -162,145 +307,6 @@ def _component(
         label=label,
         no_unit=no_unit,
     )
-
-
-@dataclass(frozen=True)
-class _Column:
-    """Name of a column, and what stands in brackets behind it."""
-
-    name: str
-    unit: str
-
-
-def _header(lines: list[str]) -> tuple[int | None, int]:
-    """Places of the line that may name the columns, None without one, and of the first line of numbers."""
-    first = next(i for i, line in enumerate(lines) if _is_body(line))
-    comma = _is_decimal_comma(lines[first + 1 : first + 21])
-    if not all(map(_NUMBER.match, _split(lines[first], comma))):
-        below = next((i for i in range(first + 1, len(lines)) if _is_body(lines[i])), first)
-        return first, below + (_units_below(lines[first], lines[below]) is not None)
-    comments = [i for i in range(first) if lines[i].strip()]
-    return (comments[-1] if comments else None), first
-
-
-def _units_below(names: str, units: str) -> list["_Column"] | None:
-    """Columns of a line of names and a line of units below it; None if the second line is none of units."""
-    width = len(_columns(names, 0))
-    below = _columns(units, 0)
-    if len(below) != width or not width:
-        return None
-    words = [part.unit or part.name for part in below]
-    if any(unit_of(word) is None and word.lower() not in _TIME_WORDS for word in words):
-        return None
-    return [_Column(column.name, word) for column, word in zip(_columns(names, width), words, strict=True)]
-
-
-def _columns(line: str, width: int) -> list[_Column]:
-    """Columns as a line names them; none if it is a comment of another number of words, which is no header."""
-    text = line.strip().lstrip("".join(_COMMENT)).strip(f" {SEPARATORS}")
-    between = next((separator for separator in SEPARATORS if separator in text), None)
-    parts = text.split(between) if between else _WORD.findall(text)
-    found = [_Column(_BRACKETS.sub("", part).strip(" \"'_:."), _unit(part)) for part in parts]
-    return [] if len(found) != width and line.lstrip().startswith(_COMMENT) else found
-
-
-def _unit(part: str) -> str:
-    match = _BRACKETS.search(part)
-    return match[1].strip() if match else ""
-
-
-def _labels(columns: list[_Column], width: int, path: Path, line: int) -> list[str]:
-    """Labels of the components: of three by their names, first, second and vertical where there are none.
-
-    Names that are not understood are refused: in the order of a file without names, they would become other
-    components than they are.
-    """
-    if width < 4:
-        return [""]
-    if not columns:
-        return ["h1", "h2", "v"]
-    labels = [_label(column.name) for column in columns[1:]]
-    if len(columns) != width or not _TIME.match(columns[0].name) or "" in labels or len(set(labels)) < 3:
-        refuse(
-            f"the names of {width} columns are {', '.join(repr(column.name) for column in columns)}",
-            path,
-            line,
-            expected="the time, then three components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v",
-            remedy="name them so, or delete this line if they are the time, h1, h2 and v",
-        )
-    return labels
-
-
-def _label(name: str) -> str:
-    """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
-    bare = _QUANTITY.sub("", name.upper())
-    if bearing(bare) is not None or bare in _HORIZONTALS or re.fullmatch("[1-9]", bare):
-        return bare.lower()
-    return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""
-
-
-def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: int) -> float:
-    """Step of equally spaced times: their span by their number, as round as the last printed digit allows.
-
-    Where nearly all differences are one number of whole digits, rounding explains no other.
-    """
-    steps = np.diff(time)
-    mean = positive(float((time[-1] - time[0]) / len(steps)), "time step", path, line)
-    usual, digit = float(np.median(steps)), _print_error(printed)
-    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_SHARE
-    step = usual if regular or usual > digit else mean
-    wrong = np.flatnonzero(
-        np.abs(steps - step) > max(_STEP_TOLERANCE * step, digit / 2 if regular else digit)
-    )
-    if not len(wrong) and digit > _COARSE * step:
-        wrong = _jump_of_coarse_times(time, digit)
-    if len(wrong):
-        refuse(
-            f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
-            path,
-            line + 1 + int(wrong[0]),
-            expected="equal time steps",
-            remedy="fill or cut the gap, or resample the record to one step first",
-        )
-    return _round_step(mean, digit / len(steps))
-
-
-def _jump_of_coarse_times(time: NDArray[np.float64], digit: float) -> NDArray[np.int64]:
-    """Place, if there is one, where times leave the line that they are on but for rounding to a digit."""
-    number = np.arange(len(time))
-    slope, start = np.polyfit(number, time, 1)
-    off = time - start - slope * number
-    if np.ptp(off) <= _COARSE_RANGE * digit:
-        return np.empty(0, np.int64)
-    sums = np.concatenate([[0.0], np.cumsum(off)])
-    beside = min(_COARSE_WINDOW, len(time) // 2)
-    middle = sums[beside:-beside]
-    return np.array([np.argmax(sums[2 * beside :] + sums[: -2 * beside] - 2 * middle) + beside - 1])
-
-
-def _round_step(step: float, error: float) -> float:
-    """Roundest step within an error: of a few decimals, else of a whole number a second, else of nine decimals."""
-    few = next(
-        (round(step, digits) for digits in range(1, 5) if abs(round(step, digits) - step) <= error), 0.0
-    )
-    rate = round(1 / step) or 1
-    if few > 0:
-        return few
-    return 1 / rate if abs(1 / rate - step) <= error else round(step, 9)
-
-
-def _print_error(numbers: list[str]) -> float:
-    """Twice the half of the last printed digit of times: what rounding alone makes of a difference.
-
-    Where zeros at the end are left away ('0.0', '0.005') the longest shows the digit; with an exponent it is each
-    number's own.
-    """
-    digits, largest = 0, 0
-    for number in numbers:
-        mantissa, _, exponent = number.upper().partition("E")
-        digits = max(digits, len(mantissa.partition(".")[2]))
-        largest = max(largest, int(exponent or 0))
-    return 1.01 * 10.0 ** (largest - digits) if digits else 0.0
 
 
 def _is_decimal_comma(lines: list[str]) -> bool:
@@ -317,6 +323,15 @@ def _is_decimal_comma(lines: list[str]) -> bool:
         return True
     before = [int(row[0].partition(",")[0] or 0) for row in rows]
     return any(b <= a for a, b in pairwise(before))
+
+
+def _plain(line: str) -> str:
+    """Line without quotes, a time of day as seconds."""
+    return as_seconds(_unquoted(line))
+
+
+def _unquoted(line: str) -> str:
+    return line.replace('"', "")
 
 
 def _is_body(line: str) -> bool:

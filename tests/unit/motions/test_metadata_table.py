@@ -119,3 +119,14 @@ def test_a_time_step_of_the_row_that_contradicts_the_file_is_refused_with_its_ro
         assert bool(outcome.records) is read
     assert "the time step is 0.1 s by the row, and 0.01 s" in outcome.refusals[0].reason.what
     assert outcome.refusals[0].reason.where == f"{table}:2"
+
+
+def test_azimuths_of_the_table_may_be_compass_letters(tmp_path):
+    WRITERS["columns"](tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    header, row = table.read_text().splitlines()
+    found = []
+    for first, second in (("90", "0"), ("E", "NS"), ("N90E", "north")):
+        table.write_text(f"{header},h1_azimuth,h2_azimuth\n{row},{first},{second}\n")
+        found.append(import_records(record_files([tmp_path]), read_table(table)).records[0].sha)
+    assert len(set(found)) == 1

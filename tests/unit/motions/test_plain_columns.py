@@ -51,6 +51,12 @@ def imported(path: Path, unit: str = "m/s2"):
         "\ufefft,acc_Z,acc_N,acc_E",
         '"Time","Acc. Up","Acc. 000","Acc. 090"',
         "t, -DOWN, -S, -W",
+        "Zeit [s];UD [m/s2];NS [m/s2];EW [m/s2]",
+        "Time (s),Vertical (m/s^2),North-South (m/s^2),East-West (m/s^2)",
+        "time,acc_ud_m_s2,acc_ns_m_s2,acc_ew_m_s2",
+        "time_s,up_m_s2,north_m_s2,east_m_s2",
+        "Time (s),Up (m/s2),North (m/s2),East (m/s2),",
+        "Station ROCK\nrecorded at night\nTime (s),UD,NS,EW",
     ],
 )
 def test_columns_are_the_components_of_their_names_in_any_order(header, comma, tmp_path):
@@ -76,7 +82,7 @@ def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_
     "header",
     [
         "time,first,second,third",
-        "time,UD,NS",
+        "time,UD,NS,temperature",
         "UD,NS,EW,time",
         "time,NS,NS,UD",
         "recorded at night",
@@ -147,3 +153,104 @@ def test_velocity_and_displacement_beside_the_acceleration_are_no_components(uni
     path = table_of(tmp_path, "", np.column_stack([a, velocity, np.cumsum(velocity) * STEP_S]))
     with pytest.raises(InputError, match=r"rec\.csv:1: its last two columns are integrals"):
         read_file(path)
+
+
+def rows_of(motion: np.ndarray, before=lambda number: "", after: str = "") -> str:
+    """Rows of a motion, with something before its numbers."""
+    lines = (f"{before(n)}{','.join(f'{x:.6f}' for x in row)}{after}" for n, row in enumerate(motion))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "before"),
+    [
+        ("no,Time (s),EW (m/s2),NS (m/s2),UD (m/s2)\n", lambda n: f"{n},{n * STEP_S:.2f},"),
+        (",time (ms),EW (m/s2),NS (m/s2),UD (m/s2)\n", lambda n: f"{n},{n * STEP_S * 1000:g},"),
+        ("Time (microseconds),EW (m/s2),NS (m/s2),UD (m/s2)\n", lambda n: f"{n * STEP_S * 1e6:.0f},"),
+        (
+            "time,EW (m/s2),NS (m/s2),UD (m/s2)\n",
+            lambda n: (
+                f"2016-04-1{5 + n // 300}T{'00:00' if n >= 300 else '23:59'}:{(57 + n * STEP_S) % 60:05.2f}Z,"
+            ),
+        ),
+        ("SITE CODE= 47\nSAMPLING RATE= 100Hz\nUNIT = m/s2\nEW,NS,UD\n", lambda n: ""),
+        ("# dt: 0.01 s\nn,EW (m/s2),NS (m/s2),UD (m/s2)\n", lambda n: f"{n},"),
+        (
+            "PLACE : X\nSAMPLING INTERVAL(sec) : 0.01\nRAW PGA (gal): 3\n\nACCELERATION (m/s2)\n  E-W    N-S    U-D\n",
+            lambda n: "",
+        ),
+        ("# units: m/s^2\nt,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
+    ],
+)
+def test_the_time_is_found_whatever_counts_or_tells_it(header, before, tmp_path):
+    a = shaking()
+    path = tmp_path / "rec.csv"
+    path.write_text(header + rows_of(a, before))
+    (record,) = import_records([path], options=ImportOptions(process=False)).records
+    assert record.motion.time_step_s == pytest.approx(STEP_S)
+    assert record.north_known
+    assert np.abs(record.motion.acceleration_m_s2 - a).max() < 2e-6
+
+
+def test_numbers_in_quotes_and_text_below_them_are_the_same_record(tmp_path):
+    a = shaking()
+    header = '"Time (s)","EW (m/s2)","NS (m/s2)","UD (m/s2)"\n'
+    path = tmp_path / "rec.csv"
+    body = rows_of(a, lambda n: f"{n * STEP_S:.2f},").replace(",", '","').replace("\n", '"\n"')
+    path.write_text(header + '"' + body.removesuffix('"') + "Max,3,4,5\nEND OF FILE\n")
+    outcome = import_records([path], options=ImportOptions(process=False))
+    assert np.abs(outcome.records[0].motion.acceleration_m_s2 - a).max() < 2e-6
+    assert "text below the samples is left out: 'Max,3,4,5'" in outcome.warnings[0][1]
+
+
+def test_velocity_and_displacement_behind_the_acceleration_are_left_out_by_their_names(tmp_path):
+    a = shaking()
+    paths = []
+    for label, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
+        paths.append(tmp_path / f"rec_{label}.csv")
+        velocity = np.cumsum(series) * STEP_S
+        table = np.column_stack([series, 100 * velocity, 100 * np.cumsum(velocity) * STEP_S])
+        header = "Time (s),Acceleration (m/s2),Velocity (cm/s),Displacement (cm)\n"
+        paths[-1].write_text(header + rows_of(table, lambda n: f"{n * STEP_S:.2f},"))
+    (record,) = import_records(paths, options=ImportOptions(process=False)).records
+    assert np.abs(record.motion.acceleration_m_s2 - a).max() < 2e-6
+
+
+def test_two_horizontals_with_names_need_no_vertical_if_it_may_be_missing(tmp_path):
+    a = shaking()
+    path = tmp_path / "rec.csv"
+    path.write_text("time,NS (m/s2),EW (m/s2)\n" + rows_of(a[:, [1, 0]], lambda n: f"{n * STEP_S:.2f},"))
+    assert "no vertical" in import_records([path]).refusals[0].reason.what
+    (record,) = import_records([path], options=ImportOptions(process=False, missing_vertical=True)).records
+    assert np.abs(record.motion.acceleration_m_s2[:, :2] - a[:, :2]).max() < 2e-6
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("", "3 columns without names"),
+        ("Time (min),NS (m/s2),EW (m/s2)\n", "the time is in 'min'"),
+        ("Time (s),NS (cm/s),EW (cm/s)\n", "a unit of velocity"),
+    ],
+)
+def test_columns_that_might_be_something_else_are_refused_by_their_cause(header, said, tmp_path):
+    path = tmp_path / "rec.csv"
+    path.write_text(header + rows_of(shaking()[:, :2], lambda n: f"{n * STEP_S:.2f},"))
+    with pytest.raises(InputError, match=said):
+        read_file(path)
+
+
+@pytest.mark.parametrize("count", [400, 300])
+def test_a_first_line_of_two_numbers_is_count_and_step_if_it_counts_the_rows(count, tmp_path):
+    path = tmp_path / "rec.txt"
+    path.write_text(f"{count} 0.02\n" + rows_of(shaking()[:, :1]))
+    (component,) = read_file(path)
+    assert component.time_step_s == 0.02 if count == 400 else np.isnan(component.time_step_s)
+
+
+def test_two_units_in_the_text_above_are_none(tmp_path):
+    path = tmp_path / "rec.csv"
+    path.write_text(
+        "# units: gal\n# acceleration in g\nt,N,E,Z\n" + rows_of(shaking(), lambda n: f"{n * STEP_S:.2f},")
+    )
+    assert "in which unit" in import_records([path]).refusals[0].reason.what

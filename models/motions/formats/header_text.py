@@ -1,0 +1,61 @@
+"""What free text above columns says of them: the unit of the samples, the time step, how many there are."""
+
+import re
+from collections.abc import Sequence
+
+from toppling.models.motions.formats.units import acceleration_m_s2
+
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_UNIT = re.compile(
+    r"\b(?:\w+_)?(?:units?|unidad(?:es)?|einheit(?:en)?)\b[^:=]{0,40}[:=]\s*(.{1,60})"
+    r"|\bacc?el\w*[^(\[:=]{0,60}[(\[]([^)\]]{1,30})[)\]]"
+    r"|\bacc?el\w*.{0,60}?\bin\s+(?:units\s+of\s+)?(.{1,30})",
+    re.IGNORECASE,
+)
+_RATE = re.compile(
+    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfreq\w* *(?:of|de) *sampl\w*|tasa de muestreo|frecuencia de muestreo)"
+    rf"[^0-9]{{0,20}}{_NUMBER}",
+    re.IGNORECASE,
+)
+_STEP = re.compile(
+    rf"(?:\bdt\b|\bdelta[ _]?t\b|time *_?(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step|time)|"
+    rf"intervalo de muestreo)([^0-9]{{0,20}}?){_NUMBER} *(ms|msec|milliseconds)?\b",
+    re.IGNORECASE,
+)
+_COUNT_AND_STEP = re.compile(r"\s*(\d+)[\s,]+(\d*\.\d+(?:[eE][-+]?\d+)?)\s*$")
+_MOST_LINES, _LONGEST = 200, 300
+
+
+def stated_unit(lines: Sequence[str]) -> float | None:
+    """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
+    found = set()
+    for line in lines[:_MOST_LINES]:
+        for match in _UNIT.finditer(line[:_LONGEST]):
+            text = next(filter(None, match.groups())).strip()
+            ways = (
+                text,
+                re.split(r"[(,;]| {2,}", text)[0],
+                text.split()[0],
+                text.partition("(")[2].partition(")")[0],
+            )
+            found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+    found.discard(None)
+    return found.pop() if len(found) == 1 else None
+
+
+def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
+    """Time step in s, where the lines state one and no other.
+
+    A last line of two numbers is count and step, if the count is that of the rows.
+    """
+    found = set()
+    for line in lines[:_MOST_LINES]:
+        found |= {1 / float(match[1]) for match in _RATE.finditer(line[:_LONGEST]) if float(match[1]) > 0}
+        for match in _STEP.finditer(line[:_LONGEST]):
+            milli = match[3] or re.search(r"\bms(?:ec)?\b|milli", match[1], re.IGNORECASE)
+            found.add(float(match[2]) * (1e-3 if milli else 1.0))
+    pair = _COUNT_AND_STEP.match(lines[-1]) if lines else None
+    if pair and int(pair[1]) == rows:
+        found.add(float(pair[2]))
+    found = {round(step, 9) for step in found if step > 0}
+    return found.pop() if len(found) == 1 else None

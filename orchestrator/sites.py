@@ -11,6 +11,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+from toppling.models.coordinates import degrees_of
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import (
@@ -30,8 +31,8 @@ from toppling.results.hazard.ages import parse_age
 
 _SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
-_AGE = re.compile(r"[\d.eE+*/-]+")
-_NUMBERS = ("longitude", "latitude", "friction")
+_AGE = re.compile(r"[\d.,eE+*/ ±\u2013-]+(?:ka|kyr|ky|a|yrs?|years?)?", re.IGNORECASE)
+_PLACE = ("longitude", "latitude")
 
 
 def _name(given: Any, place: Place) -> str:
@@ -51,12 +52,26 @@ def _age(given: Any, place: Place) -> str:
     return text
 
 
+def _longitude(given: Any, place: Place) -> float:
+    """Degrees east from -180 to 180, of those to 360 too."""
+    if not is_number(given) or not -180 <= given <= 360:
+        raise place.wrong(shown(given))
+    return float(given) - (360.0 if given > 180 else 0.0)
+
+
+def _latitude(given: Any, place: Place) -> float:
+    if not is_number(given) or not -90 <= given <= 90:
+        swapped = is_number(given) and -180 <= given <= 360
+        raise place.wrong(shown(given), remedy="exchange longitude and latitude" if swapped else place.remedy)
+    return float(given)
+
+
 SITE_KEYS = (
     Key("scene", path, "a folder, relative to the table", "the rock on its pedestal"),
     Key("rock", _name, "letters, digits, '.', '-', '_', blanks", "name of the rock", "", "the scene's folder"),
     Key("site", _name, "letters, digits, '.', '-', '_', blanks", "name of the site", "", "the rock's name"),
-    Key("longitude", number(lambda one: -180 <= one <= 180), "degrees east (WGS 84)", "where it stands", None),
-    Key("latitude", number(lambda one: -90 <= one <= 90), "degrees north (WGS 84)", "where it stands", None),
+    Key("longitude", _longitude, "degrees east (WGS 84)", "where it stands", None),
+    Key("latitude", _latitude, "degrees north (WGS 84)", "where it stands", None),
     Key("ensemble", path, "a folder, relative to the table", "its own records", None, "the campaign's"),
     Key("seismograms", path, "what 'records import' reads, relative to the table", "its own records; of a path that "
         "several rows name each takes those whose station is its site", None, "the campaign's"),
@@ -142,8 +157,10 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
 
 
 def _of_cell(name: str, text: str) -> Any:
-    try:  # none of these numbers reaches a thousand: a comma is a decimal one
-        return float(text.replace(",", ".")) if name in _NUMBERS else text
+    if name in _PLACE:
+        return text if (degrees := degrees_of(text, name)) is None else degrees
+    try:  # no friction reaches a thousand: a comma is a decimal one
+        return float(text.replace(",", ".")) if name == "friction" else text
     except ValueError:
         return text
 

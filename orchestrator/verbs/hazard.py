@@ -1,9 +1,12 @@
 """Hazard on the command line: help that verbs share, a site by place or name, values that are rates or not."""
 
 import math
+import re
+from collections.abc import Sequence
 
 import click
 
+from toppling.models.coordinates import degrees_of
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.sites import SITE_REACH_KM
 
@@ -22,12 +25,37 @@ class SiteCommand(click.Command):
     """A command whose --site takes longitude and latitude, or one name."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Hand a name on as --site-name, which the help does not show."""
-        named = list(args)
-        for index, word in enumerate(args[:-1]):
-            if word == "--site" and not is_numeral(args[index + 1]):
-                named[index] = "--site-name"
+        """Hand degrees on as numbers, and a name as --site-name, which the help does not show."""
+        named: list[str] = []
+        words = list(args)
+        while words:
+            word = words.pop(0)
+            place = _place(words) if word == "--site" else None
+            if place is not None:
+                used, degrees = place
+                named += [word, *degrees]
+                del words[:used]
+            else:
+                named.append(
+                    "--site-name" if word == "--site" and words and not is_numeral(words[0]) else word
+                )
         return super().parse_args(ctx, named)
+
+
+def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
+    """How many words state a place, and its longitude and latitude; None if they are a name, or end too soon.
+
+    The latitude may come first where compass letters say so.
+    """
+    ways = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
+    for used, parts in ways:
+        if len(parts) == 2:
+            first, second = (part.rstrip(",;") for part in parts)
+            for east, north in ((first, second), (second, first)):
+                degrees = degrees_of(east, "longitude"), degrees_of(north, "latitude")
+                if None not in degrees:
+                    return used, [repr(each) for each in degrees]
+    return None
 
 
 def years_of(values: str | None) -> float | None:

@@ -10,6 +10,7 @@ that not at all, or with its medians multiplied by a factor.
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,8 +65,9 @@ def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
     Parameters
     ----------
     text : str
-        `20000`; `15000..30000` (uniform); `20000+-3000` (normal with a standard deviation, cut at zero);
-        `20000*/1.2` (lognormal: its median, and the factor of one standard deviation); or a path to a CSV of draws,
+        In years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15-30 ka`
+        (uniform); `20000+-3000` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal: its median,
+        and the factor of one standard deviation); or a path to a CSV of draws,
         with the header `years` (or `ka`) and perhaps a second column `weight`.
     where : str
         Option that states it, for errors.
@@ -90,7 +92,7 @@ def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
         raise InputError(
             what=f"{text!r} is no age",
             where=where,
-            expected="years above zero: 20000, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of years and weights",
+            expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages",
             remedy="leave --age out for the statement about a single event",
         )
     return ages
@@ -212,18 +214,41 @@ def exposure(ages: NDArray[np.float64], since: Sequence[Since | None] | None = N
     return Exposure(states, years)
 
 
+_SPELLINGS = (
+    (r"±|\+ ?/ ?-", "+-"),
+    (r"[\u2013\u2014]", "-"),
+    (r"(?<=\d)\s*-\s*(?=\d)", ".."),
+    (r"(?<![\d.])(\d{1,3}),(?=\d{3}(?:\D|$))", r"\1"),
+    (r"(?<=\d),(?=\d)", "."),
+)
+"""Signs that people write, and what they stand for; a minus between two numbers is a range, behind 'e' it is not."""
+_UNIT = re.compile(r"\s*(ka|kyrs?|ky|a|yrs?|years?)\s*$")
+
+
 def _of_words(text: str) -> NDArray[np.float64]:
+    """Years of an age in words, in ka where it ends so."""
+    text = text.strip().lower()
+    unit = _UNIT.search(text)
+    plain = _UNIT.sub("", text)
+    for pattern, sign in _SPELLINGS:
+        plain = re.sub(pattern, sign, plain)
+    return _years(plain, 1000.0 if unit and unit[1].startswith("k") else 1.0)
+
+
+def _years(text: str, unit: float = 1.0) -> NDArray[np.float64]:
     levels = _levels(_AGE_SAMPLES)
     if "+-" in text:
-        mean, deviation = map(float, text.split("+-"))
+        mean, deviation = (unit * float(part) for part in text.split("+-"))
         return _normal(mean, deviation, 0.0, levels)
     if "*/" in text:
         median, factor = map(float, text.split("*/"))
-        return median * np.exp(math.log(factor) * ndtri(levels)) if factor > 1 else np.array([math.nan])
+        return (
+            unit * median * np.exp(math.log(factor) * ndtri(levels)) if factor > 1 else np.array([math.nan])
+        )
     if ".." in text:
-        low, high = map(float, text.split(".."))
+        low, high = (unit * float(part) for part in text.split(".."))
         return low + levels * (high - low) if high >= low else np.array([math.nan])
-    return np.array([float(text)])
+    return np.array([unit * float(text)])
 
 
 def _levels(count: int) -> NDArray[np.float64]:

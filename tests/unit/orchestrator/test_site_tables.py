@@ -24,6 +24,9 @@ SEMICOLONS = PLAIN.replace(",", ";").replace(".", ",")
         PLAIN.replace(",", "\t").encode("utf-16"),
         "Latitude;SITE; Longitude ;Scene\n34,25;Zürich;-117,5;rock\n".encode(),
         'scene,site,longitude,latitude\nrock,Zürich,"-117,5","34,25"\n'.encode(),
+        "scene,site,longitude,latitude\nrock,Zürich,242.5,34.25\n".encode(),
+        "scene,site,longitude,latitude\nrock,Zürich,117.5W,34.25 N\n".encode(),
+        "scene;site;longitude;latitude\nrock;Zürich;117°30'W;N 34°15'00\"\n".encode(),
     ],
 )
 def test_a_table_says_the_same_however_a_spreadsheet_writes_it(content, tmp_path):
@@ -36,7 +39,7 @@ def test_a_table_says_the_same_however_a_spreadsheet_writes_it(content, tmp_path
     "text",
     [
         "scene,longitude,latitude\nrock,-117,5,34,25\n",
-        "scene,longitude,latitude\nrock,243.5,34\n",
+        "scene,longitude,latitude\nrock,543.5,34\n",
         "scene,longitude,latitude\nrock,-117,91\n",
         "scene,age\nrock,-5\n",
         "scene,colour\nrock,red\n",
@@ -75,3 +78,18 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, content, head):
     table.write_bytes(head + content)
     with contextlib.suppress(InputError):
         assert read_sites(table)
+
+
+@pytest.mark.parametrize(
+    ("cells", "told"),
+    [
+        ("34.25,-117.5", "exchange longitude and latitude"),
+        ("34.25N,117.5W", "degrees east"),
+        ("117.5X,34.25", "degrees east"),
+    ],
+)
+def test_a_place_that_is_none_is_refused_with_what_may_be_meant(cells, told, tmp_path):
+    (tmp_path / "rocks.csv").write_text(f"scene,longitude,latitude\nrock,{cells}\n")
+    with pytest.raises(InputError, match="rock 1: l") as error:
+        read_sites(tmp_path / "rocks.csv")
+    assert told in str(error.value)

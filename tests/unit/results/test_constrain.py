@@ -184,6 +184,17 @@ def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_p
     assert "taken at longitude -118.1, latitude 34.2, 11.1 km from --site\n" in asked.output
     branch = json.loads(constrain(curves, *age, "--site", "241.9", "34.3", "--json").stdout)["branches"][0]
     assert branch["site_distance_km"] == pytest.approx(11.12, abs=0.01)
+    for words in (
+        ("118.1W", "34.3N"),
+        ("34.3N", "118.1W"),
+        ("-118,1", "34,3"),
+        ("-118.1, 34.3",),
+        ("118°06'W", "34°18'N"),
+    ):
+        assert (
+            constrain(curves, *age, "--site", *words).output
+            == constrain(curves, *age, "--site", "-118.1", "34.3").output
+        )
     swapped = constrain(curves, *age, "--site", "34.2", "-118.1")
     assert isinstance(swapped.exception, InputError)
 

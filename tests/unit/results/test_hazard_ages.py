@@ -24,6 +24,18 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
             parse_age(nonsense)
 
 
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("20 ka", "20000"), ("12,5 kyr", "12500"), ("15,000", "15000"), ("20000 years", "20000"),
+        ("15000-30000", "15000..30000"), ("15–30 ka", "15000..30000"), ("15..30ka", "15000..30000"),
+        ("20±3 ka", "20000+-3000"), ("20000 +/- 3000 yr", "20000+-3000"), ("20*/1.2 ka", "20000*/1.2"),
+    ],
+)  # fmt: skip
+def test_ages_are_read_as_people_write_them(text, meant):
+    assert parse_age(text) == pytest.approx(parse_age(meant))
+
+
 @pytest.mark.parametrize("text", ["1000\n3000\n", "\ufeff1000\n3000\n", "1000,1\n3000,3\n"])
 def test_ages_without_a_header_are_refused_by_the_header_that_is_expected(tmp_path, text):
     table = tmp_path / "age.csv"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.readers import columns, cybershake, nrml, nshmp, openquake
+from toppling.results.hazard.readers import columns, cybershake, listed, nrml, nshmp, openquake
 from toppling.results.hazard.readers.assembly import combined, trees_of
 from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
@@ -129,7 +129,7 @@ def _is_hazard(path: Path) -> bool:
         return nrml.matches("\n".join(lines))
     if any(one.matches(lines[:2]) for one in (openquake, nshmp, cybershake)):
         return True
-    return columns.matches(lines)
+    return listed.matches(lines) or columns.matches(lines)
 
 
 def _read(path: Path, hints: Hints) -> Stated:
@@ -158,4 +158,6 @@ def _parsed(path: Path, text: str, hints: Hints) -> Stated:
         if family.matches(lines):
             return family.read(path, lines, hints)
     openquake.refuse_others(path, lines)
+    if listed.matches(lines):
+        return listed.read(path, lines, hints)
     return columns.read(path, lines, hints)

@@ -36,7 +36,7 @@ _PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent
 _RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri|rp|tr")
 _TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
 _YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka)[)\]]$")
-_COMMENTS = ("#", "%", "//")
+COMMENTS = ("#", "%", "//")
 _MOST_NAMES = 50
 """Of a header, that are looked at for a measure."""
 _STATED_UNIT = re.compile(
@@ -54,9 +54,9 @@ def matches(lines: Sequence[str]) -> bool:
     at = _header_line(lines)
     if at is None:
         return False
-    header = _names(lines[at].lstrip("".join(_COMMENTS) + " "))
+    header = _names(lines[at].lstrip("".join(COMMENTS) + " "))
     measures = [name for name in header if measure_with_unit(name)]
-    return len(measures) == 1 and (len(header) == 2 or any(map(_says_value, header)))
+    return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
 
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
@@ -68,13 +68,15 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     if at is None:
         refuse(path, "holds no table")
     before = " ".join(lines[:at]).lower()
-    top = lines[at].lstrip("".join(_COMMENTS) + " ")
-    body = [top, *("" if line.lstrip().startswith(_COMMENTS) else line for line in lines[at + 1 :])]
-    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(body)], at + 1)) or [(0, [])]
+    top = lines[at].lstrip("".join(COMMENTS) + " ")
+    body = [top, *("" if line.lstrip().startswith(COMMENTS) else line for line in lines[at + 1 :])]
+    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
+        (0, [])
+    ]
     header, rows = _upright(*_with_units(header, rows))
     levels, values = _columns(path, lines[at], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
-    years, rate_of = _values(path, header[values], hints, before)
+    years, rate_of = values_of(path, header[values], hints, before)
     x, y = [], []
     for line, row in rows:
         if len(row) != len(header):
@@ -82,7 +84,7 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
         x.append(number(path, line, row[levels]) * factor)
         y.append(rate_of(number(path, line, row[values])))
     if measure_of(header[levels]):
-        _refuse_other_unit(path, header[levels], column, x, before)
+        refuse_other_unit(path, header[levels], column, x, before)
     origin = {"source": str(path)}
     if not years:
         return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
@@ -91,10 +93,10 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
 
 def _header_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names a measure, below a title perhaps or in a comment, else of the first of a table."""
-    comment = [line.lstrip().startswith(_COMMENTS) for line in lines]
+    comment = [line.lstrip().startswith(COMMENTS) for line in lines]
     table = [place for place, line in enumerate(lines) if line.strip() and not comment[place]]
     first_row = next((n for n in table if is_numeral(re.split(r"[\s,;]+", lines[n].strip())[0])), len(lines))
-    bare = {place: line.lstrip("".join(_COMMENTS) + " ") for place, line in enumerate(lines[: first_row + 1])}
+    bare = {place: line.lstrip("".join(COMMENTS) + " ") for place, line in enumerate(lines[: first_row + 1])}
     named = [
         n for n, line in bare.items() if line and any(map(measure_with_unit, _names(line)[:_MOST_NAMES]))
     ]
@@ -104,7 +106,7 @@ def _header_line(lines: Sequence[str]) -> int | None:
 
 def _names(line: str) -> list[str]:
     """Names of a header's columns."""
-    return [name.strip(' "') for cells in csv.reader([",".join(_cells([line])[0])]) for name in cells]
+    return [name.strip(' "') for cells in csv.reader([",".join(cells_of([line])[0])]) for name in cells]
 
 
 def _with_units(
@@ -136,8 +138,11 @@ def _upright(
     return list(names), [(rows[0][0] if rows else 1, list(column)) for column in columns]
 
 
-def _refuse_other_unit(path: Path, name: str, column: str, levels: Sequence[float], before: str) -> None:
-    """Refuse levels under a bare name whose unit is another by the lines above, or by their size."""
+def refuse_other_unit(path: Path, name: str, column: str, levels: Sequence[float], before: str) -> None:
+    """Refuse levels under a bare name whose unit is another by the lines above, or by their size.
+
+    Raises InputError if it is: with the unit that may be meant.
+    """
     if not column.endswith("_m_s2") and column != "pgv_m_s":
         return
     factor = (measure_of(name) or ("", 1.0))[1]
@@ -169,7 +174,7 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
         refuse(path, f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
     measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
-    values = [index for index, name in enumerate(header) if _says_value(name)]
+    values = [index for index, name in enumerate(header) if says_value(name)]
     if len(header) == 2 and len(measures) == 1:
         return measures[0], 1 - measures[0]
     if not measures:
@@ -191,7 +196,7 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
     return measures[0], values[0]
 
 
-def _cells(lines: Sequence[str]) -> list[list[str]]:
+def cells_of(lines: Sequence[str]) -> list[list[str]]:
     """Cells of lines that commas, tabs, semicolons or blanks part, told by the first."""
     sign = next((sign for sign in (",", "\t", ";") if sign in lines[0]), None)
     if sign == ",":
@@ -211,15 +216,19 @@ def _plain(name: str) -> str:
     return bare if bare.startswith(("annual", "mean annual")) and time == " per year" else bare + time
 
 
-def _says_value(name: str) -> bool:
+def says_value(name: str) -> bool:
+    """Whether a column's name says that it holds rates, probabilities or return periods."""
     if len(name) > LONGEST_NAME:
         return False
     plain = _plain(name)
     return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN, _PROBABILITY))
 
 
-def _values(path: Path, name: str, hints: Hints, before: str) -> tuple[float, Callable[[float], float]]:
-    """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either."""
+def values_of(path: Path, name: str, hints: Hints, before: str) -> tuple[float, Callable[[float], float]]:
+    """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either.
+
+    Raises InputError if neither its name, nor the lines before in lower case, nor the user says so.
+    """
     plain = _plain(name) if len(name) <= LONGEST_NAME else ""
     stated: float | None = None
     scale = 0.01 if plain and _PERCENT.search(name.lower()) else 1.0

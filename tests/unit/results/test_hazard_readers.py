@@ -536,7 +536,7 @@ def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what)
 def test_a_name_of_any_length_is_soon_known_to_be_no_column(filler):
     began_s = time.process_time()
     assert measure_with_unit(f"PGA{filler * 100_000}(g)") is None
-    assert not columns._says_value(f"poe{filler * 100_000}1x1")
+    assert not columns.says_value(f"poe{filler * 100_000}1x1")
     assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square
 
 

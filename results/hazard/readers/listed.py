@@ -1,0 +1,242 @@
+"""Tables of several curves: a row a level or a row a curve, with columns of sites, measures, means and fractiles.
+
+As people and services write them: `lon,lat,imt,level,annual_rate`; `lat,lon,imt,agg,0.01,0.02,...`;
+`level (g),PGA,SA(1.0)`; `PGA (g),mean,5%,95%`.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from toppling.models.files.csv_text import is_numeral
+from toppling.models.motions.formats.units import unit_of
+from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
+from toppling.results.hazard.measures import imt_of, measure_of, measure_with_unit
+from toppling.results.hazard.readers.columns import (
+    COMMENTS,
+    cells_of,
+    refuse_other_unit,
+    says_value,
+    values_of,
+)
+from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of, wanted_rows
+
+_ROLES = {
+    "lon": {"lon", "longitude", "long"}, "lat": {"lat", "latitude"},
+    "name": {"site", "name", "site name", "location", "custom site id"},
+    "imt": {"imt", "im", "measure", "intensity measure", "im type"},
+    "kind": {"agg", "aggregate", "statistic", "statistics", "stat", "fractile", "quantile", "percentile"},
+    "level": {"iml", "level", "levels", "im level", "intensity", "acceleration", "ground motion",
+              "spectral acceleration"},
+}  # fmt: skip
+"""Names of columns by what they hold, in lower case."""
+_BRACKETS = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]")
+_FRACTILE = re.compile(
+    r"(?:p|quantile|fractile|percentile)?[ _-]*(\d*\.?\d+)(?:th|st|nd|rd)?[ _]*(%|percent\w*|fractile|quantile)?"
+)
+_MOST_ABOVE = 50
+"""Lines of a file among which its header is looked for."""
+_RATES = re.compile(r"annual (?:exceedance )?(?:rate|frequenc)|\bm?afe\b")
+
+
+@dataclass(frozen=True)
+class _Table:
+    """What the columns of a table hold, by their places."""
+
+    roles: Mapping[str, int]
+    across: Mapping[int, str]  # names of columns of values, if several
+    header: Sequence[str]
+
+
+def _plain(name: str) -> str:
+    return " ".join(re.sub(r"[_-]+", " ", _BRACKETS.sub("", name).lower()).split())
+
+
+def _fractile(name: str) -> float | str | None:
+    """Probability of a fractile's name, 'mean' of the mean's; None of other names."""
+    bare = _plain(name)
+    if bare in ("mean", "average"):
+        return "mean"
+    if bare in ("median", "med"):
+        return 0.5
+    found = _FRACTILE.fullmatch(name.strip().lower())
+    if found is None:
+        return None
+    value = float(found[1])
+    value = value / 100 if value >= 1 or found[2] == "%" else value
+    return value if 0 < value < 1 else None
+
+
+def _table(header: Sequence[str]) -> _Table | None:
+    """Table of a header; None if it is none of these."""
+    roles: dict[str, int] = {}
+    for place, name in enumerate(header):
+        role = next((role for role, names in _ROLES.items() if _plain(name) in names), None)
+        if role and role not in roles:
+            roles[role] = place
+    rest = {place: name for place, name in enumerate(header) if place not in roles.values()}
+    levels = {
+        n: name.removeprefix("poe-") for n, name in rest.items() if is_numeral(name.removeprefix("poe-"))
+    }
+    about = bool(roles.keys() & {"lon", "imt", "kind"})
+    if "level" not in roles and len(levels) > 1 and about:
+        return _Table(roles, levels, header)
+    if "level" in roles:
+        values = [n for n, name in rest.items() if says_value(name)]
+        if len(values) == 1:
+            return _Table({**roles, "value": values[0]}, {}, header)
+        measures = {n: name for n, name in rest.items() if _is_measure(_imt(name))}
+        return _Table(roles, measures, header) if measures and "imt" not in roles else None
+    named = [n for n, name in rest.items() if measure_with_unit(name)]
+    kinds = {n: name for n, name in rest.items() if n not in named and _fractile(name) is not None}
+    stated = not all(map(is_numeral, kinds.values()))  # bare numbers may be levels of a table on its side
+    if len(named) == 1 and len(kinds) == len(rest) - 1 and len(kinds) > 1 and stated:
+        return _Table({**roles, "level": named[0]}, kinds, header)
+    return None
+
+
+def matches(lines: Sequence[str]) -> bool:
+    """Whether a header names several curves' columns, below a title perhaps."""
+    return _header_line(lines) is not None
+
+
+def _header_line(lines: Sequence[str]) -> int | None:
+    """Place of the line that names the columns."""
+    places = (
+        n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip() and not line.startswith(COMMENTS)
+    )
+    return next((n for n in places if _table([name.strip(' "') for name in _split(lines[n])])), None)
+
+
+def _split(line: str) -> list[str]:
+    return ",".join(cells_of([line])[0]).split(",")
+
+
+def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+    """Read the curves of a table.
+
+    Raises InputError if it states no measure, or not what its values are.
+    """
+    at = _header_line(lines) or 0
+    before = " ".join(lines[:at]).lower()
+    (_, header), *rows = rows_of(path, [",".join(cells) for cells in cells_of(lines[at:])], at + 1)
+    table = _table(header)
+    if table is None:
+        refuse(path, f"has the columns {', '.join(header)[:200]}")
+    name = header[table.roles["value"]] if "value" in table.roles else ""
+    years, convert = (
+        values_of(path, name, hints, before) if name else (_years(path, before, table, hints), float)
+    )
+    curves: dict[tuple, list[tuple[float, float]]] = {}
+    for line, row in _of_site(path, rows, table, hints):
+        for key, level, value in _points(path, line, row, table, hints):
+            curves.setdefault(key, []).append((level, convert(value)))
+    return [_statement(path, key, points, years, before) for key, points in curves.items()]
+
+
+def _years(path: Path, before: str, table: _Table, hints: Hints) -> float:
+    """Time that values across columns are probabilities over, 0 for rates."""
+    stated = f"{before} {' '.join(table.across.values())}".lower()
+    if re.search(r"\bpoe|probabilit", stated):
+        return values_of(path, "poe", hints, before)[0]
+    if hints.years is None and not _RATES.search(stated):
+        refuse(path, "does not say whether its values are annual rates or probabilities over some years",
+               "give --values rate, or --values 50")  # fmt: skip
+    return hints.years or 0.0
+
+
+def _of_site(
+    path: Path, rows: Sequence[tuple[int, list[str]]], table: _Table, hints: Hints
+) -> list[tuple[int, list[str]]]:
+    """Rows of the site that is wanted, all where the table has no places."""
+    if "lon" not in table.roles or "lat" not in table.roles:
+        return wanted_rows(path, rows, table.header, "", None)
+    header = list(table.header)
+    header[table.roles["lon"]], header[table.roles["lat"]] = "lon", "lat"
+    name = header[table.roles["name"]] if "name" in table.roles else ""
+    nearest = wanted_rows(path, rows, header, name, hints.site)
+    if not isinstance(hints.site, tuple) or not nearest:
+        return nearest
+    place = [nearest[0][1][table.roles[axis]] for axis in ("lon", "lat")]
+    return [(line, row) for line, row in rows if [row[table.roles[axis]] for axis in ("lon", "lat")] == place]
+
+
+def _points(
+    path: Path, line: int, row: Sequence[str], table: _Table, hints: Hints
+) -> Iterator[tuple[tuple, float, float]]:
+    """Curve, level in SI, and value of every cell of a row that holds one."""
+    roles = table.roles
+
+    def cell(role: str) -> str:
+        return row[roles[role]] if role in roles else ""
+
+    site = (
+        tuple(number(path, line, cell(axis)) for axis in ("lon", "lat"))
+        if "lon" in roles and "lat" in roles
+        else ()
+    )
+    for place, name in [(roles["value"], "")] if "value" in roles else table.across.items():
+        own = cell("imt") or (_imt(name) if name and not _is_kind(name) else "")
+        level = cell("level") or name
+        header = table.header[roles["level"]] if "level" in roles else ""
+        measure, factor, bare = _measure(path, own or (header if _is_measure(header) else ""), header, hints)
+        kind = cell("kind") or (name if name and _is_kind(name) and "level" in roles else "")
+        yield (
+            (measure, bare, kind, site, cell("name")),
+            number(path, line, level) * factor,
+            number(path, line, row[place]),
+        )
+
+
+def _is_measure(name: str) -> bool:
+    return bool(measure_with_unit(name))
+
+
+def _imt(name: str) -> str:
+    """Measure's name of a column of values, without what stands in brackets behind it: PGA (AFE)."""
+    return name if _is_measure(name) else re.sub(r"\s*[(\[][^()\[\]]*[)\]]$", "", name)
+
+
+def _is_kind(name: str) -> bool:
+    return _fractile(name) is not None and not _is_measure(name)
+
+
+def _measure(path: Path, name: str, header: str, hints: Hints) -> tuple[str, float, bool]:
+    """Column of a measure, the factor of its levels to SI, and whether nothing but its name states their unit."""
+    usual = (hints.measure, 1.0 / imt_of(hints.measure)[1]) if hints.measure else None
+    known = measure_with_unit(name) if name else usual
+    if not known:
+        refuse(
+            path, f"is over {name or header!r}", "name a measure instead, such as PGA (g), or give --measure"
+        )
+    bracket = _BRACKETS.search(header)
+    unit = unit_of(bracket[1]) if bracket and not _is_measure(header) else None
+    return (
+        known[0],
+        unit.factor if unit else known[1],
+        unit is None and (not name or measure_of(name) is not None),
+    )
+
+
+def _statement(
+    path: Path, key: tuple, points: Sequence[tuple[float, float]], years: float, before: str
+) -> Statement:
+    measure, bare, kind, site, name = key
+    levels, values = np.transpose(sorted(points))
+    if bare:
+        refuse_other_unit(path, imt_of(measure)[0], measure, levels.tolist(), before)
+    stated = {"source": str(path), "site_name": name, **({"site": site} if site else {})}
+    which = _fractile(kind) if kind else "mean"
+    if isinstance(which, float):
+        values = np.minimum.accumulate(values)
+    label = f"{path.stem} {kind}".strip()
+    if years:
+        curve = curve_of_probabilities(label, measure, levels, values, years, **stated)
+    else:
+        curve = curve_of_rates(label, measure, levels, values, **stated)
+    if isinstance(which, float):
+        return Statement(curve, "fractile", which)
+    return Statement(curve) if which == "mean" else Statement(curve, "other", kind)

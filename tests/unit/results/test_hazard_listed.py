@@ -1,0 +1,107 @@
+"""Tables of several curves are the curves that their columns name, or are refused by what they do not say."""
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.readers import Hints, read_hazard
+
+G = 9.80665
+LEVELS_G = np.array([0.1, 0.2, 0.5])
+RATES = np.array([1e-2, 1e-3, 1e-4])
+SITE = (-118.1, 34.2)
+
+
+def written(folder, *lines):
+    path = folder / "curves.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def rows(*columns):
+    return [
+        ",".join(f"{x:g}" if isinstance(x, float) else str(x) for x in row)
+        for row in zip(*columns, strict=True)
+    ]
+
+
+def long(value, factor=1.0):
+    """A row a level, of two sites and two measures."""
+    return ["lon,lat,imt,level," + value] + [
+        f"{lon},{lat},{imt},{level},{share * rate * factor}"
+        for lon, lat, share in ((-118.1, 34.2, 1.0), (-117.0, 34.0, 0.5))
+        for imt in ("PGA", "SA(1.0)")
+        for level, rate in zip(LEVELS_G, RATES, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lines", "hints"),
+    [
+        (long("annual_rate"), Hints(SITE)),
+        (long("rate_per_kyr", 1000.0), Hints(SITE)),
+        (
+            ["# annual rate of exceedance", "lat,lon,vs30,imt,agg,0.1,0.2,0.5",
+             "34.2,-118.1,760,PGA,mean,1e-2,1e-3,1e-4", "34.2,-118.1,760,SA(1.0),mean,1e-2,1e-3,1e-4",
+             "34,-117,760,PGA,mean,1,1,1"],
+            Hints(SITE),
+        ),
+        (["imt,agg,0.1,0.2,0.5", "PGA,mean,1e-2,1e-3,1e-4", "SA(1.0),mean,1e-2,1e-3,1e-4"], Hints(years=0.0)),
+        (["level (g),PGA,SA(1.0)", *rows(LEVELS_G, RATES, RATES)], Hints(years=0.0)),
+        (["Ground Motion (g),PGA (AFE),SA1P0 (AFE)", *rows(LEVELS_G, RATES, RATES)], Hints()),
+        (["IML (cm/s2),PGA (AFE),SA(1.0) (AFE)", *rows(LEVELS_G * G * 100, RATES, RATES)], Hints()),
+    ],
+)  # fmt: skip
+def test_measures_and_sites_of_one_table_are_curves_of_their_own(tmp_path, lines, hints):
+    trees = read_hazard(written(tmp_path, *lines), hints=hints)
+    assert [tree.measure for tree in trees] == ["pga_m_s2", "sa_1s_m_s2"]
+    for tree in trees:
+        (curve,) = tree.curves
+        assert curve.intensity == pytest.approx(LEVELS_G * G, rel=1e-5)
+        assert curve.annual_rate == pytest.approx(RATES)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["# annual rate of exceedance", "PGA (g),Mean,5%,95th", *rows(LEVELS_G, RATES, RATES / 2, RATES * 2)],
+        ["# annual rate of exceedance", "PGA (g),mean,p05,p95", *rows(LEVELS_G, RATES, RATES / 2, RATES * 2)],
+        ["imt,agg,level,annual_rate", *(f"PGA,{kind},{x},{share * y}" for x, y in zip(LEVELS_G, RATES, strict=True)
+                                        for kind, share in (("mean", 1), ("0.05", 0.5), ("0.95", 2)))],
+    ],
+)  # fmt: skip
+def test_fractiles_beside_a_mean_are_its_fractiles(tmp_path, lines):
+    (tree,) = read_hazard(written(tmp_path, *lines))
+    assert tree.curves[0].annual_rate == pytest.approx(RATES)
+    assert tree.fractiles[0.05].annual_rate == pytest.approx(RATES / 2)
+    assert tree.fractiles[0.95].annual_rate == pytest.approx(RATES * 2)
+
+
+def test_probabilities_across_columns_are_over_the_years_that_the_title_says(tmp_path):
+    path = written(tmp_path, "PoE in 50 years", "lon,lat,imt,0.1,0.2", "-118.1,34.2,PGA,0.1,0.01")
+    (tree,) = read_hazard(path)
+    assert tree.curves[0].annual_rate == pytest.approx(-np.log([0.9, 0.99]) / 50)
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (["level (g),PGA,SA(1.0)", *rows(LEVELS_G, RATES, RATES)], "does not say whether"),
+        (["imt,level,annual_rate", *(f"MMI,{x},1e-3" for x in LEVELS_G)], "over 'MMI'"),
+        (
+            ["imt,level,annual_rate", *(f"PGA,{x},{y}" for x, y in zip(LEVELS_G * 980, RATES, strict=True))],
+            "reach 490",
+        ),
+        (["imt,level,annual_rate", *(f"PGA,{x},1e-3" for x in (0.1, 0.1))], "twice"),
+        (["level,annual_rate", *rows(LEVELS_G, RATES)], "over 'level'"),
+    ],
+)
+def test_what_a_table_of_curves_does_not_say_is_asked_for(tmp_path, lines, said):
+    with pytest.raises(InputError, match=said):
+        read_hazard(written(tmp_path, *lines))
+
+
+def test_levels_without_a_measure_are_of_the_one_that_the_user_names(tmp_path):
+    path = written(tmp_path, "Acceleration (g),annual_rate", *rows(LEVELS_G, RATES))
+    (tree,) = read_hazard(path, hints=Hints(measure="sa_1s_m_s2"))
+    assert (tree.measure, tree.curves[0].intensity[0]) == ("sa_1s_m_s2", pytest.approx(0.1 * G))

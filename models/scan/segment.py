@@ -28,7 +28,7 @@ from toppling.models.scan.candidates import (
     neighbourhood,
     surfels_of,
 )
-from toppling.models.scan.carried import carried_instead, thing_and_rest
+from toppling.models.scan.carried import carried_instead, thing_and_rest, upper_of
 from toppling.models.scan.choice import choose, is_near, look_around
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import Surfels, orient, roughness, thin
@@ -83,8 +83,9 @@ def segment(
         # A rock that is small in its cloud shows in patches made around the place alone.
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
     standing = [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
-    chosen = carried_instead(coarse, standing, near_m) or choose(candidates, near_m, origin_m, coarse)
-    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
+    whole = carried_instead(coarse, standing, near_m) or choose(candidates, near_m, origin_m, coarse)
+    chosen = upper_of(coarse, whole) or whole
+    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not whole])
 
 
 def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: NDArray[np.float64] | None) -> Candidate:

@@ -11,7 +11,8 @@ from toppling.models import shapes
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.attached import creased_share
-from toppling.models.scan.carried import _find_carried
+from toppling.models.scan.candidates import Candidate
+from toppling.models.scan.carried import _find_carried, upper_of
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import (
     _unseen_range,
@@ -396,13 +397,24 @@ def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
     assert abs(found.point_m[2]) < 0.01
 
 
-def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():
-    plinth = box((-0.6, -0.6, 0.0), (0.6, 0.6, 0.5))
+@pytest.mark.parametrize(
+    ("half_m", "foot_m", "is_two"), [(0.6, 0.0, True), (0.6, 0.5, False), (0.25, 0.0, False)]
+)
+def test_of_what_planes_carry_the_upper_of_a_stack_is_meant(half_m, foot_m, is_two):
+    """A statue of 1.2 m on a wider plinth of .5 m, also where both were taken for one.
+
+    Not on a plinth as wide as itself, nor where what was taken for one already ends at the plinth's top.
+    """
+    plinth = box((-half_m, -half_m, 0.0), (half_m, half_m, 0.5))
     shown = (np.abs(plinth[0][:, :2]).max(axis=1) > 0.26) | (plinth[0][:, 2] < 0.5)
     statue = box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.7))
-    scene = together((plinth[0][shown], plinth[1][shown]), statue, ground(0.61))
-    (found,) = _find_carried(Surfels(scene[0], scene[1], np.zeros(len(scene[0])), VOXEL_M))
-    assert found.height_m == pytest.approx(1.2, abs=0.1)
+    points, normals = together((plinth[0][shown], plinth[1][shown]), statue, ground(half_m + 0.01))
+    surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+    heights_m = [each.height_m for each in _find_carried(surfels)]
+    assert heights_m == pytest.approx([1.2] if half_m > 0.5 else [], abs=0.1)
+    foot = np.array([(0.6, 0.0, foot_m), (-0.6, 0.0, foot_m), (0.0, 0.6, foot_m)])
+    both = Candidate(1.7, np.zeros(3), surfels, points[:, 2] > 0.03, 1.0, foot)
+    assert (upper_of(surfels, both) is not None) == is_two
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no ../shared/data/scans/real")

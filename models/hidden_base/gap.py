@@ -56,9 +56,10 @@ class Relief:
     # Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a
     # whole.
     curvature_per_m: float = 0.0
-    # Standard deviation of what a base rises from its middle to its outline, as the square of the way there
-    # and as its fourth power: a base that is round within its own outline, however long that is.
+    # Standard deviation of what a base rises from its middle to its outline, as each of these powers of the
+    # way there: a base that is round within its own outline, however long that is.
     bowl_m: float = 0.0
+    bowl_powers: tuple[float, ...] = (2.0, 4.0)
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
@@ -67,7 +68,7 @@ class Relief:
         paraboloid = 0.5 * self.curvature_per_m * ((places_m - places_m.mean(axis=0)) ** 2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid)
         if self.bowl_m:
-            bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array([2.0, 4.0])
+            bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 

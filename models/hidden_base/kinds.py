@@ -23,8 +23,15 @@ _EDGE_PER_WIDTH, _EDGE_LENGTH_PER_WIDTH, _EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0
 """Of a flat base's edge, over the root of its area: how high it is broken, over what length, and how rough it is."""
 _BOWL_PER_WIDTH = 0.05
 """Of a rounded base: standard deviation of what it rises to its outline, over the root of its area."""
-_ROUNDED_PER_WIDTH = ((0.006, 0.7, 0.002), (0.012, 0.7, 0.002), (0.048, 2.0, 0.002))
-"""What a rounded base has beside its bowl: relief, its length, roughness, over the root of its area."""
+_ROUNDED_PER_WIDTH = (
+    (0.006, 0.7, (1.5,)),
+    (0.006, 0.7, (2.0,)),
+    (0.006, 0.7, (4.0,)),
+    (0.012, 0.7, (2.0, 4.0)),
+    (0.048, 2.0, (2.0, 4.0)),
+)
+"""What a rounded base has beside its bowl: relief and its length, over the root of its area; and the bowl's powers."""
+_ROUNDED_ROUGH_PER_WIDTH = 0.002
 _CLOSED_STDS = 2.0
 """A rim that hangs by fewer standard deviations of its error may be closed."""
 
@@ -36,11 +43,12 @@ def bowls(width_m: float) -> list[Relief]:
             LEVEL_PER_WIDTH * width_m,
             shape * width_m,
             length * width_m,
-            rough * width_m,
+            _ROUNDED_ROUGH_PER_WIDTH * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,
             bowl_m=_BOWL_PER_WIDTH * width_m,
+            bowl_powers=powers,
         )
-        for shape, length, rough in _ROUNDED_PER_WIDTH
+        for shape, length, powers in _ROUNDED_PER_WIDTH
     ]
 
 

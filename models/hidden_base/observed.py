@@ -36,6 +36,13 @@ _SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
 _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
+_BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
+"""A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in, at
+most so many and twice this share of the height, this far to the sides. Of known rocks whose side goes on it is 1.1 gaps
+at most, of such as end nine tenths are 1.5 and more."""
+_STEEP, _HIGH = 0.7, 2.0
+"""Horizontal part of a side's normal from which it may go on down, as a level underside does not, and how many spacings
+of its points it hangs at least."""
 UNSEEN_STD_SHARE = 0.3
 """Of the height of a rim that was not seen to its end: spread of the gap below it about a half."""
 _FLATTEST_RAY = 0.07
@@ -199,7 +206,8 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         )
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
-    end_std, off_m = _errors(rim, hangs, low)
+    end_std, off_m, steep = _errors(rim, hangs, low)
+    to_its_end &= ~steep | _shows_below(under, rim, hangs, lit, height_m)
     std = np.hypot(end_std, off_m)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
@@ -213,10 +221,28 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     )
 
 
-def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array]:
+def _shows_below(under: Underside, rim: Array, hangs: Array, lit: Array, height_m: float) -> NDArray[np.bool_]:
+    """Where (k,) the pedestal was seen so far in below a rim that hangs so high (k,) that no side goes on down there."""
+    shows = np.zeros(len(rim), bool)
+    inner = ndimage.binary_erosion(under.hidden, iterations=int(_RIM_BORDER))
+    if not len(lit) or not inner.any():
+        return shows
+    toward = under.grid.nodes_m[inner][cKDTree(under.grid.nodes_m[inner]).query(rim[:, :2])[1]] - rim[:, :2]
+    inward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    beside_m = _BELOW_PER_HEIGHT * height_m
+    reach_m = _BELOW_TO_GAPS * hangs + 2.0 * beside_m
+    for number, near in enumerate(cKDTree(lit[:, :2]).query_ball_point(rim[:, :2], reach_m)):
+        away, (x, y) = lit[near, :2] - rim[number, :2], inward[number]
+        between = np.abs(away @ [-y, x]) < beside_m
+        shows[number] = (away[between] @ [x, y] > _BELOW_GAPS * hangs[number]).any()
+    return shows
+
+
+def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
 
-    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray.
+    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray. Third, where (k,) the
+    side is steep.
     """
     away, nearest = cKDTree(low).query(rim, _OF_SIDE)
     apart_m = rim[:, None, :2] - rim[None, :, :2]
@@ -229,7 +255,7 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array]:
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
     end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
-    return end_std, np.abs(((rim - middle) * normal).sum(axis=1))
+    return end_std, np.abs(((rim - middle) * normal).sum(axis=1)), (steepness > _STEEP) & (hangs > _HIGH * spacing)
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:

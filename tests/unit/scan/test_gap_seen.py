@@ -41,14 +41,14 @@ def wall():
 
 
 def test_a_steep_side_is_seen_down_to_its_lowest_point_and_may_end_a_part_of_the_spacing_below(wall):
-    observed = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
+    observed = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.06))
     np.testing.assert_allclose(observed.gap_m, RIM_M, atol=1e-9)
     assert np.all((observed.std_m > 0.1 * PITCH_M) & (observed.std_m < 0.5 * PITCH_M))
 
 
 def test_a_steep_side_that_may_reach_the_pedestal_ends_anywhere_within_a_spacing(wall):
     low = wall - [0.0, 0.0, RIM_M - 0.5 * PITCH_M]
-    near, hanging = (seen_at_the_rim(each, ground_from(RADIUS_M - 0.02)) for each in (low, wall))
+    near, hanging = (seen_at_the_rim(each, ground_from(RADIUS_M - 0.06)) for each in (low, wall))
     assert np.median(near.std_m) > 1.3 * np.median(hanging.std_m)
 
 
@@ -58,7 +58,7 @@ def test_an_error_that_the_whole_rim_shares_does_not_follow_what_was_seen_at_its
     turn = np.linspace(0.0, 2.0 * np.pi, 3000)
     height = RIM_M + np.random.default_rng(4).uniform(0.0, 0.2, 3000)
     side = np.column_stack([RADIUS_M * np.cos(turn), RADIUS_M * np.sin(turn), height])[sparse]
-    observed = seen_at_the_rim(side, ground_from(RADIUS_M - 0.02))
+    observed = seen_at_the_rim(side, ground_from(RADIUS_M - 0.3))
     assert np.ptp(observed.std_m) > 0.2 * np.median(observed.std_m)
     assert np.ptp(observed.shared_m) == 0.0
 
@@ -85,3 +85,11 @@ def test_below_a_rim_whose_pedestal_was_not_seen_the_gap_is_anything_up_to_its_h
     np.testing.assert_allclose(observed.gap_m, 0.5 * RIM_M)
     np.testing.assert_allclose(observed.std_m, UNSEEN_STD_SHARE * RIM_M)
     assert len(set(observed.group)) == 1
+
+
+@pytest.mark.parametrize(("gaps_in", "ends"), [(0.8, False), (1.5, True)])
+def test_a_side_that_hangs_ends_where_the_pedestal_was_seen_more_than_a_gap_farther_in(wall, gaps_in, ends):
+    """Else it may go on down at 45 degrees behind what was seen, as a rock's that stands in a crevice."""
+    observed = seen_at_the_rim(wall, ground_from(RADIUS_M - gaps_in * RIM_M - 0.5 * PITCH_M))
+    right = np.isclose(observed.gap_m, RIM_M if ends else 0.5 * RIM_M) & (observed.group == int(ends))
+    assert right.mean() > 0.95

@@ -223,7 +223,8 @@ def raised(column, rise_m):
     """The column with its side seen down to so much above the pedestal, light passing below it."""
     before, rock, _ = column
     side = before.rock_m + np.array([0.0, 0.0, rise_m])
-    observed = seen_as(side, before.pedestal_m)
+    below = before.pedestal_m * (1.0 - 2.0 * rise_m / RADIUS_M)
+    observed = seen_as(side, np.vstack([before.pedestal_m, below]))
     return observed, rock, hidden_base(observed.near(LEVEL), 0.3)
 
 

@@ -37,9 +37,9 @@ _SPACING_OVER = 15
 _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
-"""A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in, at
-most so many and twice this share of the height, this far to the sides. Of known rocks whose side goes on it is 1.1 gaps
-at most, of such as end nine tenths are 1.5 and more."""
+"""A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in
+(looked for to so many gaps and twice this share of the height, this share to the sides). Of known rocks whose side goes
+on it is 1.1 gaps at most, of nine tenths of such as end 1.5 and more."""
 _STEEP, _HIGH = 0.7, 2.0
 """Horizontal part of a side's normal from which it may go on down, as a level underside does not, and how many spacings
 of its points it hangs at least."""
@@ -221,8 +221,10 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     )
 
 
-def _shows_below(under: Underside, rim: Array, hangs: Array, lit: Array, height_m: float) -> NDArray[np.bool_]:
-    """Where (k,) the pedestal was seen so far in below a rim that hangs so high (k,) that no side goes on down there."""
+def _shows_below(
+    under: Underside, rim: Array, hangs: Array, lit: Array, height_m: float
+) -> NDArray[np.bool_]:
+    """Where (k,) the pedestal was seen so far in below a rim that hangs so high (k,) that its side goes on no more."""
     shows = np.zeros(len(rim), bool)
     inner = ndimage.binary_erosion(under.hidden, iterations=int(_RIM_BORDER))
     if not len(lit) or not inner.any():
@@ -255,7 +257,11 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, NDArray
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
     end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
-    return end_std, np.abs(((rim - middle) * normal).sum(axis=1)), (steepness > _STEEP) & (hangs > _HIGH * spacing)
+    return (
+        end_std,
+        np.abs(((rim - middle) * normal).sum(axis=1)),
+        (steepness > _STEEP) & (hangs > _HIGH * spacing),
+    )
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:

@@ -143,6 +143,7 @@ def work_out(
             raise
         raise with_reason(error, cloud.points_m) from error
     observed, label, pedestal, interface = judged.observed, judged.label, judged.pedestal, judged.interface
+    check_size(observed.height_m, "units")
     with plants_named(cloud.points_m):
         _check_sense(observed, interface, inspection.moved(cloud.origin_m))
         told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
@@ -191,7 +192,6 @@ def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
 
 def _check_sense(observed: ObservedRock, interface: Interface, inspection: Inspection) -> None:
     """Refuse what the user knows of the base (scene frame) where what was seen contradicts it."""
-    check_size(observed.height_m, "units")
     check_above(observed, interface)
     check_inspection(observed, interface, inspection)
 

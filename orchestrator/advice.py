@@ -30,6 +30,9 @@ REALISATIONS = 25
 
 _MOST_NAMED = 5
 
+_ROUNDED = 0.01
+"""Of an eighth of a turn: so far are radians printed with two decimals from it."""
+
 _HARDLY_SHARE, _MOSTLY_SHARE = 0.05, 0.5
 """Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
 
@@ -59,6 +62,17 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             found.append(
                 f"friction {static:g} is above {_LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
             )
+    turns = [azimuth / (math.pi / 4) for azimuth in campaign.azimuth_deg if azimuth]
+    if (
+        turns
+        and len(campaign.azimuth_deg) > 1
+        and max(turns) <= 8
+        and all(abs(turn - round(turn)) < _ROUNDED for turn in turns)
+    ):
+        found.append(
+            f"the azimuths are eighths of a turn in radians up to {max(campaign.azimuth_deg):g}: "
+            "'azimuth_deg' is in degrees"
+        )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
             f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_sentence(scene)}"

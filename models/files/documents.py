@@ -14,6 +14,7 @@ from typing import Any
 from toppling.models.errors import InputError
 
 _LARGEST_JSON_BYTES = 100_000_000
+_CORRECT = "correct the file, or have it made anew"
 _LARGEST_TOML_BYTES = 2_000_000
 LARGEST_CSV_BYTES = 100_000_000
 _MOST_VALUES = 10_000_000
@@ -93,7 +94,19 @@ def read_toml(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
-        raise _unreadable(path, f"is not TOML ({_brief(error)})", "TOML: key = value, a line each") from None
+        what, expected = f"is not TOML ({_brief(error)})", "TOML: key = value, a line each"
+        raise _unreadable(path, what, expected, _toml_remedy(str(error))) from None
+
+
+def _toml_remedy(error: str) -> str:
+    """What most often is wrong where the parser says so."""
+    if "hex value" in error or "escape" in error.lower() or "\\" in error:
+        return "write paths with / or between single quotes: 'C:\\rocks'"
+    if "Invalid value" in error:
+        return "put text between quotes, and write decimal points"
+    if "overwrite" in error:
+        return "state each key once"
+    return _CORRECT
 
 
 def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, dict[str, str]]]:
@@ -245,10 +258,8 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def _unreadable(where: object, what: str, expected: str) -> InputError:
-    return InputError(
-        what, where=str(where), expected=expected, remedy="correct the file, or have it made anew"
-    )
+def _unreadable(where: object, what: str, expected: str, remedy: str = _CORRECT) -> InputError:
+    return InputError(what, where=str(where), expected=expected, remedy=remedy)
 
 
 def finite(value: Any) -> Any:

@@ -20,8 +20,8 @@ _COLUMNS = {
     "h1": ("h1",),
     "h2": ("h2",),
     "v": ("v",),
-    "unit": ("unit",),
-    "time_step_s": ("time_step_s", "dt"),
+    "unit": ("unit", "units"),
+    "time_step_s": ("time_step_s", "dt", "dt_s"),
     "processing": ("processing",),
     "corner_hz": ("corner_hz",),
     "h1_azimuth": ("h1_azimuth",),
@@ -30,7 +30,7 @@ _COLUMNS = {
     "pga_h2": ("pga_h2_m_s2", "pga_h2"),
     "pga_v": ("pga_v_m_s2", "pga_v"),
 }
-"""What is read, and the names that a table may give it; other columns are left alone."""
+"""What is read, and the names that a table may give it, in any case; other columns are left alone."""
 
 
 _WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
@@ -91,8 +91,8 @@ def read_table(table: Path) -> list[Entry]:
         head = file.readline(_LONGEST_HEADER)
         delimiter = _delimiter_of(head)
         file.seek(0)
-        rows = list(csv_rows(file, table, delimiter))
-        names = head.strip().split(delimiter) if not rows else list(rows[0][1])
+        named = [(line, _by_names(row)) for line, row in csv_rows(file, table, delimiter)]
+        names = _names(head) if not named else list(named[0][1])
     if "h1" not in names or "h2" not in names:
         raise InputError(
             f"no columns h1 and h2 among {shown(names[:8])}",
@@ -100,7 +100,7 @@ def read_table(table: Path) -> list[Entry]:
             expected="a CSV table with a header line and at least the columns h1, h2",
             remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
         )
-    entries = [_entry(row, table, line, delimiter != ",") for line, row in rows if any(row.values())]
+    entries = [_entry(row, table, line, delimiter != ",") for line, row in named if any(row.values())]
     if not entries:
         raise InputError(
             "a header and no row",
@@ -159,7 +159,20 @@ def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         head = file.readline(_LONGEST_HEADER)
-    return {"h1", "h2"} <= {name.strip() for name in head.split(_delimiter_of(head))}
+    return {"h1", "h2"} <= set(_names(head))
+
+
+def _names(head: str) -> list[str]:
+    """Names of a header's columns, as `_COLUMNS` spells them."""
+    return [_name(name) for name in head.strip().split(_delimiter_of(head))]
+
+
+def _name(name: str) -> str:
+    return name.strip(' \t"').casefold()
+
+
+def _by_names(row: dict[str, str]) -> dict[str, str]:
+    return {_name(name): cell for name, cell in row.items()}
 
 
 def _unit_m_s2(text: str) -> float | None:

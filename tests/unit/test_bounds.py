@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import read_toml
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
@@ -220,3 +221,19 @@ def test_a_triangle_between_vertices_that_there_are_not_is_refused(face, what):
     faces = np.array(rock.faces, float if isinstance(face[0], float) else np.int64)
     faces[3] = face
     assert what in refusal(Rock.from_triangles, rock.vertices_m, faces)
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ('scene = "C:\\users\\rock"', "write paths with /"),
+        ('scene = "D:\\Cliffs"', "write paths with /"),
+        ("scene = rock", "put text between quotes"),
+        ("pga_m_s2 = [2]\npga_m_s2 = [3]", "state each key once"),
+    ],
+)
+def test_what_is_no_toml_is_told_with_what_is_most_often_wrong(line, remedy, tmp_path):
+    (tmp_path / "campaign.toml").write_text(line + "\n")
+    with pytest.raises(InputError) as error:
+        read_toml(tmp_path / "campaign.toml")
+    assert remedy in error.value.remedy

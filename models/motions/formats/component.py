@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 
 UP, DOWN = "up", "down"
-TIME_STEPS_S = (1e-5, 1.0)
-"""Of any instrument that records shaking."""
+TIME_STEPS_S = (1e-5, 0.5)
+"""Of any instrument that records shaking; one of 1 s is a count of rows."""
 _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
 _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
 

@@ -106,7 +106,11 @@ def _header_line(lines: Sequence[str]) -> int | None:
 
 def _names(line: str) -> list[str]:
     """Names of a header's columns."""
-    return [name.strip(' "') for cells in csv.reader([",".join(cells_of([line])[0])]) for name in cells]
+    try:
+        cells = next(csv.reader([",".join(cells_of([line])[0])]), [])
+    except csv.Error:  # which `rows_of` tells of
+        return []
+    return [name.strip(' "') for name in cells]
 
 
 def _with_units(

@@ -130,3 +130,14 @@ def test_azimuths_of_the_table_may_be_compass_letters(tmp_path):
         table.write_text(f"{header},h1_azimuth,h2_azimuth\n{row},{first},{second}\n")
         found.append(import_records(record_files([tmp_path]), read_table(table)).records[0].sha)
     assert len(set(found)) == 1
+
+
+def test_names_of_the_tables_columns_are_read_in_any_case(tmp_path):
+    WRITERS["one_column"](tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    (expected,) = import_records(record_files([tmp_path]), read_table(table)).records
+    header, row = table.read_text().splitlines()
+    table.write_text(f"{header.upper().replace('UNIT', 'Units').replace(',', ', ')}\n{row}\n")
+    assert table not in record_files([tmp_path])
+    (record,) = import_records(record_files([tmp_path]), read_table(table)).records
+    assert record.sha == expected.sha

@@ -114,10 +114,16 @@ def test_decimal_commas_are_read_where_something_else_stands_between_numbers(col
 
 
 def test_integers_between_commas_are_two_columns(tmp_path):
-    (tmp_path / "r.csv").write_text("".join(f"{i},{i % 7}\n" for i in range(50)))
+    (tmp_path / "r.csv").write_text("t (ms),a\n" + "".join(f"{10 * i},{i % 7}\n" for i in range(50)))
     (found,) = read_file(tmp_path / "r.csv")
-    assert found.time_step_s == 1.0
+    assert found.time_step_s == 0.01
     assert found.acceleration_m_s2.tolist() == [i % 7 for i in range(50)]
+
+
+def test_a_count_of_rows_is_no_time(tmp_path):
+    (tmp_path / "r.csv").write_text("".join(f"{i},0.{i % 7}\n" for i in range(50)))
+    with pytest.raises(InputError, match="the time step is 1 s"):
+        read_file(tmp_path / "r.csv")
 
 
 @pytest.mark.parametrize("columns", [1, 3])

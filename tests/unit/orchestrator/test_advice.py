@@ -75,6 +75,21 @@ def test_each_slip_is_told_once(levels, friction, told):
     assert told in sentence
 
 
+@pytest.mark.parametrize(
+    ("azimuths", "told"),
+    [
+        ((0, 1.5708, 3.1416), True),
+        ((0, 0.79, 1.57), True),
+        ((0, 90, 180), False),
+        ((0, 2, 4), False),
+        ((0,), False),
+    ],
+)
+def test_azimuths_in_radians_are_told(azimuths, told):
+    found = warned([2, 4, 8], azimuth_deg=list(azimuths))
+    assert [("in radians" in sentence) for sentence in found] == [True] * told
+
+
 @pytest.fixture
 def weak(tmp_path):
     """An ensemble of pulses, one of which is far weaker than the others."""

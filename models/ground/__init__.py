@@ -5,6 +5,6 @@ here too, since statics follows a tipping rock with the same contacts.
 """
 
 __all__ = [
-    "body", "contacts", "creeping", "curved", "equilibrium", "excitation", "facets", "interface", "kind", "mesh",
-    "pairs", "rigid", "rolling", "stepping", "vectors",
+    "body", "contacts", "creeping", "curved", "equilibrium", "excitation", "facets", "holding", "interface",
+    "kind", "mesh", "pairs", "rigid", "rolling", "stepping", "vectors",
 ]  # fmt: skip

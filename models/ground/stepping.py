@@ -29,7 +29,7 @@ from toppling.models.ground.vectors import copy, cross, rotation_of
 _MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
 
-_TOUCHING_SHARE = 2e-6
+TOUCHING_SHARE = 2e-6
 """Of R: a contact so near carries, and comes no nearer: small gaps that differ are none."""
 
 _MARGIN_SHARE = 1e-4
@@ -47,6 +47,9 @@ _CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
 _RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
 
+SECTORS = 16
+"""Of the directions in which the loads on a rock at rest lean."""
+
 
 class Work(NamedTuple):
     """What a step works on, so that it makes no arrays."""
@@ -61,13 +64,14 @@ class Work(NamedTuple):
     start: Array  # (7,): pose before a step that gathers no speed
     still: Array  # (6,): its velocity
     solver: SolverRoom
+    leanings: Array  # (sectors, 2): of loads that are held
 
 
 def work_room() -> Work:
     """Room for one step."""
     return Work(
         np.zeros(7), np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(1, CONTACT),
-        np.zeros(7), np.zeros(6), solver_room(MOST),
+        np.zeros(7), np.zeros(6), solver_room(MOST), np.zeros((SECTORS, 2)),
     )  # fmt: skip
 
 
@@ -161,7 +165,7 @@ def advance(
     count = _contacts(sim, middle, margin)
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
-    sim.counts[4] += solve_cones(_touching(sim, count, free))
+    sim.counts[4] += solve_cones(touching(sim, count, free))
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
@@ -189,7 +193,7 @@ def advance(
 @inner
 def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Array, whole: bool) -> int:
     """Put contacts that carry in this step first, with their floors; those that may land after them, marked."""
-    touching, chosen = _TOUCHING_SHARE * sim.size_m, 0
+    touching, chosen = TOUCHING_SHARE * sim.size_m, 0
     for i in range(count):
         one = sim.trial[i]
         rate = _rate(one, velocity)
@@ -244,12 +248,12 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """Change the velocity at once by the contacts that touch in a pose."""
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
-    margin = 20.0 * _TOUCHING_SHARE * sim.size_m
+    margin = 20.0 * TOUCHING_SHARE * sim.size_m
     count = _contacts(sim, pose, margin)
     for i in range(count):
         closing = -_rate(sim.trial[i], velocity)
         sim.trial[i].floor_m_s = sim.restitution * closing if closing > sim.resolved_m_s else 0.0
-    sim.counts[4] += solve_cones(_touching(sim, count, velocity))
+    sim.counts[4] += solve_cones(touching(sim, count, velocity))
     sim.counts[0] = count
     for i in range(count):
         sim.contacts[i] = sim.trial[i]
@@ -257,7 +261,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 
 
 @inner
-def _touching(sim: Grounded, count: int, velocity: Array) -> Touching:
+def touching(sim: Grounded, count: int, velocity: Array) -> Touching:
     """The first contacts, and the velocity that they are to change."""
     enough_m_s = _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * _step_s(sim)
     return Touching(sim.trial, count, sim.friction, sim.work.inverse, velocity, enough_m_s, sim.work.solver)
@@ -279,7 +283,7 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
         gap = one.gap_m + 0.5 * step_s * _rate(one, velocity)
         one.floor_m_s = max(-gap, 0.0) * _RETURNED
         deepest = max(deepest, -gap)
-    if deepest <= 0.1 * _TOUCHING_SHARE * sim.size_m:
+    if deepest <= 0.1 * TOUCHING_SHARE * sim.size_m:
         return
     shift, inverse = sim.work.shift, sim.work.inverse
     for k in range(6):

@@ -90,7 +90,7 @@ class GroundShaking:
             work=work_room(),
         )
         self.sim.pose[0], self.sim.velocity[0] = pose, start
-        self.skipped_s, self._deepest_m = 0.0, np.zeros(1)
+        self._rest_s, self._deepest_m = np.zeros(3), np.zeros(1)
         self._next_look_s = 0.0
         self._stands_in: Array | None = None
         touching = body.contacts(pose, RESTING_SHARE * body.size_m)
@@ -134,6 +134,8 @@ class GroundShaking:
             look_at_s=min(self._next_look_s, over_s) if problem.shortcuts else over_s,
             until_s=max(self._next_look_s, over_s),
             deepest_m=self._deepest_m,
+            skips=problem.shortcuts,
+            rest_s=self._rest_s,
         )
 
     def _skip_rest(self) -> bool:
@@ -148,7 +150,7 @@ class GroundShaking:
         if steps > 0:
             self.sim.counts[1], self.sim.counts[2] = 1, steps
             self.sim.pose[1], self.sim.velocity[1] = self.sim.pose[0], 0.0
-            self.sim.time_s[1] = self.skipped_s = steps * self.sim.step_s
+            self.sim.time_s[1] = self._rest_s[0] = steps * self.sim.step_s
         return False
 
     def _ended_by(self, since: int) -> str | None:
@@ -185,12 +187,14 @@ class GroundShaking:
 
     def _is_held_to_the_end(self) -> bool:
         """Whether the contacts of a rock that rests hold all that is left of the motion."""
+        self._next_look_s = self.time_s + _HOLDS_AFTER * self.problem.unit_s
+        _, unmoved_at_s, until_s = self._rest_s
+        if unmoved_at_s == self.time_s:
+            return bool(until_s >= self.problem.motion.duration_s)
         first = int(self.time_s / self.sim.sample_s)
         gravity = self.body.load_m_s2()
         loads = np.vstack([gravity - self.sim.excitation[first:, :3], gravity])
-        held = holds(self.body, self.sim.pose[self.last], loads)
-        self._next_look_s = self.time_s + _HOLDS_AFTER * self.problem.unit_s
-        return held
+        return holds(self.body, self.sim.pose[self.last], loads)
 
     def _will_stand(self, over_s: float) -> bool:
         """Whether the energy of a rock on ground at rest is too little to overturn it from where it would stand.
@@ -283,6 +287,7 @@ class GroundShaking:
         turned = math.degrees(quat.yaw_between(pose[0], pose[-1]))
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(problem.motion.duration_s - self.time_s, 0.0) if certain else 0.0
+        skipped_s = float(self._rest_s[0])
         turned_deg = abs((turned + 180.0) % 360.0 - 180.0)
         return result_of(
             ended_by,
@@ -295,8 +300,8 @@ class GroundShaking:
             penetration_m=float(self._deepest_m[0]),
             steps=int(sim.counts[3]),
             engine_steps=int(sim.counts[5]),
-            simulated_s=self.time_s - self.skipped_s,
-            skipped_s=self.skipped_s + left_s,
+            simulated_s=self.time_s - skipped_s,
+            skipped_s=skipped_s + left_s,
             wall_s=0.0,
             time_step_s=sim.step_s,
         )

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.curved import only_rolls
+from toppling.models.ground.holding import STILL, held_until, is_still
 from toppling.models.ground.rigid import square
 from toppling.models.ground.stepping import Grounded, step
 from toppling.models.ground.vectors import copy, dot, minus
@@ -27,6 +28,9 @@ class GroundWatch(NamedTuple):
     look_at_s: float  # no drift before this time
     until_s: float  # every block from then on
     deepest_m: Array  # (1,): deepest contact at the end of a block, written here
+    skips: bool  # the time in which a rock that does not move is held
+    # (3,), written here: the time so skipped; when a rock was last seen not to move; until when it is held since.
+    rest_s: Array
 
 
 _LONG_STEPS = 4
@@ -60,8 +64,35 @@ def take_steps(sim: Grounded, block: int, watch: GroundWatch) -> int:
             sim.time_s[last + 1] = sim.counts[2] * sim.step_s
         for k in range(sim.counts[0]):
             watch.deepest_m[0] = max(watch.deepest_m[0], -sim.contacts[k].gap_m)
+        if watch.skips and _has_stood(sim, since):
+            _skip_rest(sim, block, watch)
         if _calls_for_look(sim, watch, since) or sim.counts[1] + block + 1 >= len(sim.time_s):
             return since
+
+
+@inner
+def _has_stood(sim: Grounded, since: int) -> bool:
+    """Whether the rock has not moved since a pose, but by rounding."""
+    last = sim.counts[1]
+    way_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+    return way_m <= STILL * sim.size_m and is_still(sim, sim.velocity[last])
+
+
+@inner
+def _skip_rest(sim: Grounded, block: int, watch: GroundWatch) -> None:
+    """Skip whole blocks up to the last sample before one that the contacts of a rock at rest do not hold."""
+    last, grid = sim.counts[1], sim.counts[2]
+    until = held_until(sim, int(sim.time_s[last] / sim.sample_s))
+    until_s = (until - 1) * sim.sample_s
+    steps = int(until_s / sim.step_s) - grid
+    steps -= steps % block
+    if steps > 0:
+        copy(sim.pose[last], sim.pose[last + 1])
+        copy(sim.velocity[last], sim.velocity[last + 1])
+        sim.counts[1], sim.counts[2] = last + 1, grid + steps
+        sim.time_s[last + 1] = sim.counts[2] * sim.step_s
+        watch.rest_s[0] += steps * sim.step_s
+    watch.rest_s[1], watch.rest_s[2] = sim.time_s[sim.counts[1]], until_s
 
 
 @inner

@@ -1,7 +1,6 @@
 """A site's hazard deaggregation, by which records are weighted: a table of bins, nshmp-haz's data.csv, OpenQuake's."""
 
 import csv
-import io
 import json
 import math
 import re
@@ -18,6 +17,13 @@ from toppling.models.motions.metadata import text_table
 
 _TRACE = "T"
 """What nshmp-haz prints for a contribution below 0.01 %."""
+
+_COLUMNS = {
+    "magnitude": {"magnitude", "mag", "m", "mw"},
+    "distance": {"distance", "dist", "r", "rrup", "rjb", "closest distance"},
+    "share": {"contribution", "share", "percent", "%", "per cent", "hazard contribution", "all ε", "total"},
+}
+"""Names of columns with the centres of bins, and what these contribute."""
 
 _DEPTH = 6
 """Folders between a deaggregation of nshmp-haz and its config.json, at most."""
@@ -45,8 +51,9 @@ class Deaggregation:
 def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = None) -> Deaggregation:
     """Bins of a hazard deaggregation.
 
-    Three kinds of table are told apart by their header: `magnitude_low`, `magnitude_high`, `distance_low_km`,
-    `distance_high_km`, `contribution` (in any unit); nshmp-haz's `data.csv`; and OpenQuake's tables over magnitude and
+    Kinds of table are told apart by their header: `magnitude_low`, `magnitude_high`, `distance_low_km`,
+    `distance_high_km`, `contribution` (in any unit); the centres of such bins (`magnitude`, `distance_km`,
+    `contribution`); nshmp-haz's `data.csv`; and OpenQuake's tables over magnitude and
     distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the mean or of realisations).
 
     Parameters
@@ -64,32 +71,60 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     """
     text = text_table(table).read()
     lines = text.splitlines()
-    if (lines and lines[0].startswith("#")) or (lines and lines[0].startswith("imt,")):
+    if lines and (lines[0].startswith("imt,") or openquake.header_values(lines[0])):
         return _openquake(table, lines, imt, poe)
     if imt is not None or poe is not None:
         _refuse(table, "is of one motion, so that there is none to choose", "leave --imt and --poe out")
-    if lines and lines[0].split(",")[0].strip() == "r":
+    if lines and "Σε" in lines[0]:
         return Deaggregation(_nshmp(table, lines))
     return Deaggregation(_bins(table, text))
 
 
 def _bins(table: Path, text: str) -> list[Bin]:
-    names = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
-    bins = []
-    for line, row in csv_rows(io.StringIO(text, newline=""), table):
+    """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
+    lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
+    sign = next((sign for sign in ";\t" if lines and sign in lines[0]), ",")
+    rows = [
+        (line, {_plain(name): cell.strip() for name, cell in row.items()}, row)
+        for line, row in csv_rows(iter(lines), table, sign)
+    ]
+    roles = (
+        {role: next((n for n in rows[0][1] if n in names), "") for role, names in _COLUMNS.items()}
+        if rows
+        else {}
+    )
+    edges = ("magnitude low", "magnitude high", "distance low", "distance high")
+    by_centre = bool(roles) and all(roles.values()) and not set(edges) <= rows[0][1].keys()
+    names = (roles["magnitude"], roles["distance"], roles["share"]) if by_centre else (*edges, "contribution")
+    found = []
+    for line, cells, row in rows:
         try:
-            low_m, high_m, low_d, high_d, share = (float(row[name]) for name in names)
-        except (KeyError, TypeError, ValueError):
-            low_m = share = math.nan
-        if not (0 <= share < math.inf and low_m < high_m and low_d < high_d):
+            numbers = [float(cells[name].replace(",", ".").rstrip("% ")) for name in names]
+        except (KeyError, ValueError):
+            numbers = []
+        ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
+        if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
             raise InputError(
                 f"not a bin: {shown(list(row.values()))}",
                 where=f"{table}:{line}",
-                expected=f"numbers in {', '.join(names)}, low below high, contribution not negative",
+                expected="numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
+                "low below high; or centres in magnitude, distance_km, contribution",
                 remedy="correct the table",
             )
-        bins.append(Bin((low_m, high_m), (low_d, high_d), share))
-    return bins
+        found.append(numbers)
+    if by_centre:
+        km, magnitudes = _widths(table, [one[1] for one in found], [one[0] for one in found])
+        found = [[*_around(m, magnitudes), *_around(r, km), share] for m, r, share in found]
+    shares: dict[tuple[float, ...], float] = {}
+    for one in found:
+        shares[tuple(one[:4])] = shares.get(tuple(one[:4]), 0.0) + one[4]
+    return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in shares.items()]
+
+
+def _plain(name: str) -> str:
+    """Name of a column in lower case, without its unit."""
+    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name.lower()).replace("_", " ")
+    return " ".join(bare.removesuffix(" km").split())
 
 
 def _nshmp(table: Path, lines: Sequence[str]) -> list[Bin]:

@@ -104,3 +104,36 @@ def test_neighbouring_bins_share_their_edge_so_that_no_magnitude_falls_between()
     edges = {one.magnitude for one in read_deaggregation(folder / "data.csv").bins}
     lows, highs = ({edge[side] for edge in edges} for side in (0, 1))
     assert lows - highs == {min(lows)}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n5,6,0,10,30\n6,7,10,20,70\n",
+        "# at the rock\nMagnitude,Distance (km),Contribution (%)\n5.5,5,30\n6.5,15,70\n",
+        "Mw;R_km;%\n5,5;5,0;30\n6,5;15,0;70\n",
+        "r\tmag\teps\tcontribution\n5\t5.5\t0\t10\n5\t5.5\t1\t20\n15\t6.5\t0\t70%\n",
+    ],
+)
+def test_a_persons_bins_may_be_edges_or_centres_and_are_the_same(tmp_path, text):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    one, two = read_deaggregation(path).bins
+    assert (one.magnitude, one.distance_km, one.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
+    assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n", "not a bin"),
+        ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "not a bin"),
+        ("magnitude,distance_km,contribution\n5.5,5,1\n", "one bin of distance or magnitude"),
+        ("magnitude,site,contribution\n5.5,5,1\n", "not a bin"),
+    ],
+)
+def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, said):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_deaggregation(path)

@@ -39,7 +39,11 @@ _ACCELERATION = re.compile(
     r"a(?:cc(?:el(?:eration|erations)?)?)?|aceleraci[oó]n|beschleunigung|acc[eé]l[eé]ration|amplitude|samples?|data|values?",
     re.IGNORECASE,
 )
-_DERIVED = re.compile(r"v(?:el(?:ocity)?)?|d(?:isp(?:lacement)?)?|velocidad|desplazamiento", re.IGNORECASE)
+_DERIVED = re.compile(
+    r"v(?:el(?:ocity)?)?|d(?:isp(?:lacement)?)?|velocidad|desplazamiento|resultant|vector(?: sum)?|srss",
+    re.IGNORECASE,
+)
+"""What is worked out from accelerations."""
 _FILLING = {
     "ACC",
     "ACCEL",
@@ -93,6 +97,11 @@ def column_of(part: str) -> Column:
     return Column(name, unit)
 
 
+def names_time(each: Column) -> bool:
+    """Whether a column's name is one of the time."""
+    return _TIME.match(each.name) is not None
+
+
 def is_unit(word: str) -> bool:
     """Whether a cell below a name is the unit of its column."""
     bare = word.strip("()[]- ")
@@ -106,7 +115,7 @@ def roles_of(columns: list[Column]) -> Roles | None:
     alone, with velocity and displacement behind it.
     """
     first = int(columns[0].name.lower() in _NUMBERS and not columns[0].unit and len(columns) > 1)
-    time = first if len(columns) > first + 1 and _TIME.match(columns[first].name) else None
+    time = first if len(columns) > first + 1 and names_time(columns[first]) else None
     labels: dict[int, str] = {}
     others: dict[int, str] = {}
     for place in range(first if time is None else first + 1, len(columns)):
@@ -128,12 +137,13 @@ def roles_of(columns: list[Column]) -> Roles | None:
 
 def refuse_names(columns: list[Column], width: int, path: Path, line: int) -> NoReturn:
     """Refuse names that are not understood: in the order of a file without names, they might be other components."""
+    other = "delete this line if they are the time, h1, h2 and v" if width == 4 else "leave other columns out"
     refuse(
         f"the names of {width} columns are {', '.join(repr(each.name) for each in columns)}",
         path,
         line,
         expected="the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v",
-        remedy="name them so, or delete this line if they are the time, h1, h2 and v",
+        remedy=f"name them so, or {other}",
     )
 
 

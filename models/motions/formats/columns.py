@@ -21,13 +21,14 @@ from toppling.models.motions.formats.column_names import (
     Roles,
     column_of,
     is_unit,
+    names_time,
     refuse_names,
     roles_of,
 )
 from toppling.models.motions.formats.column_times import UNITS_S, as_seconds, past_midnight, time_step
 from toppling.models.motions.formats.component import Component, code_direction, refuse
 from toppling.models.motions.formats.header_text import stated_step_s, stated_unit
-from toppling.models.motions.formats.numbers import numbers_in
+from toppling.models.motions.formats.numbers import numbers_in, parted
 from toppling.models.motions.formats.units import known_names, unit_of
 
 NAME = "plain columns"
@@ -77,6 +78,8 @@ def recognises(head: str) -> bool:
         return False
     if layout.width in _WIDTHS or layout.width == 3 or _roles(layout) is not None:
         return layout.names_at is None or _roles(layout) is not None or _is_header(head, layout)
+    if len(layout.columns) == layout.width and names_time(layout.columns[0]):
+        return True  # which `read` refuses by the names
     return layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout)
 
 
@@ -110,7 +113,7 @@ def _layout(lines: Sequence[str]) -> _Layout | None:
 
 def _named(lines: Sequence[str], layout: _Layout, above: list[int]) -> _Layout:
     """Layout with the names in the line above the rows, or in the last comment, and with units between them."""
-    candidates = above[-2:] or [n for n in range(layout.first) if lines[n].strip()][-1:]
+    candidates = above[-2:] or [n for n in range(layout.first) if lines[n].strip()][-2:]
     if not candidates:
         return layout
     names_at, units = candidates[-1], []
@@ -163,6 +166,7 @@ def read(path: Path, text: str) -> list[Component]:
     first, width = layout.first, layout.width
     end, warnings = _end(lines, layout, path)
     rows = [_EXPONENT.sub("E", _separated(_plain(line), layout.decimal_comma)) for line in lines[first:end]]
+    rows = [row if len(row.split()) == width else parted(row) for row in rows]
     for offset, row in enumerate(rows):
         if row.strip() and len(row.split()) != width:
             refuse(

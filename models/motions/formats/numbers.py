@@ -51,7 +51,7 @@ def numbers_in(
     if values is None and all(map(_COMMA_NUMBER.match, tokens)):
         values = _floats([_FORTRAN.sub(r"\1E\2", token.replace(",", ".")) for token in tokens])
     if values is None and width is None and any(map(_GLUED.search, tokens)):
-        apart = [_GLUED.sub(" ", line) for line in lines]
+        apart = [parted(line) for line in lines]
         return numbers_in(apart, path, first_line) if apart != lines else np.empty(0)
     if values is not None and np.isfinite(values).all():
         return values
@@ -69,6 +69,11 @@ def numbers_in(
                     remedy="fetch the file again, or cut the damaged part and correct its count",
                 )
     return np.empty(0)
+
+
+def parted(line: str) -> str:
+    """Line with a blank between numbers that fill their columns."""
+    return _GLUED.sub(" ", line)
 
 
 def exactly(values: NDArray[np.float64], count: int, path: Path, line: int) -> NDArray[np.float64]:

@@ -106,11 +106,12 @@ def test_a_unit_in_the_names_needs_no_table(unit, one_m_s2, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "units", ["s,cm/s2,cm/s2,cm/s2", "(s),(cm/s²),(cm/s²),(cm/s²)", "sec, Gal, Gal, Gal"]
+    "units",
+    ["s,cm/s2,cm/s2,cm/s2", "(s),(cm/s²),(cm/s²),(cm/s²)", "sec, Gal, Gal, Gal", "# s,cm/s2,cm/s2,cm/s2"],
 )
 def test_units_may_stand_in_a_line_below_the_names(units, tmp_path):
     a = shaking()
-    path = table_of(tmp_path, f"Time,EW,NS,UD\n{units}", a * 100)
+    path = table_of(tmp_path, f"{'# ' * units.startswith('#')}Time,EW,NS,UD\n{units}", a * 100)
     (record,) = import_records([path], options=ImportOptions(process=False)).records
     assert record.north_known
     assert np.abs(record.motion.acceleration_m_s2 - a).max() < 1e-5
@@ -254,3 +255,28 @@ def test_two_units_in_the_text_above_are_none(tmp_path):
         "# units: gal\n# acceleration in g\nt,N,E,Z\n" + rows_of(shaking(), lambda n: f"{n * STEP_S:.2f},")
     )
     assert "in which unit" in import_records([path]).refusals[0].reason.what
+
+
+def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):
+    a = 0.9 * shaking() / np.abs(shaking()).max()
+    path = tmp_path / "rec.txt"
+    lines = [f"{n * STEP_S:7.3f}" + "".join(f"{100 * x:7.3f}" for x in row) for n, row in enumerate(a)]
+    path.write_text("Time (s) EW (gal) NS (gal) UD (gal)\n" + "\n".join(lines) + "\n")
+    assert any(len(line.split()) < 4 for line in lines)
+    read = np.column_stack([component.acceleration_m_s2 for component in read_file(path)])
+    assert np.abs(read - a).max() < 1e-5
+
+
+def test_a_resultant_is_no_component_and_two_stations_are_refused_by_their_names(tmp_path):
+    a = shaking()
+    path = tmp_path / "rec.csv"
+    header = "Time (s),EW (m/s2),NS (m/s2),UD (m/s2)"
+    more = np.column_stack([a, np.linalg.norm(a, axis=1)])
+    path.write_text(f"{header},Resultant (m/s2)\n" + rows_of(more, lambda n: f"{n * STEP_S:.2f},"))
+    assert len(read_file(path)) == 3
+    path.write_text(
+        f"{header},B_EW (m/s2),B_NS (m/s2),B_UD (m/s2)\n"
+        + rows_of(np.hstack([a, a]), lambda n: f"{n * STEP_S:.2f},")
+    )
+    with pytest.raises(InputError, match="the names of 7 columns"):
+        read_file(path)

@@ -278,10 +278,16 @@ def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     except UnicodeDecodeError as error:
         raise _file_error(path, "it is no text in UTF-8") from error
     try:
-        rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+        sign = next((sign for sign in ";\t" if lines and sign in lines[0]), ",")
+        rows = [
+            [cell.replace(",", ".") for cell in row] for row in csv.reader(lines, delimiter=sign) if any(row)
+        ]
     except csv.Error as error:
         raise _file_error(path, f"it is no CSV ({error})") from error
-    names = [name.strip().lower() for name in rows[0]] if rows else []
+    names = (
+        ["_".join(re.split(r"[\s_()\[\]]+", name.lower().strip(" ()[]"))) for name in rows[0]] if rows else []
+    )
     if not names or names[0] not in UNITS:
         raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
     if names[1:] not in ([], ["weight"]):

@@ -9,6 +9,7 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite
 from toppling.results.hazard.measures import measure_of, measure_with_unit
+from toppling.results.hazard.readers.columns import refuse_other_unit
 from toppling.results.hazard.readers.event_tables import (
     BRANCH,
     EVENT,
@@ -265,9 +266,17 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
     return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, notes, places)
 
 
+_STRONG = 0.9
+"""Share of motions below the one by which a unit is judged: single ones of a simulation may be of any strength."""
+
+
 def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
     rows = table.frame()
     factors = measure_factors(table, "", measure_with_unit, ratio)
+    for name, (column, _factor) in factors.items():
+        if column.endswith("_m_s2") and (usual := measure_of(name)):
+            strong = float(pd.to_numeric(rows[name], errors="coerce").quantile(_STRONG))
+            refuse_other_unit(table.path, name, column, [strong * usual[1]], "")
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
     if SITE not in rows:

@@ -52,3 +52,13 @@ def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
     table.write_text(text)
     with pytest.raises(InputError, match="no age"):
         parse_age(str(table))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["ka,weight\n1.5,1\n3,3\n", "Age (ka);Weight\n1,5;1\n3,0;3\n", "# of a model\nage_ka\tweight\n1.5\t1\n3\t3\n",
+     "Age [yr],weight\n1500,1\n3000,3\n"],
+)  # fmt: skip
+def test_draws_of_an_age_are_read_whatever_their_signs_and_the_spelling_of_their_header(text, tmp_path):
+    (tmp_path / "ages.csv").write_text(text)
+    assert parse_age(str(tmp_path / "ages.csv")).mean() == pytest.approx((1500 + 3 * 3000) / 4)

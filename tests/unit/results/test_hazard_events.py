@@ -192,6 +192,19 @@ def test_a_plain_table_of_events_states_rates_and_measures(tmp_path):
     assert branch.motions["pga_m_s2"] == pytest.approx(np.array([[0.5, 0.1], [1.0, 0.0]]) * G)
 
 
+@pytest.mark.parametrize(("header", "said"), [("PGA", "names no unit"), ("PGA (cm/s2)", None)])
+def test_motions_without_a_unit_that_are_in_gal_are_refused(tmp_path, header, said):
+    """Under 'PGA' alone 200 cm/s2 would be 200 g, and every event would topple every rock."""
+    path = tmp_path / "events.csv"
+    rows = "".join(f"{n},{1e-3},{100 + n}\n" for n in range(20))
+    path.write_text(f"event_id,annual_rate,{header}\n{rows}")
+    if said is None:
+        assert read_events(path).branches[0].motions["pga_m_s2"].max() == pytest.approx(1.19)
+        return
+    with pytest.raises(InputError, match=said):
+        read_events(path)
+
+
 def test_a_hazard_curve_is_no_set_of_events(tmp_path):
     curve = tmp_path / "curve.csv"
     curve.write_text("PGA,annual_rate\n0.1,1e-3\n0.2,1e-4\n")

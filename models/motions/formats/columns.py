@@ -165,7 +165,8 @@ def read(path: Path, text: str) -> list[Component]:
         refuse("no rows of numbers follow on each other", path, 1, expected="columns of numbers")
     first, width = layout.first, layout.width
     end, warnings = _end(lines, layout, path)
-    rows = [_EXPONENT.sub("E", _separated(_plain(line), layout.decimal_comma)) for line in lines[first:end]]
+    rows = [_separated(_plain(line), layout.decimal_comma) for line in lines[first:end]]
+    rows = [_EXPONENT.sub("E", row) if "D" in row or "d" in row else row for row in rows]
     rows = [row if len(row.split()) == width else parted(row) for row in rows]
     for offset, row in enumerate(rows):
         if row.strip() and len(row.split()) != width:

@@ -73,7 +73,7 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
         (0, [])
     ]
-    header, rows = _upright(*_with_units(header, rows))
+    header, rows = upright(*_with_units(header, rows))
     levels, values = _columns(path, lines[at], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
     years, rate_of = values_of(path, header[values], hints, before)
@@ -128,7 +128,7 @@ def _with_units(
     return joined, rows[1:]
 
 
-def _upright(
+def upright(
     header: list[str], rows: list[tuple[int, list[str]]]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Table whose names stand above its columns, of one whose names stand before its rows."""

@@ -7,6 +7,7 @@ As people and services write them: `lon,lat,imt,level,annual_rate`; `lat,lon,imt
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from toppling.results.hazard.readers.columns import (
     cells_of,
     refuse_other_unit,
     says_value,
+    upright,
     values_of,
 )
 from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of, wanted_rows
@@ -105,10 +107,19 @@ def matches(lines: Sequence[str]) -> bool:
 
 def _header_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names the columns."""
-    places = (
+    places = [
         n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip() and not line.startswith(COMMENTS)
-    )
-    return next((n for n in places if _table([name.strip(' "') for name in _split(lines[n])])), None)
+    ]
+    for n, below in zip_longest(places, places[1:]):
+        header = [name.strip(' "') for name in _split(lines[n])]
+        if _table(header):
+            return n
+        on_its_side = (
+            _plain(header[0]) in _ROLES["level"] and len(header) > 2 and all(map(is_numeral, header[1:]))
+        )
+        if on_its_side and below is not None and _is_measure(_imt(_split(lines[below])[0].strip(' "'))):
+            return n
+    return None
 
 
 def _split(line: str) -> list[str]:
@@ -123,6 +134,7 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     at = _header_line(lines) or 0
     before = " ".join(lines[:at]).lower()
     (_, header), *rows = rows_of(path, [",".join(cells) for cells in cells_of(lines[at:])], at + 1)
+    header, rows = upright(header, rows)
     table = _table(header)
     if table is None:
         refuse(path, f"has the columns {', '.join(header)[:200]}")

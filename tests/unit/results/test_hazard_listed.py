@@ -49,6 +49,9 @@ def long(value, factor=1.0):
         (["imt,agg,0.1,0.2,0.5", "PGA,mean,1e-2,1e-3,1e-4", "SA(1.0),mean,1e-2,1e-3,1e-4"], Hints(years=0.0)),
         (["level (g),PGA,SA(1.0)", *rows(LEVELS_G, RATES, RATES)], Hints(years=0.0)),
         (["Ground Motion (g),PGA (AFE),SA1P0 (AFE)", *rows(LEVELS_G, RATES, RATES)], Hints()),
+        (["Hazard Curves", "Longitude,-118.1", "", "Ground Motion (g),0.1,0.2,0.5",
+          "Peak Ground Acceleration (AFE),1e-2,1e-3,1e-4", "1.0 Second Spectral Acceleration (AFE),1e-2,1e-3,1e-4"],
+         Hints()),
         (["IML (cm/s2),PGA (AFE),SA(1.0) (AFE)", *rows(LEVELS_G * G * 100, RATES, RATES)], Hints()),
     ],
 )  # fmt: skip

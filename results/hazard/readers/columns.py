@@ -101,7 +101,11 @@ def _header_line(lines: Sequence[str]) -> int | None:
         n for n, line in bare.items() if line and any(map(measure_with_unit, _names(line)[:_MOST_NAMES]))
     ]
     named = [n for n in named if len(_names(bare[n])) > 1]
-    return next((n for n in named if not comment[n]), named[-1] if named else next(iter(table), None))
+    for among in ([n for n in named if not comment[n]], [n for n in named if comment[n]]):
+        said = [n for n in among if any(map(says_value, _names(bare[n])))]  # a title may name a measure too
+        if among:
+            return (said or among)[-1]
+    return next(iter(table), None)
 
 
 def _names(line: str) -> list[str]:

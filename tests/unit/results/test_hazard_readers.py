@@ -136,6 +136,7 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("Peak Ground Acceleration (g),RP\n{0},100\n{2},1000\n", "utf-8"),
         ("PGA,annual rate\nm/s2,1/yr\n0.980665,{1}\n1.96133,{3}\n", "utf-8"),
         ("sep=,\nPGA in g,hazard (1/yr)\n{0},{1}\n{2},{3}\n", "utf-8"),
+        ("Hazard curve for PGA\n\nPGA (g),annual_rate\n{0},{1}\n{2},{3}\n", "utf-8"),
         ("Hazard at the rock\n\nPGA (g);annual rate\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
         ("# at the rock, Vs30 in m/s\n# PGA (g), annual rate\n{0},{1}\n{2},{3}\n", "utf-8"),
         ("PGA (g),{0},{2}\nannual rate,{1},{3}\n", "utf-8"),

@@ -14,6 +14,9 @@ from toppling.models.ground.stepping import TOUCHING_SHARE
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.contact.candidates import contact_of
+from toppling.workers.ground.shaking import GroundShaking
+from toppling.workers.options import PRESETS
+from toppling.workers.problem import Problem
 from toppling.workers.shake import shake
 
 STEP_S = 0.01
@@ -109,3 +112,19 @@ def test_a_foot_that_hangs_over_its_facet_holds_nothing():
     rock.counts[0] = len(near)
     rock.contacts[: len(near)] = near
     assert abs(away[_held_until(rock)]) < 0.02
+
+
+def test_a_rock_that_rocks_slowly_on_two_of_its_feet_has_not_lodged():
+    """At the end of a swing it is as slow as one at rest, but nothing holds it, below it or beside it."""
+    scene, tilt = block_on(15, 15), Rotation.from_rotvec([0.0, -math.radians(3.0), 0.0])
+    shaking = GroundShaking(
+        Problem(scene, Motion(np.zeros((2, 3)), STEP_S), PRESETS["fast"], 0.0027, None, True), None
+    )
+    feet = scene.grounded.contacts(scene.grounded.resting_pose, 1e-6)
+    pivot = feet["place_m"][feet["place_m"][:, 0] < 0.0].mean(axis=0)
+    shaking.sim.counts[1], shaking.sim.time_s[1] = 1, 1.0
+    pose, start = shaking.sim.pose[1], shaking.sim.pose[0]
+    pose[:3] = pivot + tilt.apply(start[:3] - pivot)
+    pose[3:] = (tilt * Rotation.from_quat(start[3:])).as_quat()
+    result = shaking.result("rest", trajectory=False)
+    assert (result.outcome, result.toppled) == ("moved", False)

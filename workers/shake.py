@@ -12,6 +12,7 @@ import trimesh
 
 from toppling.models.compiled import ROLLING, SURFACE
 from toppling.models.errors import InputError
+from toppling.models.ground.creeping import settle
 from toppling.models.ground.curved import tipped_over_m
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -161,6 +162,7 @@ def _use_surfaces() -> None:
     scene = _block_in_groove()
     _small_shake(scene)
     body = scene.grounded
+    settle(body.clockless(body.resting_pose, 0.01, body.curved), body.load_m_s2(), 1, np.inf)
     along, _, up = body.scene_from_support
     tipped_over_m(body.curved, body.resting_pose, up, along, 1.0, 1.0, 1.0)  # no dome, but compiled
 

@@ -274,3 +274,14 @@ def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypat
             assert room._is_compiled(ground)
         room._ENSURED.clear()  # as in the next process
     assert used == ["plane", "surface"]
+
+
+def test_what_is_compiled_for_surfaces_lets_a_rock_down_on_them_too():
+    program = (
+        "from toppling.models.ground.creeping import settle\n"
+        "from toppling.workers.shake import _use_surfaces\n"
+        "_use_surfaces()\n"
+        "print(len(settle.signatures))\n"
+    )
+    ran = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == ["1"]

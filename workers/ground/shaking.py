@@ -243,10 +243,8 @@ class GroundShaking:
             return False
         last = self.sim.pose[self.last] if self._stands_in is None else self._stands_in
         start = self.sim.pose[0]
-        near = self.body.near_contacts(last, TOUCHING_SHARE * self.body.size_m)
-        if not self.body.hold(near, self.body.load_m_s2()[None])[
-            0
-        ]:  # slow, and held by nothing: it still rocks
+        near, load = self.body.near_contacts(last, TOUCHING_SHARE * self.body.size_m), self.body.load_m_s2()
+        if not self.body.hold(near, load[None])[0]:  # slow, and held by nothing: it still rocks
             return False
         return not self._held_from_below(last) and self._held_from_below(start)
 

@@ -40,6 +40,7 @@ from toppling.models.scan.hanging import (
     seat_of,
     strays_at_edge,
 )
+from toppling.models.scan.hint_off import off_what_was_seen
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.leaning import check_upright, upright_split
@@ -209,7 +210,8 @@ def _checked_doubts(
     step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
     of_rock = at_most(np.flatnonzero(label == ROCK), OF_LAYERS)
     twice = doubled(observed, cloud.points_m[of_rock], step_m)
-    told = [hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]
+    off = off_what_was_seen(observed, interface, cloud.origin_m)
+    told = [off, hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]
     if any(mesh is not None for mesh in cloud.meshes):
         told.append(bridged(observed, interface))
     return [*(each for each in told if each is not None), *found]

@@ -62,6 +62,7 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     found = survey(cloud, hint=words(truth, tmp_path)[kind])
     assert found.scene.pedestal.slope_deg == pytest.approx(SLOPE_DEG, abs=1e-3)
     assert found.scene.report["interface"]["given_by"] == kind
+    assert "hint" not in found.scene.report.get("not_free", {})
     assert (found.label[label == ROCK] == ROCK).mean() > 0.98
     assert (found.label[label == PEDESTAL] == PEDESTAL).mean() > 0.98
     # A coarse scan, 2 % of the height: half again the project's target for a fine one.

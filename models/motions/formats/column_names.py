@@ -14,6 +14,8 @@ _ENDING = re.compile(
     r"(.*?[^\W_])_((?:[cmu]?m_s\^?2)|m?gal|mg|g|ms|us|s|sec|seconds|milliseconds)$", re.IGNORECASE
 )
 """A unit at the end of a name, as this program's own columns have it: time_s, ns_m_s2."""
+_LONGEST = 200
+"""Characters of a cell of a header that are looked at."""
 _TIME = re.compile(
     r"(?:t|times?|timestamp|zeit|tiempo|temps|tempo|s|m?secs?|(?:milli)?seconds?)(?![a-z])", re.IGNORECASE
 )
@@ -88,6 +90,7 @@ class Roles:
 
 def column_of(part: str) -> Column:
     """Name and unit of a cell of a header."""
+    part = part[:_LONGEST]
     match = _BRACKETS.search(part)
     name, unit = _BRACKETS.sub("", part).strip(" \"'_:."), match[1].strip() if match else ""
     if not unit and (ending := _ENDING.fullmatch(name)):

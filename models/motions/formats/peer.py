@@ -10,7 +10,7 @@ from toppling.models.motions.formats.units import acceleration_m_s2
 NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*[=:]?\s*(\d+)", re.IGNORECASE)
 _STEP = re.compile(r"DT\s*[=:]?\s*([-+]?[0-9]*[.,]?[0-9]+(?:[EeDd][-+]?[0-9]+)?)", re.IGNORECASE)
-_BARE = re.compile(r"^\s*(\d+)\s*,?\s+(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
+_BARE = re.compile(r"^\s*(\d+)(?:\s*,\s*|\s+)(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
 _SERIES = re.compile(r"\b(?:ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\bUNITS?\b", re.IGNORECASE)
 _HEADER_LINES = 8
 """Among which the title of the series is looked for; four are usual."""

@@ -15,7 +15,7 @@ import numpy as np
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import imt_of, measure_of, measure_with_unit
+from toppling.results.hazard.measures import LONGEST_NAME, imt_of, measure_of, measure_with_unit
 from toppling.results.hazard.readers.columns import (
     COMMENTS,
     cells_of,
@@ -41,6 +41,8 @@ _FRACTILE = re.compile(
 )
 _MOST_ABOVE = 50
 """Lines of a file among which its header is looked for."""
+_MOST_COLUMNS = 1000
+"""Of a table."""
 _RATES = re.compile(r"annual (?:exceedance )?(?:rate|frequenc)|\bm?afe\b")
 
 
@@ -112,6 +114,8 @@ def _header_line(lines: Sequence[str]) -> int | None:
     ]
     for n, below in zip_longest(places, places[1:]):
         header = [name.strip(' "') for name in _split(lines[n])]
+        if len(header) > _MOST_COLUMNS or max(map(len, header)) > LONGEST_NAME:
+            continue
         if _table(header):
             return n
         on_its_side = (

@@ -201,7 +201,7 @@ def test_a_threshold_within_the_neighbours_shows_as_a_share(scene, tmp_path):
 @pytest.mark.parametrize(("word", "told_so"), [("", True), ("corrected", False)])
 def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, told_so):
     time = np.arange(0.0, 60.0, 0.02)
-    columns = np.column_stack([time, *[0.1 * np.sin(6 * time) + 0.02] * 3])
+    columns = np.column_stack([time, *(size * np.sin(6 * time) + 0.02 for size in (0.1, 0.08, 0.05))])
     np.savetxt(tmp_path / "simulated.txt", columns, fmt="%.6f")
     names = ",".join(["simulated.txt"] * 3)
     rows = f"A,{names},m/s2,{word}\nB,x,y,z,,\n"

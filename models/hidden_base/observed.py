@@ -197,9 +197,9 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     """The rim as far as it was seen."""
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], _MOST_RIM)]
-    gap, beside = rim[:, 2], np.full(len(rim), np.inf)
+    gap, beside, shown = rim[:, 2], np.full(len(rim), np.inf), cKDTree(lit[:, :2])
     if len(lit) >= _NEIGHBOURS:
-        away, nearest = cKDTree(lit[:, :2]).query(rim[:, :2], _NEIGHBOURS)
+        away, nearest = shown.query(rim[:, :2], _NEIGHBOURS)
         beside = away[:, 0]
         gap = gap - np.where(beside[:, None] < _BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
             axis=1
@@ -207,7 +207,7 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
     end_std, off_m, steep = _errors(rim, hangs, low)
-    to_its_end &= ~steep | _shows_below(under, rim, hangs, lit, height_m)
+    to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     std = np.hypot(end_std, off_m)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
@@ -222,19 +222,19 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
 
 
 def _shows_below(
-    under: Underside, rim: Array, hangs: Array, lit: Array, height_m: float
+    under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float
 ) -> NDArray[np.bool_]:
-    """Where (k,) the pedestal was seen so far in below a rim that hangs so high (k,) that its side goes on no more."""
-    shows = np.zeros(len(rim), bool)
-    inner = ndimage.binary_erosion(under.hidden, iterations=int(_RIM_BORDER))
-    if not len(lit) or not inner.any():
+    """Where (k,) the pedestal shows so far in below places (k, 2) of a rim that hangs that its side goes on no more."""
+    shows = np.zeros(len(places), bool)
+    core = under.grid.nodes_m[ndimage.binary_erosion(under.hidden, iterations=int(_RIM_BORDER))]
+    if not len(core):
         return shows
-    toward = under.grid.nodes_m[inner][cKDTree(under.grid.nodes_m[inner]).query(rim[:, :2])[1]] - rim[:, :2]
+    toward = core[cKDTree(core).query(places)[1]] - places
     inward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
     beside_m = _BELOW_PER_HEIGHT * height_m
     reach_m = _BELOW_TO_GAPS * hangs + 2.0 * beside_m
-    for number, near in enumerate(cKDTree(lit[:, :2]).query_ball_point(rim[:, :2], reach_m)):
-        away, (x, y) = lit[near, :2] - rim[number, :2], inward[number]
+    for number, near in enumerate(shown.query_ball_point(places, reach_m)):
+        away, (x, y) = shown.data[near] - places[number], inward[number]
         between = np.abs(away @ [-y, x]) < beside_m
         shows[number] = (away[between] @ [x, y] > _BELOW_GAPS * hangs[number]).any()
     return shows

@@ -83,8 +83,9 @@ def segment(
         # A rock that is small in its cloud shows in patches made around the place alone.
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
     standing = [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
-    whole = carried_instead(coarse, standing, near_m) or choose(candidates, near_m, origin_m, coarse)
-    chosen = upper_of(coarse, whole) or whole
+    carried = carried_instead(coarse, standing, near_m)  # of a stack the upper one already
+    whole = carried or choose(candidates, near_m, origin_m, coarse)
+    chosen = carried or upper_of(coarse, whole) or whole
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not whole])
 
 

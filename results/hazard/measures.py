@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from toppling.models.motions.formats.units import unit_of
+from toppling.models.motions.formats.units import Quantity, unit_of
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -35,6 +35,13 @@ def is_spectral(column: str) -> bool:
 def period_s(column: str) -> float:
     """Period of a column of spectral acceleration."""
     return float(column.removeprefix("sa_").removesuffix("s_m_s2"))
+
+
+def quantity_of(column: str) -> Quantity:
+    """What a column of peaks or spectral ordinates is of, by its unit."""
+    if column.endswith("_m_s2"):
+        return "acceleration"
+    return "velocity" if column.endswith("_m_s") else "displacement"
 
 
 def sa_column(period_s: float) -> str:
@@ -93,11 +100,4 @@ def _of_unit(name: str, unit_name: str) -> tuple[str, float] | None:
     known, unit = measure_of(name), unit_of(unit_name)
     if known is None or unit is None or known[0] == "cav_m_s":
         return None
-    own = (
-        "acceleration"
-        if known[0].endswith("_m_s2")
-        else "velocity"
-        if known[0].endswith("_m_s")
-        else "displacement"
-    )
-    return (known[0], unit.factor) if unit.quantity == own else None
+    return (known[0], unit.factor) if unit.quantity == quantity_of(known[0]) else None

@@ -76,8 +76,9 @@ def recognises(head: str) -> bool:
     layout = _layout(head.splitlines()[:-1])
     if layout is None:
         return False
-    if layout.width in _WIDTHS or layout.width == 3 or _roles(layout) is not None:
-        return layout.names_at is None or _roles(layout) is not None or _is_header(head, layout)
+    understood = _roles(layout) is not None
+    if understood or layout.width in _WIDTHS or layout.width == 3:
+        return understood or layout.names_at is None or _is_header(head, layout)
     if len(layout.columns) == layout.width and names_time(layout.columns[0]):
         return True  # which `read` refuses by the names
     return layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout)

@@ -12,7 +12,7 @@ from pathlib import Path
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import LONGEST_NAME, measure_of, measure_with_unit
+from toppling.results.hazard.measures import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
 from toppling.results.hazard.readers.statement import (
     Hints,
     Statement,
@@ -54,7 +54,7 @@ def matches(lines: Sequence[str]) -> bool:
     at = _header_line(lines)
     if at is None:
         return False
-    header = _names(lines[at].lstrip("".join(COMMENTS) + " "))
+    header = _names(_uncommented(lines[at]))
     measures = [name for name in header if measure_with_unit(name)]
     return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
@@ -68,8 +68,10 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     if at is None:
         refuse(path, "holds no table")
     before = " ".join(lines[:at]).lower()
-    top = lines[at].lstrip("".join(COMMENTS) + " ")
-    body = [top, *("" if line.lstrip().startswith(COMMENTS) else line for line in lines[at + 1 :])]
+    body = [
+        _uncommented(lines[at]),
+        *("" if line.lstrip().startswith(COMMENTS) else line for line in lines[at + 1 :]),
+    ]
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
         (0, [])
     ]
@@ -96,16 +98,21 @@ def _header_line(lines: Sequence[str]) -> int | None:
     comment = [line.lstrip().startswith(COMMENTS) for line in lines]
     table = [place for place, line in enumerate(lines) if line.strip() and not comment[place]]
     first_row = next((n for n in table if is_numeral(re.split(r"[\s,;]+", lines[n].strip())[0])), len(lines))
-    bare = {place: line.lstrip("".join(COMMENTS) + " ") for place, line in enumerate(lines[: first_row + 1])}
+    bare = map(_uncommented, lines[: first_row + 1])
+    names = {place: _names(line) for place, line in enumerate(bare) if line}
     named = [
-        n for n, line in bare.items() if line and any(map(measure_with_unit, _names(line)[:_MOST_NAMES]))
+        n for n, each in names.items() if len(each) > 1 and any(map(measure_with_unit, each[:_MOST_NAMES]))
     ]
-    named = [n for n in named if len(_names(bare[n])) > 1]
     for among in ([n for n in named if not comment[n]], [n for n in named if comment[n]]):
-        said = [n for n in among if any(map(says_value, _names(bare[n])))]  # a title may name a measure too
+        said = [n for n in among if any(map(says_value, names[n]))]  # a title may name a measure too
         if among:
             return (said or among)[-1]
     return next(iter(table), None)
+
+
+def _uncommented(line: str) -> str:
+    """Line without the signs of a comment at its beginning."""
+    return line.lstrip("".join(COMMENTS) + " ")
 
 
 def _names(line: str) -> list[str]:
@@ -151,10 +158,10 @@ def refuse_other_unit(path: Path, name: str, column: str, levels: Sequence[float
 
     Raises InputError if it is: with the unit that may be meant.
     """
-    if not column.endswith("_m_s2") and column != "pgv_m_s":
+    quantity = quantity_of(column)
+    if quantity != "acceleration" and column != "pgv_m_s":
         return
     factor = (measure_of(name) or ("", 1.0))[1]
-    quantity = "acceleration" if column.endswith("_m_s2") else "velocity"
     found = {text: unit_of(text) for text in _STATED_UNIT.findall(before)}
     other = [
         t

@@ -131,7 +131,7 @@ def all_words(statement: dict[str, Any]) -> str:
             "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
             f"{stated}; give --ratio if it is for another component."
         )
-    lines += _branch_lines(statement)
+    lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     lines += [
         f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "

@@ -41,6 +41,7 @@ class HazardCurve:
     site_name: str = ""  # as the file has it, if it does
     component: str = ""  # horizontal component, such as RotD50, where it is known
     source: str = ""  # file that it was read from
+    assumed: str = ""  # a sentence on the unit of its levels, where only the measure's name implies it
     years: float | None = None  # time that the file's probabilities are over; None where it states rates
     # Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that
     # underflowed): they bear no rate, and count where probabilities are averaged over branches.

@@ -7,9 +7,12 @@ from toppling.models.motions.formats.units import Quantity, unit_of
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
+_SECONDS = r"(?:SECONDS?|SECS?|S)"
 _SA = re.compile(
-    rf"SA[ _]?\(?(?:T ?= ?)?{_NUMBER_S} ?(?:S|SECS?|SECONDS?)?\)?|{_NUMBER_S}[ -]?(?:S|SECS?|SECONDS?) SA|SA(\d+)P(\d+)"
+    rf"SA[ _]?\(?(?:T ?= ?)?{_NUMBER_S} ?(?P<hz>HZ)?{_SECONDS}?\)?|"
+    rf"(?:T ?= ?)?{_NUMBER_S}[ -]?(?:{_SECONDS}|(?P<hertz>HZ)) SA|SA(\d+)P(\d+)"
 )
+"""Spectral acceleration at a period, or at a frequency."""
 _WORDS = (
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION"), "PGA"),
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
@@ -61,8 +64,10 @@ def measure_of(imt: str) -> tuple[str, float] | None:
         if imt == name:
             return column, 1.0 / per_si
     if found := _SA.fullmatch(imt):
-        period = found[1] or found[2] or f"{found[3]}.{found[4]}"
-        return sa_column(float(period)), STANDARD_G_M_S2
+        stated = float(found[1] or found[3] or f"{found[5]}.{found[6]}")
+        if found["hz"] or found["hertz"]:
+            stated = 1.0 / stated if stated else 0.0
+        return sa_column(stated), STANDARD_G_M_S2
     return None
 
 

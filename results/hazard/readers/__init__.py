@@ -4,8 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.readers import columns, cybershake, listed, nrml, nshmp, openquake
+from toppling.results.hazard.readers import (
+    columns,
+    cybershake,
+    json_tables,
+    listed,
+    nrml,
+    nshmp,
+    openquake,
+    opensha,
+)
 from toppling.results.hazard.readers.assembly import combined, trees_of
+from toppling.results.hazard.readers.spreadsheet import plain_table
 from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
 
@@ -27,7 +37,7 @@ _BINARY = {
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
 
-_SUFFIXES = {".csv", ".txt", ".json", ".xml", ".dat", ".tsv", ""}
+_SUFFIXES = {".csv", ".txt", ".json", ".geojson", ".xml", ".dat", ".tsv", ""}
 
 
 def read_hazard(
@@ -123,11 +133,15 @@ def _is_hazard(path: Path) -> bool:
         return False
     if not lines[0] or any("\0" in line for line in lines):
         return False
-    if path.suffix == ".json":
-        return nshmp.matches_json(_text(path))
+    if path.suffix in (".json", ".geojson"):
+        text = _text(path)
+        return nshmp.matches_json(text) or json_tables.matches_json(text)
     if path.suffix == ".xml":
         return nrml.matches("\n".join(lines))
-    if any(one.matches(lines[:2]) for one in (openquake, nshmp, cybershake)):
+    if any(one.matches(lines) for one in (opensha, cybershake)):
+        return True
+    lines = plain_table(lines)
+    if any(one.matches(lines[:2]) for one in (openquake, nshmp)):
         return True
     return listed.matches(lines) or columns.matches(lines)
 
@@ -146,15 +160,18 @@ def _read(path: Path, hints: Hints) -> Stated:
 
 def _parsed(path: Path, text: str, hints: Hints) -> Stated:
     lines = text.splitlines()
-    if path.suffix == ".json" or text.lstrip().startswith("{"):
-        if not nshmp.matches_json(text):
-            refuse(path, "is no answer of the hazard web service")
-        return nshmp.read_json(path, text, hints)
+    if path.suffix == ".json" or text.lstrip().startswith(("{", "[")):
+        family_of_json = nshmp if nshmp.matches_json(text) else json_tables
+        return family_of_json.read_json(path, text, hints)
     if text.lstrip().startswith("<"):
         if not nrml.matches(text):
             refuse(path, "is XML without hazard curves", _EXPORT)
         return nrml.read(path, text, hints)
-    for family in (openquake, nshmp, cybershake):
+    for family in (opensha, cybershake):
+        if family.matches(lines):
+            return family.read(path, lines, hints)
+    lines = plain_table(lines)
+    for family in (openquake, nshmp):
         if family.matches(lines):
             return family.read(path, lines, hints)
     openquake.refuse_others(path, lines)

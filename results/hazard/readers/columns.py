@@ -4,14 +4,17 @@ import csv
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from math import isclose
 from operator import mul
 from pathlib import Path
 
+import numpy as np
+
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
+from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
 from toppling.results.hazard.measures import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
 from toppling.results.hazard.readers.statement import (
     Hints,
@@ -36,6 +39,11 @@ _PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent
 _RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri|rp|tr")
 _TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
 _YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka)[)\]]$")
+_LOGARITHM = re.compile(
+    r"(?P<log>ln|log[ _]?10)[ _]*(?:\((?P<inside>[^()]+(?:\([^()]*\))?[^()]*)\)|(?P<bare>[^( ][^(\[]*))(?P<rest>.*)",
+    re.IGNORECASE,
+)
+"""Of the name of a column; `log` alone does not say to which base."""
 COMMENTS = ("#", "%", "//")
 _MOST_NAMES = 50
 """Of a header, that are looked at for a measure."""
@@ -47,6 +55,9 @@ _STATED_YEARS = re.compile(
 )
 _MOST_G, _LEAST_CM_S = 10.0, 5.0
 """Levels of a whole curve: beyond in g, or below in cm/s, they are in another unit than its name implies."""
+_RETURN_YEARS = 475.0
+_MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
+"""No published hazard is as strong once in so many years."""
 
 
 def matches(lines: Sequence[str]) -> bool:
@@ -75,7 +86,7 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
         (0, [])
     ]
-    header, rows = upright(*_with_units(header, rows))
+    header, rows = _raised(path, *upright(*_with_units(header, rows)))
     levels, values = _columns(path, lines[at], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
     years, rate_of = values_of(path, header[values], hints, before)
@@ -85,12 +96,17 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
             refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
         x.append(number(path, line, row[levels]) * factor)
         y.append(rate_of(number(path, line, row[values])))
-    if measure_of(header[levels]):
-        refuse_other_unit(path, header[levels], column, x, before)
     origin = {"source": str(path)}
-    if not years:
-        return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
-    return [Statement(curve_of_probabilities(path.stem, column, x, y, years, **origin))]
+    curve = (
+        curve_of_probabilities(path.stem, column, x, y, years, **origin)
+        if years
+        else curve_of_rates(path.stem, column, x, y, **origin)
+    )
+    return [
+        Statement(
+            with_usual_unit(path, header[levels], curve, before) if measure_of(header[levels]) else curve
+        )
+    ]
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
@@ -121,7 +137,36 @@ def _names(line: str) -> list[str]:
         cells = next(csv.reader([",".join(cells_of([line])[0])]), [])
     except csv.Error:  # which `rows_of` tells of
         return []
-    return [name.strip(' "') for name in cells]
+    return [_bare(name.strip(' "'))[0] for name in cells]
+
+
+def _bare(name: str) -> tuple[str, float]:
+    """What a column's name says it is the logarithm of, and to which base; the name and 0 if it says none."""
+    found = _LOGARITHM.fullmatch(name[:LONGEST_NAME])
+    if found is None:
+        return name, 0.0
+    inner = (found["inside"] or found["bare"]) + found["rest"]
+    return inner, math.e if found["log"].lower() == "ln" else 10.0
+
+
+def _raised(
+    path: Path, header: list[str], rows: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Table with the values of columns of logarithms, under the names of what these are of."""
+    bare = [_bare(name) for name in header]
+    if not any(base for _, base in bare):
+        return header, rows
+    raised = [
+        (
+            line,
+            [
+                repr(base ** number(path, line, cell)) if base else cell
+                for cell, (_, base) in zip(row, bare, strict=False)
+            ],
+        )
+        for line, row in rows
+    ]
+    return [name for name, _ in bare], raised
 
 
 def _with_units(
@@ -153,32 +198,81 @@ def upright(
     return list(names), [(rows[0][0] if rows else 1, list(column)) for column in columns]
 
 
-def refuse_other_unit(path: Path, name: str, column: str, levels: Sequence[float], before: str) -> None:
-    """Refuse levels under a bare name whose unit is another by the lines above, or by their size.
+def refuse_other_unit(
+    path: Path, name: str, column: str, levels: Sequence[float], before: str, once: float = math.nan
+) -> bool:
+    """Refuse levels under a bare name whose unit is another by the lines above, by their size, or by their hazard.
 
-    Raises InputError if it is: with the unit that may be meant.
+    Parameters
+    ----------
+    name, column : str
+        The bare name, and the column of the results that it is.
+    levels : sequence of float
+        In SI, as of the unit that the name implies.
+    before : str
+        The lines above, in lower case.
+    once : float
+        Level that is exceeded once in 475 years; not a number where that is not known.
+
+    Returns
+    -------
+    bool
+        Whether nothing but the name says the unit.
+
+    Raises
+    ------
+    InputError
+        If it is another: with the one that may be meant.
     """
     quantity = quantity_of(column)
     if quantity != "acceleration" and column != "pgv_m_s":
-        return
+        return False
     factor = (measure_of(name) or ("", 1.0))[1]
     found = {text: unit_of(text) for text in _STATED_UNIT.findall(before)}
-    other = [
-        t
-        for t, unit in found.items()
-        if unit and unit.quantity == quantity and not isclose(unit.factor, factor)
-    ]
+    stated = {text: unit for text, unit in found.items() if unit and unit.quantity == quantity}
+    other = [text for text, unit in stated.items() if not isclose(unit.factor, factor)]
     largest = max(levels, default=0.0) / factor
-    beyond = largest > _MOST_G if quantity == "acceleration" else largest < _LEAST_CM_S
-    if not other and not (levels and beyond):
-        return
-    own = "g" if quantity == "acceleration" else "cm/s"
-    why = f"the lines above say {other[0]!r}" if other else f"its levels reach {largest:g}"
-    refuse(
-        path,
-        f"the column {name!r} names no unit, which is {own} then, and {why}",
-        f"name the unit in the column, such as {name} ({other[0] if other else 'cm/s2' if own == 'g' else 'm/s'})",
+    own, most = ("g", _MOST_G) if quantity == "acceleration" else ("cm/s", math.inf)
+    most_once = _MOST_G_ONCE["pga" if column == "pga_m_s2" else "sa"] if own == "g" else math.inf
+    why = ""
+    if other:
+        why = f"the lines above say {other[0]!r}"
+    elif largest > most or (own == "cm/s" and 0 < largest < _LEAST_CM_S):
+        why = f"its levels reach {largest:g}"
+    elif once / factor > most_once:
+        why = f"{once / factor:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
+    if why:
+        meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
+        refuse(
+            path,
+            f"the column {name!r} names no unit, which is {own} then, and {why}",
+            f"name the unit in the column, such as {name} ({meant})",
+        )
+    return not stated
+
+
+def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> HazardCurve:
+    """Curve whose levels stand under a bare name, with what that was taken to mean.
+
+    Raises InputError as `refuse_other_unit` does.
+    """
+    once = _once_in(_RETURN_YEARS, curve)
+    if not refuse_other_unit(path, name, curve.measure, curve.levels.tolist(), before, once):
+        return curve
+    own, factor = (
+        "g" if quantity_of(curve.measure) == "acceleration" else "cm/s",
+        (measure_of(name) or ("", 1.0))[1],
     )
+    size = f": {once / factor:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
+    return replace(curve, assumed=f"{path.name} names no unit of {name}, which is taken to be {own}{size}.")
+
+
+def _once_in(years: float, curve: HazardCurve) -> float:
+    """Level that is exceeded once in some years, in SI; not a number where the curve does not reach that rate."""
+    rate = curve.annual_rate
+    if not len(rate) or not rate[-1] <= 1.0 / years <= rate[0]:
+        return math.nan
+    return float(np.exp(np.interp(math.log(years), -np.log(rate), np.log(curve.intensity))))
 
 
 def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
@@ -212,12 +306,9 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
 
 
 def cells_of(lines: Sequence[str]) -> list[list[str]]:
-    """Cells of lines that commas, tabs, semicolons or blanks part, told by the first."""
-    sign = next((sign for sign in (",", "\t", ";") if sign in lines[0]), None)
-    if sign == ",":
+    """Cells of lines that commas or blanks part, told by the first."""
+    if "," in lines[0]:
         return [[line] for line in lines]
-    if sign:
-        return [line.replace(",", ".").split(sign) for line in lines]  # decimal commas
     return [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
 
 

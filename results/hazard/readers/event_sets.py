@@ -273,15 +273,19 @@ _STRONG = 0.9
 def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
     rows = table.frame()
     factors = measure_factors(table, "", measure_with_unit, ratio)
+    bare: list[str] = []
     for name, (column, _factor) in factors.items():
         if column.endswith("_m_s2") and (usual := measure_of(name)):
             strong = float(pd.to_numeric(rows[name], errors="coerce").quantile(_STRONG))
-            refuse_other_unit(table.path, name, column, [strong * usual[1]], "")
+            if refuse_other_unit(table.path, name, column, [strong * usual[1]], ""):
+                bare.append(
+                    f"{name} names no unit, and is taken to be in g: {strong:.3g} g in a strong event"
+                )
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
     if SITE not in rows:
         rows[SITE] = "site"
-    return _of_rows(rows, factors, table, ())
+    return _of_rows(rows, factors, table, tuple(bare))
 
 
 def _of_rows(

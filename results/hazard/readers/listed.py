@@ -19,10 +19,10 @@ from toppling.results.hazard.measures import LONGEST_NAME, imt_of, measure_of, m
 from toppling.results.hazard.readers.columns import (
     COMMENTS,
     cells_of,
-    refuse_other_unit,
     says_value,
     upright,
     values_of,
+    with_usual_unit,
 )
 from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of, wanted_rows
 
@@ -39,6 +39,8 @@ _BRACKETS = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]")
 _FRACTILE = re.compile(
     r"(?:p|quantile|fractile|percentile)?[ _-]*(\d*\.?\d+)(?:th|st|nd|rd)?[ _]*(%|percent\w*|fractile|quantile)?"
 )
+_VALUE_WORDS = re.compile(r"\b(?:annual[ _]rate|m?afe|poe)\b[ _]*", re.IGNORECASE)
+"""Beside a fractile, what it is one of: AFE mean, AFE 16th."""
 _MOST_ABOVE = 50
 """Lines of a file among which its header is looked for."""
 _MOST_COLUMNS = 1000
@@ -61,6 +63,7 @@ def _plain(name: str) -> str:
 
 def _fractile(name: str) -> float | str | None:
     """Probability of a fractile's name, 'mean' of the mean's; None of other names."""
+    name = _VALUE_WORDS.sub("", name)
     bare = _plain(name)
     if bare in ("mean", "average"):
         return "mean"
@@ -242,8 +245,6 @@ def _statement(
 ) -> Statement:
     measure, bare, kind, site, name = key
     levels, values = np.transpose(sorted(points))
-    if bare:
-        refuse_other_unit(path, imt_of(measure)[0], measure, levels.tolist(), before)
     stated = {"source": str(path), "site_name": name, **({"site": site} if site else {})}
     which = _fractile(kind) if kind else "mean"
     if isinstance(which, float):
@@ -253,6 +254,8 @@ def _statement(
         curve = curve_of_probabilities(label, measure, levels, values, years, **stated)
     else:
         curve = curve_of_rates(label, measure, levels, values, **stated)
+    if bare:
+        curve = with_usual_unit(path, imt_of(measure)[0], curve, before)
     if isinstance(which, float):
         return Statement(curve, "fractile", which)
     return Statement(curve) if which == "mean" else Statement(curve, "other", kind)

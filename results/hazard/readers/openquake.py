@@ -25,7 +25,10 @@ from toppling.results.hazard.readers.statement import (
     years_of_values,
 )
 
-_NAMED = re.compile(r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)")
+_NAMED = re.compile(
+    r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)(?:-(?P<imt>[A-Z]+(?:\([\d.]+\))?))?"
+)
+"""In a file's name, which says what its first line did where that was lost."""
 
 
 def matches(lines: Sequence[str]) -> bool:
@@ -108,13 +111,13 @@ def _curves(
     absent = [name for name in ("lon", "lat") if name not in header]
     if absent or not rows:
         refuse(path, f"has no column {', '.join(absent)}" if absent else "has no site")
-    known = measure_of(stated["imt"]) if "imt" in stated else (hints.measure and (hints.measure, None))
+    named = _NAMED.search(path.name)
+    imt = stated.get("imt") or (named and named["imt"])
+    known = measure_of(imt) if imt else (hints.measure and (hints.measure, None))
     if not known:
         refuse(
             path,
-            f"is over {stated['imt']!r}, which is no measure known here"
-            if "imt" in stated
-            else "states no imt",
+            f"is over {imt!r}, which is no measure known here" if imt else "states no imt",
             "add imt='PGA' to its first line, or give --measure",
         )
     measure, unit = known

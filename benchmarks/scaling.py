@@ -103,7 +103,7 @@ def million() -> dict[str, float]:
         run = folder / "run"
         prepare(run, planned, {})
         pending = planned.pending(set())
-        dispatch = Dispatch(pending, planned.durations_s)
+        dispatch = Dispatch(pending, planned.columns["duration_s"])
         progress = RunProgress(len(planned), 0)
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):

@@ -25,7 +25,7 @@ from distributed import Client, LocalCluster
 import toppling.models
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator import stands, task
+from toppling.orchestrator import rocks_of_run, task
 from toppling.workers.job import Assets, JobSpec, identity
 
 ROOT = Path(toppling.models.__path__[0]).resolve().parent
@@ -168,9 +168,9 @@ def job() -> Walk:
     def nothing() -> None:
         pass
 
-    task.run_job, task.compile_once, stands.settled = row_of, nothing, as_it_is
+    task.run_job, task.compile_once, rocks_of_run.settled = row_of, nothing, as_it_is
     kinds = (
-        "Campaign", "Plan", "PlannedScene", "Planned", "JobSpec", "Session", "_Goal", "Work", "Execution", "Dispatch",
+        "Campaign", "Plan", "PlannedScene", "Planned", "JobSpec", "_Session", "Work", "Execution", "Dispatch",
         "Batch",
     )  # fmt: skip
     folder = Path(tempfile.mkdtemp())

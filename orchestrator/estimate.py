@@ -19,7 +19,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan
 from toppling.orchestrator.pool import assets, pool_of
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.stands import Settlings
+from toppling.orchestrator.rocks_of_run import Settlings
 from toppling.workers.job import Assets, JobSpec, run_job
 
 _TIMED_JOBS = 48
@@ -81,7 +81,7 @@ def _timed_jobs(pending: int) -> int:
 def _sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
     level = planned.jobs["pga_m_s2"].to_numpy()[pending]
-    duration = planned.durations_s[pending]
+    duration = planned.columns["duration_s"][pending]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
     return pending[np.lexsort((turn * duration, level))][_spread(len(pending), _timed_jobs(len(pending)))]
@@ -128,8 +128,8 @@ def estimate(
     except BrokenProcessPool:
         return None
     # Jobs cost about as their records last: a sample of long records is not taken for all.
-    longer = expected_s(planned.motion_s(rows), len(rows)) / len(rows)
-    sampled = expected_s(planned.motion_s(np.array(timed_rows)), len(timed_rows)) / len(timed_rows)
+    duration_s = planned.columns["duration_s"]
+    longer, sampled = (expected_s(float(duration_s[of].mean()), 1) for of in (rows, timed_rows))
     return TimeEstimate(float(np.mean(cost_s)) * len(rows) * longer / sampled, len(cost_s))
 
 

@@ -46,7 +46,9 @@ _ATLAS_BUDGET_S = 6.0
 _BATCHES_A_SECOND = 100
 """What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
 
-_POLL_S = 0.02
+_POLL_S, _WAIT_S = 0.02, 0.5
+"""Between looks for an answer, and until all else is looked after."""
+
 _LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
 
@@ -110,9 +112,8 @@ class Execution:
     def __init__(self, work: Work, pending: NDArray[np.int64], task: _Task = shake_batch) -> None:
         self.work, self.plan, self.client, self.progress = work, work.planned, work.client, work.progress
         self.task = task
-        self.dispatch = Dispatch(
-            pending, self.plan.durations_s, work.limits.tries, self.plan.columns["scene_id"]
-        )
+        columns = self.plan.columns
+        self.dispatch = Dispatch(pending, columns["duration_s"], work.limits.tries, columns["scene_id"])
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
@@ -138,7 +139,11 @@ class Execution:
                 try:
                     self._look()
                     self._submit(arriving)
-                    self._wait(arriving)
+                    until = time.monotonic() + _WAIT_S
+                    while not arriving.has_ready() and time.monotonic() < until:
+                        time.sleep(_POLL_S)
+                        if self.client.status != "running":
+                            raise ConnectionError(LOST)
                     for future, result in arriving.next_batch(block=False):
                         self._take(future, result)
                 except (OSError, CancelledError) as error:
@@ -183,13 +188,6 @@ class Execution:
         )
         self._flying.update(zip(futures, batches, strict=True))
         arriving.update(futures)
-
-    def _wait(self, arriving: as_completed) -> None:
-        until = time.monotonic() + 0.5
-        while not arriving.has_ready() and time.monotonic() < until:
-            time.sleep(_POLL_S)
-            if self.client.status != "running":
-                raise ConnectionError(LOST)
 
     def _rejoin(self, error: BaseException) -> None:
         """Hand out again what is in flight, once the scheduler answers again or another does at its address."""

@@ -23,7 +23,7 @@ from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
-from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, site_in_run
+from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, settlings_of, site_in_run
 from toppling.orchestrator.sites import sites_text
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.run_integrity import (
@@ -65,11 +65,11 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     if run.exists() or run.is_symlink():
         _check(run, plan, versions)
         return
-    sites, entries = (
-        sites_text(map(site_in_run, plan.scenes)) if plan.campaign.sites else "",
-        scene_entries(plan),
-    )
-    without_stand = list(rows_without_stand(plan))
+    settlings = settlings_of(plan)
+    entries, sites, without_stand = scene_entries(plan, settlings), "", []
+    if plan.campaign.sites:
+        sites = sites_text(map(site_in_run, plan.scenes))
+        without_stand = list(rows_without_stand(plan, settlings))
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
         for one in plan.scenes:
@@ -146,7 +146,7 @@ def describe(run: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def session(run: Path) -> Iterator[dict[str, Any]]:
     """Hold the folder for writing; what the block adds to the session's notes ends up in `run.json`.
 
     Raises InputError if another process writes to the run, or its file system has no locks to tell.
@@ -173,7 +173,7 @@ def session(run: Path, remarks: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _GOES_ON, **remarks}
+        notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _GOES_ON}
         note(run, notes, new=True)
         try:
             yield notes

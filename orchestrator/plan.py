@@ -1,11 +1,10 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,7 +20,6 @@ from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
 from toppling.orchestrator.sites import Site
-from toppling.orchestrator.stands import Settlings
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
 
@@ -72,11 +70,6 @@ class PlannedScene:
         """Name of a rock among others."""
         return None if self.site is None else self.site.rock
 
-    @cached_property
-    def settlings(self) -> Settlings:
-        """How the rock settles, looked at when it is asked for: a run that goes on does not ask."""
-        return Settlings.of(self.campaign, Scene.load(self.campaign.scene))
-
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -117,12 +110,15 @@ class Plan:
 
     @cached_property
     def columns(self) -> dict[str, NDArray]:
-        """Columns of the table of jobs as arrays, each (n,): numbers of records and `scenes` instead of their ids."""
+        """The table of jobs as arrays, each (n,): numbers of records and `scenes`, axes, durations of records."""
         record, scene = (self.jobs.column(name).combine_chunks() for name in ("record_id", "scene_id"))
         number = {one.scene_id: number for number, one in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
-        numbers = {"record_id": record.indices.to_numpy(), "scene_id": scenes}
-        return numbers | {name: self.jobs.column(name).to_numpy() for name in AXES}
+        records = record.indices.to_numpy()
+        known = [[one.duration_s.get(name, np.nan) for name in self._records] for one in self.scenes]
+        axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
+        duration_s = np.array(known)[scenes, records]
+        return {"record_id": records, "scene_id": scenes, **axes, "duration_s": duration_s}
 
     @cached_property
     def _records(self) -> list[str]:
@@ -151,27 +147,31 @@ class Plan:
             orders.append(rows[balanced_order(codes["record_id"], level, azimuth, scene, sizes)])
         return taking_turns(orders)
 
-    def motion_s(self, rows: NDArray[np.int64]) -> float:
-        """Durations of the records of some jobs together."""
-        return float(self.durations_s[rows].sum())
-
     def pending(self, finished: set[str]) -> Rows:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
         left = ~done.combine_chunks().to_numpy(zero_copy_only=False)
         return self.order[left[self.order]]
 
-    @cached_property
-    def durations_s(self) -> NDArray[np.float64]:
-        """For every job the duration of its record, (n,)."""
-        known = [[scene.duration_s.get(record, np.nan) for record in self._records] for scene in self.scenes]
-        return np.array(known)[self.columns["scene_id"], self.columns["record_id"]]
-
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        record, scene, *values = (column[row].item() for column in self.columns.values())
+        record, scene, *axes, _ = (column[row].item() for column in self.columns.values())
         record_id, scene = self._records[record], self.scenes[scene]
-        return _spec(self.campaign, scene.scene_id, scene.record_sha[record_id], record_id, values)
+        return JobSpec(
+            scene_id=scene.scene_id,
+            record_id=record_id,
+            record_sha=scene.record_sha[record_id],
+            **dict(zip(AXES, axes, strict=True)),
+            preset=self.campaign.preset,
+            engine=self.campaign.engine,
+            peak_displacement_m=self.campaign.peak_displacement_m,
+            unmeasured=self.campaign.unmeasured,
+        )
+
+    def with_ids(self) -> "Plan":
+        """The same plan, the ids of its jobs worked out from their specifications."""
+        ids = pa.array((self.spec(row).job_id for row in range(len(self))), pa.string())
+        return dataclasses.replace(self, jobs=self.jobs.set_column(0, _COLUMNS.field("job_id"), ids))
 
 
 def _numbered(values: NDArray) -> NDArray[np.int64]:
@@ -264,35 +264,22 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         if not given:
             own = dict(zip(ensemble.record_ids, ensemble.catalog[name].to_pylist(), strict=True))
             per_record[column] = np.repeat([own[record] for record in records], len(axes))
-    named = np.repeat(records, len(axes)).tolist()
-    rows = zip(named, *(column.tolist() for column in per_record), strict=True)
-    ids = pa.array(
-        (_spec(campaign, scene_id, sha[record], record, axis).job_id for record, *axis in rows), pa.string()
-    )
     codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
     of_scene = pa.DictionaryArray.from_arrays(np.zeros(len(codes), np.int32), pa.array([scene_id]))
     jobs = pa.Table.from_arrays(
-        [ids, of_scene, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
+        [
+            pa.nulls(len(codes)),
+            of_scene,
+            pa.DictionaryArray.from_arrays(codes, pa.array(records)),
+            *map(pa.array, per_record),
+        ],
         names=_COLUMNS.names,
     ).cast(_COLUMNS)
     if len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1:
         # A record shakes a scene once: making many scenes ready would cost more than reading many records.
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
-    return Plan(campaign, (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),), jobs, recorded)
-
-
-def _spec(campaign: Campaign, scene_id: str, record_sha: str, record_id: str, axes: Iterable[Any]) -> JobSpec:
-    """Specification of the job at some values of `AXES`."""
-    return JobSpec(
-        scene_id=scene_id,
-        record_id=record_id,
-        record_sha=record_sha,
-        **dict(zip(AXES, axes, strict=True)),
-        preset=campaign.preset,
-        engine=campaign.engine,
-        peak_displacement_m=campaign.peak_displacement_m,
-        unmeasured=campaign.unmeasured,
-    )
+    scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),)
+    return Plan(campaign, scenes, jobs, recorded).with_ids()
 
 
 def _check_band(campaign: Campaign, ensemble: Ensemble, records: list[str]) -> None:

@@ -1,14 +1,71 @@
 """What a run's folder says of its rocks: which, where they stand, how they settle, and which do not stand."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.models.settling import Settling
+from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.sites import Site
 from toppling.orchestrator.task import lost_row
+from toppling.workers.seating import settled
+
+
+@dataclass(frozen=True)
+class Settlings:
+    """How far a nominal rock settles with each friction of a campaign, or why it does not stand."""
+
+    with_friction: Mapping[tuple[float, float], Settling | InputError]  # static and kinetic
+
+    @classmethod
+    def of(cls, campaign: Campaign, scene: Scene) -> "Settlings":
+        """Let the rock settle with each."""
+        found: dict[tuple[float, float], Settling | InputError] = {}
+        for static, kinetic in sorted(set(campaign.friction)):
+            try:
+                under = scene.with_contact(ContactProperties.of((static, kinetic)))
+                found[static, kinetic] = Settling.between(
+                    scene.rock, settled(under).rock, scene.pedestal.normal
+                )
+            except InputError as error:
+                found[static, kinetic] = InputError(
+                    f"with friction {static:g}: {error.what}",
+                    where=str(campaign.scene),
+                    expected=error.expected,
+                    remedy=error.remedy,
+                )
+        return cls(found)
+
+    @property
+    def problems(self) -> list[InputError]:
+        """Why the rock does not stand."""
+        return [one for one in self.with_friction.values() if isinstance(one, InputError)]
+
+    @property
+    def largest(self) -> Settling | None:
+        """That by which the rock tilts most; None if it stands with no friction."""
+        stands = [one for one in self.with_friction.values() if isinstance(one, Settling)]
+        return max(stands, key=lambda one: one.tilt_deg, default=None)
+
+    def checked(self) -> Settling | None:
+        """The largest; a rock that does not stand with every friction is refused, else every job would find it out.
+
+        Raises InputError if it does not stand.
+        """
+        for problem in self.problems:
+            raise problem
+        return self.largest
+
+
+def settlings_of(plan: Plan) -> list[Settlings]:
+    """How each rock of a plan settles."""
+    return [Settlings.of(one.campaign, Scene.load(one.campaign.scene)) for one in plan.scenes]
 
 
 def site_in_run(scene: PlannedScene) -> Site:
@@ -18,40 +75,44 @@ def site_in_run(scene: PlannedScene) -> Site:
     return dataclasses.replace(scene.site, scene=Path(scene.scene_place), ensemble=own, seismograms=None)
 
 
-def rows_without_stand(plan: Plan) -> Iterator[dict[str, Any]]:
+def rows_without_stand(plan: Plan, settlings: Sequence[Settlings]) -> Iterator[dict[str, Any]]:
     """Rows of the jobs on rocks that do not stand."""
-    unstable = {one.scene_id: one for one in plan.scenes if one.settlings.problems}
+    unstable = {
+        scene.scene_id: (scene.rock, settles.with_friction)
+        for scene, settles in zip(plan.scenes, settlings, strict=True)
+        if settles.problems
+    }
     for row in range(len(plan)) if unstable else ():
         spec = plan.spec(row)
-        scene = unstable.get(spec.scene_id)
-        if scene and isinstance(
-            why := scene.settlings.with_friction[spec.friction_static, spec.friction_kinetic], InputError
-        ):
-            yield {**lost_row(spec, "failed", str(why)), "rock": scene.rock, "attempt": 1}
+        rock, with_friction = unstable.get(spec.scene_id, (None, {}))
+        why = with_friction.get((spec.friction_static, spec.friction_kinetic))
+        if isinstance(why, InputError):
+            yield {**lost_row(spec, "failed", str(why)), "rock": rock, "attempt": 1}
 
 
-def scene_entries(plan: Plan) -> dict[str, Any]:
+def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
     """What `run.json` says of how rocks settle, and of each of many, of which some may not stand.
 
     Raises InputError if the only rock does not stand.
     """
-    largest = [one.settlings.largest for one in plan.scenes]
-    settling = [one and one.to_json() for one in largest]
+    largest = [one.largest and one.largest.to_json() for one in settlings]
     if not plan.campaign.sites:
-        plan.scenes[0].settlings.checked()
-        return {"settling": settling[0]}
+        settlings[0].checked()
+        return {"settling": largest[0]}
     entries = [
-        _scene_entry(one) | {"jobs": jobs, "settling": settles}
-        for one, jobs, settles in zip(plan.scenes, plan.jobs_of_scenes, settling, strict=True)
+        _scene_entry(scene, settles) | {"jobs": jobs, "settling": most}
+        for scene, settles, jobs, most in zip(
+            plan.scenes, settlings, plan.jobs_of_scenes, largest, strict=True
+        )
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": entries, "left_out": left_out}
 
 
-def _scene_entry(scene: PlannedScene) -> dict[str, Any]:
+def _scene_entry(scene: PlannedScene, settles: Settlings) -> dict[str, Any]:
     site = scene.site
     assert site is not None
-    problems = "; ".join(map(str, scene.settlings.problems))
+    problems = "; ".join(map(str, settles.problems))
     ids = {"rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id}
     location = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
     return {**ids, "ensemble": scene.ensemble_place, **location, "problem": problems or None}

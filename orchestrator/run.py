@@ -1,19 +1,30 @@
-"""A plan carried out: its jobs shaken, with the stages that it asks for."""
+"""A session of a run: its folder held, its stages and its jobs done in turn, its parts merged at the end."""
 
+import logging
+import os
+import time
 from collections.abc import Collection, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 from distributed import Client
 
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.context import ProgressCallback, RunProgress, Stage
+from toppling.orchestrator.admission import make_ready
+from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.plan import Plan, plan_of
-from toppling.orchestrator.session import Session
+from toppling.orchestrator.execution import ROUNDS, rows_lost, work_off
+from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
+from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.leaving import leaving_in_order
+from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.studies.conditioning import Weighing
-from toppling.orchestrator.studies.precision import select_jobs
+from toppling.orchestrator.studies.precision import JobsForPrecision
+from toppling.orchestrator.task import versions
+from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 from toppling.workers.engines import ENGINES
+
+log = logging.getLogger(__name__)
 
 
 def run(
@@ -25,9 +36,15 @@ def run(
     again: Collection[str] = (),
     stages: Sequence[Stage] = (),
 ) -> RunProgress:
-    """Carry a plan out, or go on with it, as :meth:`toppling.orchestrator.session.Session.carry_out`.
+    """Carry a plan out, or go on with it: do what is left of it in its folder, which then holds `results.parquet`.
 
     A new run begins with a look at how its rocks settle, and with a weighing of bases where the campaign asks for it.
+
+    folder: the run's; made if absent.
+    cluster: entered only if there is work.
+    again: statuses whose jobs are done again; what they have counts until there is a newer row.
+    stages: what is done before and after the jobs, the weighing of bases aside.
+    Returns RunProgress: of this session.
 
     Raises
     ------
@@ -36,13 +53,109 @@ def run(
     RunError
         If the run cannot go on; what was done stays.
     """
-    ENGINES[planned.campaign.engine].require()
-    session = Session(cluster, watch, limits, again, [Weighing(shake_alone), *stages])
-    return session.carry_out(planned, folder.absolute(), select_jobs(planned, folder.absolute()))
+    campaign, folder = planned.campaign, folder.absolute()
+    ENGINES[campaign.engine].require()
+    selection: JobSelection = planned
+    if campaign.precision is not None:
+        selection = JobsForPrecision(planned, folder, campaign.precision, campaign.target)
+    here = dict(versions(campaign.engine))
+    prepare(folder, planned, here)
+    with session(folder) as notes, journal(folder):
+        tell("session began", process=os.getpid(), jobs=len(planned), versions=here, again=[*again])
+        for sentence, fields in remarks(folder):
+            log.warning("%s", sentence, extra={"fields": fields})
+        try:
+            begun = _Session(planned, folder, notes, again, selection)
+            progress = begun.carry_out(cluster, watch, limits, [Weighing(run), *stages])
+        except BaseException as error:
+            tell("session ended", how=type(error).__name__, why=str(error))
+            raise
+        tell("session ended", how="complete", **progress.summary())
+    return progress
 
 
-def shake_alone(
-    campaign: Campaign, folder: Path, client: Client, watch: ProgressCallback, limits: Limits = USUAL_LIMITS
-) -> RunProgress:
-    """Carry a campaign out, or go on with it, on workers at hand and without stages."""
-    return Session(nullcontext(client), watch, limits).carry_out(plan_of(campaign), folder.absolute())
+class _Session:
+    """The rows that a run is to have, and what becomes of its folder once they are there."""
+
+    def __init__(
+        self,
+        planned: Plan,
+        folder: Path,
+        notes: dict[str, Any],
+        again: Collection[str],
+        selection: JobSelection,
+    ) -> None:
+        self.planned, self.folder, self.notes = planned, folder, notes
+        self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+        self.redo = attempts_with(folder, again) if again else {}
+        self.selection = selection
+        if selection is planned:  # a run that was to end with a statement may go on to all of its jobs
+            set_jobs(folder, len(planned))
+        self.progress = RunProgress(
+            len(self.selection), len(self.finished - self.redo.keys()), len(self.redo)
+        )
+
+    def carry_out(
+        self,
+        cluster: AbstractContextManager[Client],
+        watch: ProgressCallback,
+        limits: Limits,
+        stages: Sequence[Stage],
+    ) -> RunProgress:
+        """Do what is left, until all rows are there."""
+        planned, folder, selection, progress = self.planned, self.folder, self.selection, self.progress
+        first = [one for one in stages if one.before and one.due(planned, folder)]
+        last = [one for one in stages if not one.before]
+        if not first:
+            left = selection.pending(self.finished - self.redo.keys())
+            if not len(left):
+                left = selection.pending(self.merge())
+            progress.total = len(selection)
+            if not len(left) and not any(one.due(planned, folder) for one in last):
+                return progress
+        tell("work began", **progress.summary())
+        with ExitStack() as until_done:
+            client = until_done.enter_context(cluster)
+            until_done.enter_context(client.as_current())
+            until_done.enter_context(leaving_in_order(client))
+            work = Work(
+                planned, folder, versions(planned.campaign.engine), client, watch, progress, limits, self.redo
+            )
+            make_ready(client, *work.run_keys)
+            progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
+            for stage in first:
+                stage.carry_out(work)
+            for _ in range(ROUNDS):
+                work_off(selection, work)
+                lost = selection.pending(self.merge())
+                if not len(lost):
+                    break
+                log.warning("%d rows were lost after they were stored", len(lost))
+            else:
+                raise rows_lost(work)
+            progress.ended = time.monotonic()
+            for stage in last:
+                if stage.due(planned, folder):
+                    stage.carry_out(work)
+        return progress
+
+    def merge(self) -> set[str]:
+        """Merge the parts of a complete run; its finished jobs, of which some lack if a part was cut meanwhile.
+
+        The session's notes come first: what `compact` puts into the results tells of this session too.
+        """
+        progress, folder = self.progress, self.folder
+        ended = {
+            "ended": "complete",
+            "done": progress.done,
+            "status": dict(progress.status),
+            "deaths": progress.deaths,
+        }
+        note(folder, self.notes | ended)
+        if result_files(folder) != [folder / RESULTS_FILE]:
+            with suppress(FileNotFoundError):  # no part is left that can be read
+                compact(folder)
+        finished = finished_ids(folder, self.planned.ids, self.redo)
+        if not len(self.selection.pending(finished)):
+            self.notes |= ended
+        return finished

@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -126,8 +126,9 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     """Weights of a run's bases from more motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import shake_alone
+    from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
 
     if own:
@@ -143,7 +144,10 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
-            shake = partial(shake_alone, client=client, watch=weighing(watch))
+
+            def shake(campaign: Campaign, folder: Path) -> None:
+                carry_out(plan_of(campaign), folder, nullcontext(client), weighing(watch))
+
             also = weigh(one, recorded, Path(place), shake)
     return joined(own, also) if own else also
 

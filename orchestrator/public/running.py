@@ -13,7 +13,6 @@ from toppling.models.files.stores import at_hand, kept_up
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
-from toppling.orchestrator import run as carrying_out
 from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
@@ -21,8 +20,8 @@ from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.rocks_of_run import scene_entries
-from toppling.orchestrator.stands import Settlings
+from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
+from toppling.orchestrator.run import run as carry_out
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.reader import Run, open_run
 
@@ -68,7 +67,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     planned = plan_of(chosen)
     if chosen.sites:
-        entries = scene_entries(planned)
+        entries = scene_entries(planned, settlings_of(planned))
         problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
         problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
         return Planned(chosen, planned, None, problems)
@@ -147,5 +146,5 @@ def run(
             check_writer()
             watch(progress)
 
-        session = carrying_out.run(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
+        session = carry_out(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
     return CarriedOut(folder, session)

@@ -74,8 +74,7 @@ class _Auditor:
         changes: dict[str, Any] = dict(self.changes)
         campaign = dataclasses.replace(planned.campaign, **changes)
         part = dataclasses.replace(planned, campaign=campaign, jobs=planned.jobs.take(pa.array(rows)))
-        ids = pa.array([part.spec(row).job_id for row in range(len(part))], pa.string())
-        return dataclasses.replace(part, jobs=part.jobs.set_column(0, "job_id", ids))
+        return part.with_ids()
 
 
 _AUDITORS = (

@@ -8,6 +8,7 @@ that no weight becomes 0: nothing was seen to topple. Over several motions these
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.journal import tell
-from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.recorded import (
     AZIMUTHS_DEG,
     ENSEMBLES,
@@ -37,15 +38,15 @@ from toppling.orchestrator.recorded import (
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
-_Shake = Callable[[Campaign, Path, Client, ProgressCallback, Limits], object]
-"""Carries a campaign out in a folder, on workers at hand."""
+_Run = Callable[[Plan, Path, AbstractContextManager[Client], ProgressCallback, Limits], object]
+"""Carries a plan out in a folder (`orchestrator.run`)."""
 
 
 @dataclass(frozen=True)
 class Weighing:
     """Bases are weighed, before the jobs, by the motions that the campaign knows the rock to have stood."""
 
-    shake: _Shake
+    run: _Run
     before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:
@@ -63,7 +64,7 @@ class Weighing:
         assert planned.recorded is not None
 
         def shake(one: Campaign, folder: Path) -> None:
-            self.shake(one, folder, work.client, weighing(work.watch), work.limits)
+            self.run(plan_of(one), folder, nullcontext(work.client), weighing(work.watch), work.limits)
 
         weigh(planned.campaign, planned.recorded, work.folder / FOLDER, shake).write(work.folder, planned.id)
 

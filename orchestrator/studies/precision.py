@@ -15,7 +15,7 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.context import JobSelection, Work
+from toppling.orchestrator.context import Work
 from toppling.orchestrator.execution import work_off
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
@@ -29,14 +29,6 @@ from toppling.results.reader import open_run
 from toppling.results.store import result_files
 
 _CONTACT = ("friction_static", "friction_kinetic", "restitution")
-
-
-def select_jobs(planned: Plan, folder: Path) -> JobSelection:
-    """The jobs that a campaign asks for: all, or those that its precision needs."""
-    campaign = planned.campaign
-    if campaign.precision is None:
-        return planned
-    return JobsForPrecision(planned, folder, campaign.precision, campaign.target)
 
 
 class JobsForPrecision:

@@ -94,11 +94,11 @@ def _plan_atlas(
     from toppling.orchestrator.estimate import estimate_atlas, words_of
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import bar
-    from toppling.orchestrator.rocks_of_run import scene_entries
+    from toppling.orchestrator.rocks_of_run import scene_entries, settlings_of
 
     with bar("letting the rocks stand, counting jobs"):
         planned = plan_of(chosen)
-        entries = scene_entries(planned)
+        entries = scene_entries(planned, settlings_of(planned))
     with bar("timing a few jobs"):
         expected = estimate_atlas(planned) if estimated else None
     for one, scene in zip(entries["scenes"], planned.scenes, strict=True):

@@ -118,13 +118,13 @@ def test_stopping_it_at_any_moment_of_its_start_says_one_line(inputs, tmp_path, 
 
 
 ENDS_OF_A_RUN = [
-    "toppling.orchestrator.session:compact",  # all rows are there
+    "toppling.orchestrator.run:compact",  # all rows are there
     "distributed:Future.__del__",  # a finalizer, which swallows what is raised
     "distributed:Client.close",
     "distributed:LocalCluster.close",
     "distributed.deploy.spec:SpecCluster.scale",  # within Dask's own loop
     "tempfile:TemporaryDirectory.cleanup",
-    "toppling.orchestrator.session:note",
+    "toppling.orchestrator.run:note",
     "toppling.orchestrator.status:state_of",  # what is said at the end
 ]
 

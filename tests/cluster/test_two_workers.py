@@ -16,7 +16,8 @@ from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
 
 from toppling.models.errors import InputError
-from toppling.orchestrator import admission, execution, session
+from toppling.orchestrator import admission, execution
+from toppling.orchestrator import run as running
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
@@ -301,7 +302,7 @@ def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
 def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
     carry_out, undisturbed, tmp_path, monkeypatch, caplog
 ):
-    merge, torn = session.compact, []
+    merge, torn = running.compact, []
 
     def tear_and_merge(run):
         if not torn:  # after its rows were counted
@@ -309,7 +310,7 @@ def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
             torn[0].write_bytes(torn[0].read_bytes()[:50])
         return merge(run)
 
-    monkeypatch.setattr(session, "compact", tear_and_merge)
+    monkeypatch.setattr(running, "compact", tear_and_merge)
     carry_out(tmp_path / "run")
     assert "rows were lost after they were stored" in caplog.text
     assert answers_of(tmp_path / "run") == undisturbed

@@ -73,7 +73,7 @@ def test_seismograms_that_several_rocks_name_go_to_the_rock_at_their_station(pla
 def test_every_job_lasts_as_its_own_record(planned):
     rows = [planned.spec(row) for row in range(len(planned))]
     of = {scene.scene_id: scene.duration_s for scene in planned.scenes}
-    assert planned.durations_s.tolist() == [of[spec.scene_id][spec.record_id] for spec in rows]
+    assert planned.columns["duration_s"].tolist() == [of[spec.scene_id][spec.record_id] for spec in rows]
 
 
 def test_every_beginning_of_an_atlas_holds_as_much_of_each_rock_up_to_a_batch():

@@ -57,7 +57,7 @@ def runs(tmp_path_factory):
         lost_row(planned.spec(job), "ok", "") | {"toppled": job % 3 == 0, "attempt": 1}
         for job in range(len(planned))
     ]
-    with session(run, {}), journal(run):
+    with session(run), journal(run):
         for begin in range(0, 12, 4):
             write_part(run, rows[begin : begin + 4])
             tell("rows stored", workers=2, deaths=0, again=0)

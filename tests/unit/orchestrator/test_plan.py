@@ -265,7 +265,7 @@ content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, 
 campaign = Campaign.of(content, folder)
 whole = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
 finished = set(whole.jobs["job_id"].to_pylist()[::2])
-dispatch = Dispatch(whole.pending(finished), whole.durations_s)
+dispatch = Dispatch(whole.pending(finished), whole.columns["duration_s"])
 while batch := dispatch.next_batch(2):
     dispatch.came_back(batch, done=len(batch.jobs))
 # Not ru_maxrss, which begins with the peak of the process that started this one.

@@ -107,7 +107,7 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
     finished = [{"finished_at": now - timedelta(seconds=age)} for age in ages_s]
     done = rows(planned, [("ok", "")] * len(ages_s))
     write_part(tmp_path / "run", [row | moment for row, moment in zip(done, finished, strict=True)])
-    with session(tmp_path / "run", {}):
+    with session(tmp_path / "run"):
         state = state_of(tmp_path / "run")
     assert state["state"] == "running"
     assert state["rate_per_s"] == pytest.approx(10 / 9)
@@ -118,7 +118,7 @@ def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(
     run = tmp_path / "run"
     write_part(run, rows(planned, [("crashed", "died")] * 4 + [("ok", "")] * 11))
     workers = {"workers": 2, "deaths": 0}
-    with session(run, {}), journal(run):
+    with session(run), journal(run):
         tell("rows stored", again=0, workers=9, deaths=9)  # of an earlier session
         tell("work began", again=4, **workers)
         assert (state_of(run)["again"], state_of(run)["workers"]) == (4, 2)
@@ -138,16 +138,16 @@ def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, 
         fcntl.flock(lock, fcntl.LOCK_SH)
         looked = threading.Timer(0.2, fcntl.flock, (lock, fcntl.LOCK_UN))
         looked.start()
-        with session(tmp_path / "run", {}):
+        with session(tmp_path / "run"):
             assert state_of(tmp_path / "run")["state"] == "running"
         looked.join()
 
 
 def test_a_session_that_goes_on_lets_no_other_begin(planned, tmp_path):
     with (
-        session(tmp_path / "run", {}),
+        session(tmp_path / "run"),
         pytest.raises(InputError, match=f"another process writes to this run .*:{os.getpid()}"),
-        session(tmp_path / "run", {}),
+        session(tmp_path / "run"),
     ):
         pass
 
@@ -160,7 +160,7 @@ def test_a_file_system_without_locks_is_not_taken_for_another_process(planned, t
     monkeypatch.setattr(fcntl, "flock", refuse)
     with (
         pytest.raises(InputError, match=r"files cannot be locked .*\n.*flock.*\n.*--out"),
-        session(tmp_path / "run", {}),
+        session(tmp_path / "run"),
     ):
         pass
     assert state_of(tmp_path / "run")["state"] == "interrupted"
@@ -168,14 +168,14 @@ def test_a_file_system_without_locks_is_not_taken_for_another_process(planned, t
 
 def test_a_session_that_goes_on_is_called_running_and_one_that_was_killed_interrupted(planned, tmp_path):
     run = tmp_path / "run"
-    with session(run, {}):
+    with session(run):
         state = state_of(run)
         assert (state["state"], state["sessions"][-1]["ended"]) == ("running", "running")
         killed = (run / "run.json").read_bytes()
     assert state_of(run)["sessions"][-1]["ended"] == "interrupted"
     (run / "run.json").write_bytes(killed)  # as a killed session leaves it
     assert state_of(run)["sessions"][-1]["ended"] == "interrupted"
-    with session(run, {}):
+    with session(run):
         assert [one["ended"] for one in state_of(run)["sessions"]] == ["interrupted", "running"]
 
 

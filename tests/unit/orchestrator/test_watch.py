@@ -94,7 +94,7 @@ def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(serve
 
 def test_a_run_that_goes_on_is_called_running(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
-    with session(tmp_path / "run", {}):
+    with session(tmp_path / "run"):
         assert _shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
 
 

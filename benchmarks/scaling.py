@@ -39,9 +39,9 @@ from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
 from toppling.orchestrator.execution import Execution, budget_s, room_for
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.plan import Plan, plan
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import Row, RunKey, lost_row, versions
 from toppling.results.store import compact, finished_ids, write_part
 from toppling.workers.job import JobSpec

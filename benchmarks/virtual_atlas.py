@@ -16,7 +16,7 @@ import numpy as np
 from blind_rocks import blind_rock
 
 from toppling.models.files.mesh_files import write_ply
-from toppling.orchestrator.sites import SITE_KEYS
+from toppling.orchestrator.site_table import SITE_KEYS
 
 FIRST_SEED = 4600
 LEVELS_M_S2 = (2.0, 4.0, 7.0, 11.0, 16.0)

@@ -15,7 +15,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, read_toml, shown
 from toppling.models.files.folder import local
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
-from toppling.orchestrator.sites import Site, ensemble_folder, joined, read_sites, scenes_matching
+from toppling.orchestrator.site_table import Site, ensemble_folder, joined, read_sites, scenes_matching
 from toppling.orchestrator.target_spec import TargetSpec, read_precision, read_target
 from toppling.results.run_integrity import SITES_FILE
 from toppling.workers.engines import DEFAULT, ENGINES

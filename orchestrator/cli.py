@@ -15,7 +15,7 @@ from toppling.models.files.lease import WRITERS
 from toppling.models.files.store_address import is_store
 from toppling.models.files.stores import at_hand, carry_back
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
-from toppling.orchestrator.spelling import Verbs
+from toppling.orchestrator.misspelt import Verbs
 
 VERBS = {
     "scan": "Turn laser scans or photogrammetry into a rock on its pedestal.",

@@ -17,7 +17,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan
-from toppling.orchestrator.pool import assets, pool_of
+from toppling.orchestrator.processes import assets, pool_of
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.rocks_of_run import Settlings
 from toppling.workers.job import Assets, JobSpec, run_job

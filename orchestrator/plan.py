@@ -19,7 +19,7 @@ from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
-from toppling.orchestrator.sites import Site
+from toppling.orchestrator.site_table import Site
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
 

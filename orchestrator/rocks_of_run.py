@@ -12,7 +12,7 @@ from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import Plan, PlannedScene
-from toppling.orchestrator.sites import Site
+from toppling.orchestrator.site_table import Site
 from toppling.orchestrator.task import lost_row
 from toppling.workers.seating import settled
 

@@ -14,10 +14,10 @@ from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import ROUNDS, rows_lost, work_off
-from toppling.orchestrator.folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.run_folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.studies.conditioning import Weighing
 from toppling.orchestrator.studies.precision import JobsForPrecision
 from toppling.orchestrator.task import versions

@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.advice import Share
-from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
+from toppling.orchestrator.run_folder import describe, ended, is_running
 from toppling.results.completeness import Completeness
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.run_integrity import AUDIT_FOLDER

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.constraining import Dates, constrain
     from toppling.orchestrator.public.fragility_figures import Bins, fragility
     from toppling.orchestrator.public.making import check, scan
-    from toppling.orchestrator.public.reading import query, report
+    from toppling.orchestrator.public.reporting import query, report
     from toppling.orchestrator.public.running import plan, run
     from toppling.orchestrator.public.scan_again import scan_again
     from toppling.results.reader import Run, open_run
@@ -72,8 +72,8 @@ _HOMES = {
     "fragility": "toppling.orchestrator.public.fragility_figures",
     "open_run": "toppling.results.reader",
     "plan": "toppling.orchestrator.public.running",
-    "query": "toppling.orchestrator.public.reading",
-    "report": "toppling.orchestrator.public.reading",
+    "query": "toppling.orchestrator.public.reporting",
+    "report": "toppling.orchestrator.public.reporting",
     "run": "toppling.orchestrator.public.running",
     "scan": "toppling.orchestrator.public.making",
     "scan_again": "toppling.orchestrator.public.scan_again",

@@ -1,3 +1,3 @@
 """`toppling scan --pick`: a scan's hints given by clicks on its cloud."""
 
-__all__ = ["start"]
+__all__ = ["pick_servers"]

@@ -4,7 +4,7 @@ from typing import Any
 
 __all__ = [
     "REALISATIONS", "by_events", "constraining", "fragility_figures",
-    "making", "reading", "rocks", "running", "scan_again", "scan_files",
+    "making", "reporting", "rocks", "running", "scan_again", "scan_files",
 ]  # fmt: skip
 
 REALISATIONS = 8

@@ -26,7 +26,7 @@ from toppling.orchestrator.public.hazard_question import (
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.hazard.ages import Since
-from toppling.results.hazard.events import EventSet, FeltRock
+from toppling.results.hazard.event_survival import EventSet, FeltRock
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
 
 _INDEPENDENT = (

@@ -21,10 +21,10 @@ from toppling.results.analysis.resampling import bootstrap
 from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
+from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite, FeltRock, check_measures
 from toppling.results.hazard.event_update import EventUpdate
-from toppling.results.hazard.events import EventBranch, EventSet, EventSite, FeltRock, check_measures
-from toppling.results.hazard.measures import is_spectral
-from toppling.results.hazard.sites import distance_km, nearest
+from toppling.results.hazard.measure_names import is_spectral
+from toppling.results.hazard.places import distance_km, nearest
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import HazardTree

@@ -12,8 +12,8 @@ from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
+from toppling.orchestrator.run_folder import place_in
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector
 from toppling.results.analysis.fits import answered
@@ -29,7 +29,7 @@ from toppling.results.analysis.fragility import (
     by_contact,
     planes_of,
 )
-from toppling.results.analysis.friction import by_surroundings, frictions
+from toppling.results.analysis.friction_comparison import by_surroundings, frictions
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness

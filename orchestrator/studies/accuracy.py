@@ -27,7 +27,7 @@ from toppling.models.files.tables import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
-from toppling.orchestrator.pool import assets, pool_of
+from toppling.orchestrator.processes import assets, pool_of
 from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.regression import fit
 from toppling.workers.engines import DEFAULT, ENGINES

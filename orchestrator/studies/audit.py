@@ -22,9 +22,9 @@ from toppling.models.files.digest import write_json
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.execution import Execution
-from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.run_folder import describe, place_in
 from toppling.orchestrator.task import versions
 from toppling.results.run_integrity import (
     AUDIT_FOLDER,

@@ -15,8 +15,8 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.pool import pool_of
-from toppling.orchestrator.sites import Site, seismograms_in
+from toppling.orchestrator.processes import pool_of
+from toppling.orchestrator.site_table import Site, seismograms_in
 
 _AHEAD = 4
 """Tasks a worker that are handed out: few enough that not all seismograms are in memory."""

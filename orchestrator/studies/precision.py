@@ -17,9 +17,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
 from toppling.orchestrator.context import Work
 from toppling.orchestrator.execution import work_off
-from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
+from toppling.orchestrator.run_folder import set_jobs
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.probit import answers_of

@@ -18,7 +18,7 @@ from toppling.orchestrator.studies.accuracy import (
     draw_jobs,
     settings,
 )
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.verbs.shared_options import (
     ensemble_argument,
     folder_out,
     option,

@@ -11,9 +11,9 @@ from toppling.models.errors import InputError
 from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import COMPARED
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, option, samples_option
+from toppling.orchestrator.run_folder import place_in
+from toppling.orchestrator.verbs.shared_options import FOLDER, PATH, json_option, option, samples_option
 from toppling.results.analysis.geography import directions_geojson, geojson
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.analysis.side_by_side import Beside, beside_each_other

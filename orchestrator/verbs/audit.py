@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from toppling.orchestrator.verbs.options import json_option, option, run_argument
+from toppling.orchestrator.verbs.shared_options import json_option, option, run_argument
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.orchestrator.interrupt import end_of_stop
-from toppling.orchestrator.verbs.options import option
+from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.loopback import Loopback

@@ -9,10 +9,10 @@ import click
 import pandas as pd
 
 from toppling.models.motions.ensemble import CATALOG
+from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.making import check as check_rock
-from toppling.orchestrator.sites import read_sites
-from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.site_table import read_sites
 from toppling.orchestrator.studies.check_sites import (
     Seismogram,
     check_sites,
@@ -22,8 +22,8 @@ from toppling.orchestrator.studies.check_sites import (
     seismograms_of,
 )
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
-from toppling.orchestrator.verbs.options import PATH, json_option, option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
+from toppling.orchestrator.verbs.shared_options import PATH, json_option, option, scene_argument
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS

@@ -14,7 +14,14 @@ from toppling.orchestrator.public.by_events import EventOptions
 from toppling.orchestrator.public.constraining import Dates
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.options import ABOVE_0, FOLDER, PATH, json_option, option, trusted_option
+from toppling.orchestrator.verbs.shared_options import (
+    ABOVE_0,
+    FOLDER,
+    PATH,
+    json_option,
+    option,
+    trusted_option,
+)
 
 
 @click.command(cls=SiteCommand)

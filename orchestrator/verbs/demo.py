@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.verbs.options import FOLDER, option
+from toppling.orchestrator.verbs.shared_options import FOLDER, option
 
 _MARK = ".demo"
 _RECORDS = 24

@@ -11,7 +11,13 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
-from toppling.orchestrator.verbs.options import FOLDER, option, run_argument, samples_option, trusted_option
+from toppling.orchestrator.verbs.shared_options import (
+    FOLDER,
+    option,
+    run_argument,
+    samples_option,
+    trusted_option,
+)
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     FEW_BEYOND,

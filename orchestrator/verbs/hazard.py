@@ -8,7 +8,7 @@ import click
 
 from toppling.models.coordinates import degrees_of
 from toppling.models.files.csv_text import is_numeral
-from toppling.results.hazard.sites import SITE_REACH_KM
+from toppling.results.hazard.places import SITE_REACH_KM
 
 HAZARD_HELP = (
     "Hazard: a file or folder of OpenQuake (curves, or a tree with realizations.csv), nshmp-haz or CyberShake, or two "

@@ -19,7 +19,7 @@ from toppling.orchestrator.campaign import KEYS, LARGEST_PGA_M_S2, Campaign
 from toppling.orchestrator.pilot import RECORDS, Pilot, Statics, levels_to_try, statics_of, try_out
 from toppling.orchestrator.progress import bar, duration
 from toppling.orchestrator.rocks_of_run import Settlings
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.verbs.shared_options import (
     FILE,
     ensemble_argument,
     option,

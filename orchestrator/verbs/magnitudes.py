@@ -18,7 +18,7 @@ from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
-from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, option, trusted_option
+from toppling.orchestrator.verbs.shared_options import FILE, FOLDER, PATH, json_option, option, trusted_option
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
@@ -40,7 +40,7 @@ from toppling.results.hazard.magnitudes import (
     recurring,
     toppling_probability,
 )
-from toppling.results.hazard.sites import check_place
+from toppling.results.hazard.places import check_place
 from toppling.results.hazard.survival import Standing
 
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.models.files.folder import new_file
-from toppling.orchestrator.verbs.options import FILE, json_option, option, workers_option
+from toppling.orchestrator.verbs.shared_options import FILE, json_option, option, workers_option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.campaign import Campaign

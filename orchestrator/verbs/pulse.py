@@ -9,11 +9,17 @@ from toppling.models.files.folder import rock_name
 from toppling.models.motions import idealised
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, option, preset_option, scene_argument
 from toppling.orchestrator.verbs.replay import replay_of, write_out
-from toppling.results.analysis.friction import friction_words
+from toppling.orchestrator.verbs.shared_options import (
+    AZIMUTH,
+    folder_out,
+    option,
+    preset_option,
+    scene_argument,
+)
+from toppling.results.analysis.friction_comparison import friction_words
 
 _SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 

@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from toppling.models.files.csv_text import plain_frame
 from toppling.models.files.folder import new_file
-from toppling.orchestrator.public.reading import query as answer_of
-from toppling.orchestrator.verbs.options import FILE, option
+from toppling.orchestrator.public.reporting import query as answer_of
+from toppling.orchestrator.verbs.shared_options import FILE, option
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 

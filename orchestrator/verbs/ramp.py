@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.models.files.csv_text import write_csv
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.verbs.shared_options import (
     ABOVE_0,
     AZIMUTH,
     ensemble_argument,
@@ -78,7 +78,7 @@ def ramp(
 
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.pool import pool_of
+    from toppling.orchestrator.processes import pool_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.studies.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
 

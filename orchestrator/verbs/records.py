@@ -6,9 +6,11 @@ from pathlib import Path
 import click
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.misspelt import Verbs
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.spelling import Verbs
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.verbs.records_select import refuse_existing_ensemble, select
+from toppling.orchestrator.verbs.records_shown import import_json, show_catalog, show_notes, show_refusals
+from toppling.orchestrator.verbs.shared_options import (
     ABOVE_0,
     EXISTING_FILE,
     EXISTING_FOLDER,
@@ -20,8 +22,6 @@ from toppling.orchestrator.verbs.options import (
     option,
     replace_option,
 )
-from toppling.orchestrator.verbs.records_select import refuse_existing_ensemble, select
-from toppling.orchestrator.verbs.records_shown import import_json, show_catalog, show_notes, show_refusals
 
 
 @click.group(cls=Verbs)

@@ -6,8 +6,14 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import EXISTING_FILE, EXISTING_FOLDER, FOLDER, option, replace_option
+from toppling.orchestrator.misspelt import OneOf
+from toppling.orchestrator.verbs.shared_options import (
+    EXISTING_FILE,
+    EXISTING_FOLDER,
+    FOLDER,
+    option,
+    replace_option,
+)
 
 if TYPE_CHECKING:
     from toppling.models.motions.deaggregation import Deaggregation

@@ -13,11 +13,11 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
-from toppling.orchestrator.verbs.options import FOLDER, option, run_argument
-from toppling.results.analysis.friction import friction_words
+from toppling.orchestrator.run_folder import place_in
+from toppling.orchestrator.verbs.shared_options import FOLDER, option, run_argument
+from toppling.results.analysis.friction_comparison import friction_words
 from toppling.results.drawing.trajectory_figures import write_replay
 from toppling.results.reader import Run, open_run
 from toppling.results.replayed_job import Replay

@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.reading import report as write_report
+from toppling.orchestrator.public.reporting import report as write_report
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
-from toppling.orchestrator.verbs.options import FILE, option, run_argument, samples_option
+from toppling.orchestrator.verbs.shared_options import FILE, option, run_argument, samples_option
 from toppling.results.analysis.resampling import SAMPLES
 
 

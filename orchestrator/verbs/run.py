@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
-from toppling.orchestrator.verbs.options import FOLDER, json_option, option
+from toppling.orchestrator.verbs.shared_options import FOLDER, json_option, option
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:

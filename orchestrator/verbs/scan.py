@@ -13,7 +13,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
 from toppling.orchestrator.verbs.browsing import browsing_options, served
-from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option, option
+from toppling.orchestrator.verbs.shared_options import AZIMUTH, PATH, json_option, option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
@@ -226,7 +226,7 @@ def _pick(
     opens: bool | None,
 ) -> None:
     """Serve the page on which hints are clicked, until a scene is saved and the user has finished."""
-    from toppling.orchestrator.pick.start import again_server, pick_server
+    from toppling.orchestrator.pick.pick_servers import again_server, pick_server
 
     click.echo("reading", err=True)
     saved: list[Scanned] = []

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from toppling.models.scene import Scene
-from toppling.orchestrator.spelling import Verbs
-from toppling.orchestrator.verbs.options import PATH, option
+from toppling.orchestrator.misspelt import Verbs
+from toppling.orchestrator.verbs.shared_options import PATH, option
 
 _SHOW_PARTS = 10
 """Parts of work of 'scene show', about a second each."""

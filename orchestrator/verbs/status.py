@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.verbs.options import json_option, run_argument
+from toppling.orchestrator.verbs.shared_options import json_option, run_argument
 
 
 @click.command()

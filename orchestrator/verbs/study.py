@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.misspelt import OneOf
+from toppling.orchestrator.verbs.shared_options import (
     FILE,
     FOLDER,
     PATH,

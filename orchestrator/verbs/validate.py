@@ -31,7 +31,7 @@ from toppling.orchestrator.studies.validation import (
     shake_tests,
     unmeasured,
 )
-from toppling.orchestrator.verbs.options import (
+from toppling.orchestrator.verbs.shared_options import (
     EXISTING_FOLDER,
     FILE,
     FOLDER,

@@ -10,8 +10,8 @@ from typing import Any, TypedDict, Unpack
 import click
 
 from toppling.orchestrator.cluster import QUEUES
-from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import FILE, option
+from toppling.orchestrator.misspelt import OneOf
+from toppling.orchestrator.verbs.shared_options import FILE, option
 
 
 class _Span(int):

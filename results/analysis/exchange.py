@@ -28,7 +28,7 @@ from toppling.models.files.documents import check_size
 from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
-from toppling.results.hazard.measures import imt_of, is_spectral, measure_of
+from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of
 from toppling.results.hazard.surfaces import Surface
 
 _LARGEST_BYTES = 20_000_000

@@ -11,7 +11,7 @@ from scipy.stats import binomtest, spearmanr
 from toppling.models.frames import apart_deg
 from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
 from toppling.results.analysis.fragility import DIRECTION_BINS, PLANES, effective_records, wilson
-from toppling.results.analysis.friction import (
+from toppling.results.analysis.friction_comparison import (
     compare_cells,
     compare_jobs,
     friction_words,

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toppling.results.analysis.fragility import FRICTION, THIN_RECORDS
-from toppling.results.analysis.friction import friction_words
+from toppling.results.analysis.friction_comparison import friction_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
 _BAND = 0.3
@@ -18,8 +18,8 @@ _GAP_IN = 0.6
 def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Each cell's toppling probability under one friction against that under the reference.
 
-    table: from `analysis.friction.compare_cells`.
-    jobs: from `analysis.friction.compare_jobs`.
+    table: from `analysis.friction_comparison.compare_cells`.
+    jobs: from `analysis.friction_comparison.compare_jobs`.
     width_in: at most; panels that have no room beside each other stand below each other.
     """
     columns = min(len(jobs), max(1, int((width_in - 0.6) // 2.2)))

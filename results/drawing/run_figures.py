@@ -24,7 +24,7 @@ from toppling.results.analysis.fragility import (
     records_on,
     unplaced,
 )
-from toppling.results.analysis.friction import compare_frictions
+from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.lognormal import Resampled
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_figures import fit_figure, surface_figure

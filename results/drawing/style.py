@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from matplotlib.transforms import Bbox
 
 from toppling.models.files.folder import new_file
-from toppling.results.hazard.measures import is_spectral, period_s
+from toppling.results.hazard.measure_names import is_spectral, period_s
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
 FULL_WIDTH_IN = 7.0

@@ -15,6 +15,20 @@ are told beside the answer (`unstated_shares`):
 """
 
 __all__ = [
-    "ages", "curves", "draws", "event_update", "events", "export", "faults", "gmm", "magnitudes",
-    "measures", "sites", "surfaces", "survival", "tree", "update", "vector",
+    "ages",
+    "curves",
+    "event_survival",
+    "event_update",
+    "export",
+    "faults",
+    "gmm",
+    "magnitudes",
+    "measure_names",
+    "places",
+    "rock_draws",
+    "surfaces",
+    "survival",
+    "tree",
+    "update",
+    "vector",
 ]  # fmt: skip

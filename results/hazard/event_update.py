@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
-from toppling.results.hazard.events import (
+from toppling.results.hazard.event_survival import (
     NEGLIGIBLE,
     EventBranch,
     EventSet,

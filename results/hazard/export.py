@@ -15,7 +15,7 @@ from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.event_update import EventUpdate
-from toppling.results.hazard.measures import UNSCALED, imt_of
+from toppling.results.hazard.measure_names import UNSCALED, imt_of
 from toppling.results.hazard.surfaces import measures_of
 from toppling.results.hazard.tree import FRACTILES, common_levels, statistics_of
 from toppling.results.hazard.update import Update

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import refusals
-from toppling.results.hazard.sites import EARTH_RADIUS_KM
+from toppling.results.hazard.places import EARTH_RADIUS_KM
 
 _NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
 """Properties that may hold a fault's name, in this order."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
-from toppling.results.hazard.draws import Draws, exponents
+from toppling.results.hazard.rock_draws import Draws, exponents
 from toppling.results.hazard.survival import Standing, epochs, greatest_rate
 
 _FURTHEST = 1e3

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of
-from toppling.results.hazard.sites import Place
+from toppling.results.hazard.places import Place
 
 _WEIGHT_TOLERANCE = 1e-3
 """By which weights may miss a sum of 1: files print them in single precision, analysts with three decimals."""

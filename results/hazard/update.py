@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.shares import effective_number
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
-from toppling.results.hazard.draws import Draws, draws_of
+from toppling.results.hazard.rock_draws import Draws, draws_of
 from toppling.results.hazard.scaling import drawn_factors, motion_factor, rate_factor
 from toppling.results.hazard.survival import Standing, joint_survival
 from toppling.results.hazard.tree import (

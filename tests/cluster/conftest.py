@@ -14,9 +14,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row, versions
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job

@@ -13,9 +13,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import RunProgress, Work
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.orchestrator.task import shake_batch, versions
 from toppling.results.analysis.audit_statistics import audits_of

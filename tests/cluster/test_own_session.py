@@ -21,7 +21,7 @@ from distributed.comm import connect
 from distributed.security import Security
 
 from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door, job_script
-from toppling.orchestrator.folder import _KEY_FILES
+from toppling.orchestrator.run_folder import _KEY_FILES
 
 
 def listening(client):

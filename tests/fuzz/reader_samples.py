@@ -32,8 +32,8 @@ from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import read_clouds
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves, write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal

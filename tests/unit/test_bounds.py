@@ -17,7 +17,7 @@ from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign
-from toppling.orchestrator.folder import describe
+from toppling.orchestrator.run_folder import describe
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.reader import open_run

@@ -20,9 +20,9 @@ from toppling.models.settling import Settling
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import describe, prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
+from toppling.orchestrator.run_folder import describe, prepare
 from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene

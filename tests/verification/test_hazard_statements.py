@@ -16,9 +16,9 @@ from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
 from toppling.results.hazard.curves import HazardCurve, survival, toppling_rate
-from toppling.results.hazard.events import EventBranch, FeltRock
-from toppling.results.hazard.events import _bootstrap as events_anew
-from toppling.results.hazard.events import survival as survival_of_events
+from toppling.results.hazard.event_survival import EventBranch, FeltRock
+from toppling.results.hazard.event_survival import _bootstrap as events_anew
+from toppling.results.hazard.event_survival import survival as survival_of_events
 from toppling.results.hazard.tree import _weighted_fractile, branch_weights
 
 SITES = 500

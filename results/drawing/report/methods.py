@@ -7,7 +7,7 @@ import pandas as pd
 
 from toppling.models.contact import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
-from toppling.results.analysis.friction import friction_words, frictions
+from toppling.results.analysis.friction_comparison import friction_words, frictions
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, paragraph, safe
 from toppling.results.weights import records_weight

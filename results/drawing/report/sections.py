@@ -23,7 +23,7 @@ from toppling.results.analysis.fragility import (
     records_on,
     unplaced,
 )
-from toppling.results.analysis.friction import compare_frictions
+from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table

@@ -5,18 +5,18 @@ from pathlib import Path
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.readers import (
-    columns,
     cybershake,
     json_tables,
     listed,
     nrml,
     nshmp,
-    openquake,
+    openquake_curves,
     opensha,
+    text_columns,
 )
 from toppling.results.hazard.readers.assembly import combined, trees_of
 from toppling.results.hazard.readers.spreadsheet import plain_table
-from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
+from toppling.results.hazard.readers.stated import Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
 
 __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
@@ -141,9 +141,9 @@ def _is_hazard(path: Path) -> bool:
     if any(one.matches(lines) for one in (opensha, cybershake)):
         return True
     lines = plain_table(lines)
-    if any(one.matches(lines[:2]) for one in (openquake, nshmp)):
+    if any(one.matches(lines[:2]) for one in (openquake_curves, nshmp)):
         return True
-    return listed.matches(lines) or columns.matches(lines)
+    return listed.matches(lines) or text_columns.matches(lines)
 
 
 def _read(path: Path, hints: Hints) -> Stated:
@@ -171,10 +171,10 @@ def _parsed(path: Path, text: str, hints: Hints) -> Stated:
         if family.matches(lines):
             return family.read(path, lines, hints)
     lines = plain_table(lines)
-    for family in (openquake, nshmp):
+    for family in (openquake_curves, nshmp):
         if family.matches(lines):
             return family.read(path, lines, hints)
-    openquake.refuse_others(path, lines)
+    openquake_curves.refuse_others(path, lines)
     if listed.matches(lines):
         return listed.read(path, lines, hints)
-    return columns.read(path, lines, hints)
+    return text_columns.read(path, lines, hints)

@@ -5,8 +5,8 @@ from typing import NoReturn
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed
-from toppling.results.hazard.readers.statement import Realisations, Stated, Statement
-from toppling.results.hazard.sites import Place, nearest, same_place
+from toppling.results.hazard.places import Place, nearest, same_place
+from toppling.results.hazard.readers.stated import Realisations, Stated, Statement
 from toppling.results.hazard.tree import Branch, HazardTree
 
 _LISTED = 12

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measures import measure_of, sa_column
-from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse
+from toppling.results.hazard.measure_names import measure_of, sa_column
+from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse
 
 _NAME = re.compile(
     r"(?P<site>.+?)_ERF\d+_Run(?P<run>\d+)_(?P<imt>SA_(?P<period>\d+(?:[.p]\d+)?)sec|PGA|PGV)"

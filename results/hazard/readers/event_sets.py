@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.events import EventBranch, EventSet, EventSite
-from toppling.results.hazard.measures import measure_of, measure_with_unit
-from toppling.results.hazard.readers.columns import refuse_other_unit
+from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite
+from toppling.results.hazard.measure_names import measure_of, measure_with_unit
 from toppling.results.hazard.readers.event_tables import (
     BRANCH,
     EVENT,
@@ -24,6 +23,7 @@ from toppling.results.hazard.readers.event_tables import (
     only_one,
     opened,
 )
+from toppling.results.hazard.readers.text_columns import refuse_other_unit
 
 _SITE_BYTES = 8
 """Length to which OpenQuake cuts a site's own name."""

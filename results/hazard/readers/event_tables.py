@@ -10,9 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
-from toppling.results.hazard.events import EventBranch, EventSite
-from toppling.results.hazard.measures import UNSCALED, measure_with_unit
-from toppling.results.hazard.readers.openquake import header_values
+from toppling.results.hazard.event_survival import EventBranch, EventSite
+from toppling.results.hazard.measure_names import UNSCALED, measure_with_unit
+from toppling.results.hazard.readers.openquake_curves import header_values
 
 EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
 _ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from toppling.results.hazard.measures import measure_with_unit
+from toppling.results.hazard.measure_names import measure_with_unit
 from toppling.results.hazard.readers import listed
-from toppling.results.hazard.readers.statement import Hints, Statement, refuse
+from toppling.results.hazard.readers.stated import Hints, Statement, refuse
 
 _LEVELS = ("iml", "imls", "level", "levels", "intensity", "intensities", "xs", "xvalues", "x")
 _RATES = ("annual_rate", "annual_rates", "rate", "rates", "afe", "mafe", "lambda")

@@ -15,8 +15,9 @@ import numpy as np
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import LONGEST_NAME, imt_of, measure_of, measure_with_unit
-from toppling.results.hazard.readers.columns import (
+from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
+from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse, rows_of, wanted_rows
+from toppling.results.hazard.readers.text_columns import (
     COMMENTS,
     cells_of,
     says_value,
@@ -24,7 +25,6 @@ from toppling.results.hazard.readers.columns import (
     values_of,
     with_usual_unit,
 )
-from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of, wanted_rows
 
 _ROLES = {
     "lon": {"lon", "longitude", "long"}, "lat": {"lat", "latitude"},

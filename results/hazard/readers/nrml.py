@@ -5,8 +5,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measures import measure_of
-from toppling.results.hazard.readers.statement import (
+from toppling.results.hazard.measure_names import measure_of
+from toppling.results.hazard.readers.stated import (
     Hints,
     Statement,
     number,

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import imt_of, measure_of
-from toppling.results.hazard.readers.statement import (
+from toppling.results.hazard.measure_names import imt_of, measure_of
+from toppling.results.hazard.readers.stated import (
     Hints,
     Statement,
     number,

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import measure_of
-from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, years_of_values
+from toppling.results.hazard.measure_names import measure_of
+from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse, years_of_values
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")

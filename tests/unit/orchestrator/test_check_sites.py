@@ -10,7 +10,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.sites import Site
+from toppling.orchestrator.site_table import Site
 from toppling.orchestrator.studies.check_sites import (
     check_sites,
     matrix_of,

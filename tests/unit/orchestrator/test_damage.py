@@ -17,9 +17,9 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, last, tell
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.replay import _specification

@@ -16,8 +16,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.studies.audit import _AUDITORS
 from toppling.orchestrator.task import versions
 from toppling.orchestrator.verbs.watch import _shown

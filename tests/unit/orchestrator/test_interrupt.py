@@ -153,7 +153,7 @@ def test_a_context_begins_and_ends_whole(when, told):
 POOL = """
 import os, sys, time
 from toppling.orchestrator.interrupt import as_program
-from toppling.orchestrator.pool import pool_of
+from toppling.orchestrator.processes import pool_of
 
 def work():
     with pool_of(2) as pool:

@@ -19,9 +19,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import describe, place_in, prepare
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
+from toppling.orchestrator.run_folder import describe, place_in, prepare
 from toppling.workers.unmeasured import Unmeasured
 
 VERSIONS = {"physics": "1"}

@@ -20,8 +20,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare
 from toppling.results.drawing.animation import _STRIP, _WIDTH, _speed_words
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job

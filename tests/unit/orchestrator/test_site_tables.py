@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.sites import read_sites
+from toppling.orchestrator.site_table import read_sites
 
 PLAIN = "scene,site,longitude,latitude\nrock,Zürich,-117.5,34.25\n"
 SEMICOLONS = PLAIN.replace(",", ";").replace(".", ",")

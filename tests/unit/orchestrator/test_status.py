@@ -16,9 +16,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import _REASONS_SHOWN, shares_of, state_of, words_to_go_on
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
@@ -131,7 +131,7 @@ def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "toppling.orchestrator.folder._LOCK_PATIENCE_S", 30.0
+        "toppling.orchestrator.run_folder._LOCK_PATIENCE_S", 30.0
     )  # the timer may be late on a busy machine
     # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
     with (tmp_path / "run" / ".lock").open("a") as lock:

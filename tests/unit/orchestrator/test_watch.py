@@ -22,8 +22,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.watch import _shown, _watching
 from toppling.results.store import write_part

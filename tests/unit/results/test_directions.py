@@ -10,7 +10,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import CONTACT_COLUMNS, PLANES
-from toppling.results.analysis.friction import compare_cells, compare_frictions, compare_jobs
+from toppling.results.analysis.friction_comparison import compare_cells, compare_frictions, compare_jobs
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.store import write_part
 

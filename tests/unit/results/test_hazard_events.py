@@ -10,7 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
-from toppling.results.hazard.events import (
+from toppling.results.hazard.event_survival import (
     EventBranch,
     EventSet,
     EventSite,

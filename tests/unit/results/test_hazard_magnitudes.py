@@ -27,7 +27,7 @@ from toppling.results.hazard.magnitudes import (
     recurring,
     toppling_probability,
 )
-from toppling.results.hazard.sites import distance_km
+from toppling.results.hazard.places import distance_km
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.measures import measure_with_unit
-from toppling.results.hazard.readers import Hints, columns, read_hazard
+from toppling.results.hazard.measure_names import measure_with_unit
+from toppling.results.hazard.places import distance_km
+from toppling.results.hazard.readers import Hints, read_hazard, text_columns
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.readers.event_sets import is_event_set
-from toppling.results.hazard.sites import distance_km
 
 SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
 G = 9.80665
@@ -537,7 +537,7 @@ def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what)
 def test_a_name_of_any_length_is_soon_known_to_be_no_column(filler):
     began_s = time.process_time()
     assert measure_with_unit(f"PGA{filler * 100_000}(g)") is None
-    assert not columns.says_value(f"poe{filler * 100_000}1x1")
+    assert not text_columns.says_value(f"poe{filler * 100_000}1x1")
     assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square
 
 

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.events import FeltRock, _toppling_rate
+from toppling.results.hazard.event_survival import FeltRock, _toppling_rate
 from toppling.results.hazard.surfaces import Surface, topples
 from toppling.results.hazard.vector import SCATTERS, joint_rate
 

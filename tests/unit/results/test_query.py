@@ -18,7 +18,7 @@ from toppling.models.files.tables import write_table
 from toppling.models.motions.catalogue import meaning
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import SCHEMA_VERSION
+from toppling.orchestrator.run_folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
 from toppling.results.reader import open_run

@@ -17,8 +17,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.geography import _ARROW_M, directions_geojson, geojson
 from toppling.results.analysis.side_by_side import beside_each_other, on_earth

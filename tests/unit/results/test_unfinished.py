@@ -14,8 +14,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run_folder import prepare
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered, summary
 from toppling.results.analysis.regression import Fit, fit

@@ -15,8 +15,8 @@ import numpy as np
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
-from toppling.results.hazard.readers.statement import (
+from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
+from toppling.results.hazard.readers.stated import (
     Hints,
     Statement,
     number,

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.sites import Place, distance_km
+from toppling.results.hazard.places import Place, distance_km
 
 _EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "

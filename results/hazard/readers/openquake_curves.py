@@ -12,8 +12,8 @@ import numpy as np
 
 from toppling.models.openquake import header_values
 from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measures import imt_of, measure_of
-from toppling.results.hazard.readers.statement import (
+from toppling.results.hazard.measure_names import imt_of, measure_of
+from toppling.results.hazard.readers.stated import (
     Hints,
     Realisations,
     Stated,

@@ -24,7 +24,7 @@ from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
 from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, settlings_of, site_in_run
-from toppling.orchestrator.sites import sites_text
+from toppling.orchestrator.site_table import sites_text
 from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.run_integrity import (
     ENSEMBLE_FILES,

@@ -8,8 +8,8 @@ import pyarrow as pa
 
 from toppling.models.errors import InputError
 from toppling.models.files.folder import write_text
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
+from toppling.orchestrator.run_folder import place_in
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.queries import ask
 from toppling.results.reader import Run, open_run

@@ -8,7 +8,7 @@ import click
 
 from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError
-from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.misspelt import OneOf
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
 from toppling.models.motions.formats.units import unit_of
 
@@ -107,6 +108,7 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
         station=_after("Code:", title),
         label=label,
         magnitude=_magnitude(title),
+        stated_peak_m_s2=stated_peak_m_s2(title),
         series=_after("Location:", title),
         notes=(note,) if note else (),
         warnings=found.warnings,

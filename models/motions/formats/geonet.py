@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from toppling.models.motions.formats.component import Component, bearing, positive, refuse
+from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.numbers import exactly, numbers_in
 
 NAME = "GeoNet V1A/V2A"
@@ -79,4 +80,5 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
         label=component,
         magnitude=float(moment[1]) if moment else None,
         distance_km=float(distance[1]) if distance else None,
+        stated_peak_m_s2=stated_peak_m_s2(title),
     ), at + sum(rows)

@@ -1,4 +1,4 @@
-"""What free text above columns says of them: the unit of the samples, the time step, how many there are."""
+"""What free text above samples says of them: their unit, their peak, the time step, how many there are."""
 
 import re
 from collections.abc import Sequence
@@ -23,6 +23,11 @@ _STEP = re.compile(
     re.IGNORECASE,
 )
 _COUNT_AND_STEP = re.compile(r"\s*(\d+)[\s,]+(\d*\.\d+(?:[eE][-+]?\d+)?)\s*$")
+_PEAK = re.compile(
+    rf"(?P<raw>uncor\w*\s+)?\b(?:max|(?:acceleration:\s*)?peak)(?:\s+acceleration)?\s*=?\s*{_NUMBER}\s*"
+    r"(?P<unit>[a-z][a-z0-9/*^]*)",
+    re.IGNORECASE,
+)
 _MOST_LINES, _LONGEST = 200, 300
 
 
@@ -59,3 +64,15 @@ def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
         found.add(float(pair[2]))
     found = {round(step, 9) for step in found if step > 0}
     return found.pop() if len(found) == 1 else None
+
+
+def stated_peak_m_s2(lines: Sequence[str]) -> float | None:
+    """Size of the largest sample, where the lines state it in a unit of acceleration; before correction if only so.
+
+    One of a single digit is rounded too much to be held against the samples.
+    """
+    found = [match for line in lines[:_MOST_LINES] for match in _PEAK.finditer(line[:_LONGEST])]
+    found = [match for match in found if len(re.sub(r"^[-+.0]+|\.|[eE].*", "", match[2])) > 1]
+    found.sort(key=lambda match: match["raw"] is not None)
+    peaks = ((abs(float(match[2])), acceleration_m_s2(match["unit"])) for match in found)
+    return next((size * unit for size, unit in peaks if unit and size), None)

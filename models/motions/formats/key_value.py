@@ -207,10 +207,17 @@ class cwb:  # noqa: N801
                 station=header.get("StationCode", ""),
                 label=letter,
                 magnitude=_optional(magnitude),
+                stated_peak_m_s2=_cwb_peak_m_s2(header.get(f"AmplitudeMAX.{letter}", "")),
             )
             for column, letter in enumerate(order)
             if letter != "Time"
         ]
+
+
+def _cwb_peak_m_s2(extremes: str) -> float | None:
+    """Size of the larger of '4.094~ -4.353' gal; None where there are not two."""
+    gal = [_optional(text.strip()) for text in extremes.split("~")]
+    return 0.01 * max(abs(value) for value in gal if value is not None) if None not in gal else None
 
 
 def _refuse_other_duration(duration_s: float | None, count: int, step_s: float, path: Path) -> None:

@@ -7,7 +7,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -94,11 +94,31 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
     except InputError as error:
         return Converted(values, no_unit=error)
     try:
-        return _converted(trace, values, channel.response, path)
+        found = _converted(trace, values, channel.response, path)
+        if channel.location_code == trace.stats.location:
+            return found
+        only = (
+            f"{trace.id} is read with the response at location {channel.location_code!r}, the only one of its"
+        )
+        return replace(found, warnings=(*found.warnings, f"{only} channel in the StationXML"))
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
         _refuse_response(f"the response of {trace.id} is incomplete ({error})", path)
+
+
+def location_of(stats: Any, inventory: Any) -> str:
+    """Location under which an inventory has a trace's channel: its own, or the only one that there is at its time."""
+    channels = [
+        channel
+        for network in inventory
+        for station in network
+        for channel in station
+        if (network.code, station.code, channel.code) == (stats.network, stats.station, stats.channel)
+    ]
+    there = {c.location_code for c in channels}
+    active = {c.location_code for c in channels if c.is_active(time=stats.starttime)}
+    return active.pop() if stats.location not in there and len(active) == 1 else stats.location
 
 
 def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Path) -> Converted:
@@ -149,7 +169,7 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
         raise _no_response(
             f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path
         )
-    placed = [c for c in coded if c.location_code == stats.location]
+    placed = [c for c in coded if c.location_code == location_of(stats, inventory)]
     if not placed:
         at = _some([repr(c.location_code) for c in coded])
         raise _no_response(

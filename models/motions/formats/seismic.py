@@ -15,7 +15,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 from toppling.models.motions.formats.numbers import exactly
-from toppling.models.motions.formats.response import Converted, in_m_s2
+from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.formats.text import text_of
 
 _NAME = "ObsPy"
@@ -279,9 +279,8 @@ def _stated_direction(stats: Any, inventory: Any | None) -> tuple[float | str, f
     """Direction, azimuth, and who states them; None where nobody does."""
     if inventory is not None:
         with suppress(Exception):  # ObsPy raises Exception itself where it has no such channel
-            found = inventory.get_orientation(
-                ".".join((stats.network, stats.station, stats.location, stats.channel)), stats.starttime
-            )
+            codes = (stats.network, stats.station, location_of(stats, inventory), stats.channel)
+            found = inventory.get_orientation(".".join(codes), stats.starttime)
             azimuth = None if found["azimuth"] is None else float(found["azimuth"]) % 360
             if found["dip"] is not None and abs(found["dip"]) > 45:
                 return (UP if found["dip"] < 0 else DOWN), azimuth, f"dip {found['dip']:g} of the StationXML"

@@ -14,6 +14,8 @@ NAME = "USGS SMC"
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10
 _INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
 _NO_INTEGER, _NO_REAL = -32768, 1.6e38
+_EXTREMES = (29, 31)
+"""Where, from 0, the reals state the largest and the least sample."""
 _PAIRS_A_LINE = 4
 _UNEVEN_STEPS_S = (0.005, 0.002, 0.001)
 """Steps to which unevenly digitised samples are interpolated: the first that is no longer than their mean step."""
@@ -75,6 +77,8 @@ def read(path: Path, text: str) -> list[Component]:
             label=label,
             magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
             distance_km=float(reals[16]) if 0 <= reals[16] < _NO_REAL else None,
+            stated_peak_m_s2=0.01
+            * max((abs(reals[n]) for n in _EXTREMES if abs(reals[n]) < _NO_REAL), default=0.0),
             notes=notes,
             warnings=found.warnings,
             missing=found.missing,

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from toppling.models.motions.formats.component import Component, bearing, positive, refuse
+from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.numbers import Counted, column_width, counted, numbers_in
 from toppling.models.motions.formats.pairs import evenly
 from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
@@ -96,6 +97,7 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         station=_station(lines),
         label=label,
         magnitude=float(title[1]) if title else None,
+        stated_peak_m_s2=stated_peak_m_s2(lines[:first]),
         series=series,
         notes=notes,
         warnings=found.warnings,

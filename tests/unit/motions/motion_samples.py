@@ -23,6 +23,11 @@ def shaking(count: int = COUNT, step_s: float = STEP_S, seed: int = 0) -> np.nda
     return (np.array([0.9, 0.6, 0.3])[:, None] * burst * series).T
 
 
+def peak_of(series: np.ndarray) -> float:
+    """The sample farthest from zero, with its sign, as headers state it."""
+    return float(series[np.abs(series).argmax()])
+
+
 def rows(values: np.ndarray, form: str, across: int) -> str:
     """Numbers in Fortran columns."""
     texts = [format(v, form) for v in values]
@@ -120,7 +125,10 @@ def csmip_v1(folder: Path, a: np.ndarray) -> list[Path]:
     text = ""
     for number, (label, series) in enumerate((("90 DEG", a[:, 0]), ("360 DEG", a[:, 1]), ("UP", a[:, 2])), 1):
         text += _volume_1_head(
-            f"CHAN  {number}:  {label}", len(series), len(series) * STEP_S, "UNITS OF UNCOR ACCEL IS G."
+            f"CHAN  {number}:  {label}",
+            len(series),
+            len(series) * STEP_S,
+            f"UNITS OF UNCOR ACCEL IS G.                 MAX  = {peak_of(series) / G:7.3f} G, AT   1.000 SEC.",
         )
         text += f"{len(series):5d} POINTS OF ACCEL DATA EQUALLY SPACED AT .010 SEC.  (UNITS: G)\n"
         text += (
@@ -140,7 +148,7 @@ def pairs_v1(folder: Path, a: np.ndarray) -> list[Path]:
             f"CHAN  {number}: {label}        (STA CHN:  {number})",
             len(series),
             time[-1],
-            "UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.132 G",
+            f"UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  = {peak_of(series) / G:7.3f} G",
         ).replace("TESTQUAKE\nHYP", "UNIVERSIDAD DE CHILE - RENADIC\nHYP")
         text += rows(np.column_stack([time, series / G * 10]).ravel(), "7.3f", 10)
         text += f"/&  ----------  END OF DATA FOR CHANNEL {number}  ----------\n"
@@ -185,7 +193,9 @@ def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
             "Station No. 89486   40.585N, 124.146W",
         ]
         title += ["Test - 701 S. Blvd.            CGS   Data: Acceleration", f"Chan  {number}: {label}"]
-        title += ["x"] * 17
+        title += ["x"] * 9
+        title += [f"Peak acceleration = {peak_of(series) * 100:10.3f}    cm/sec/sec  at    1.000   sec."]
+        title += ["Peak   velocity   =     1.000      cm/sec    at    1.000   sec.", *["x"] * 6]
         text += "\n".join(title) + "\n" + rows(np.zeros(100), "5.0f", 16) + rows(np.zeros(100), "10.3f", 8)
         for kind, unit in (
             ("accel", "cm/sec2. (8f10.5)"),
@@ -232,10 +242,12 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
             "Rcrd start time: 8/29/2018",
             f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})",
             "Raw",
-            "Processed",
+        ]
+        unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
+        title += [
+            f"Processed: Max = {peak_of(series) * factor:.3f} {unit.partition('(')[0].rstrip('. ')} at 1.0 sec"
         ]
         title += ["Record filtered", "Values used when parameter is unknown: -999, -999.0"]
-        unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
         text += "\n".join(title) + "\n 100 Integer-header values follow on  10 lines, Format= (10I8)\n"
         text += rows(np.where(np.arange(100) == 0, 2 if corrected else 1, -999), "8.0f", 10)
         text += " 100 Real-header values follow on  17 lines, Format= (6F13.6)\n" + rows(reals, "13.6f", 6)
@@ -258,6 +270,7 @@ def smc(folder: Path, a: np.ndarray) -> list[Path]:
         integers[[12, 13, 15, 16]] = vertical, azimuth, 2, len(series)
         reals = np.full(50, 1.7e38)
         reals[[1, 5, 16]] = 1 / STEP_S, 6.9, 40.0
+        reals[[29, 31]] = 100 * series.max(), 100 * series.min()
         samples = "".join(
             "".join(_short_exponent(v) for v in series[i : i + 8] * 100) + "\n"
             for i in range(0, len(series), 8)
@@ -319,7 +332,8 @@ def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
         ]
         title += ["5 km south-west", "2016 November 13         11:02:56 UT"]
         title += ["Epicentre  42 41 33S 173 01 19E  Bearing S18W  Dist    9km  Depth   15km Mw 7.82"]
-        title += [f"Number of points  {len(series)}", how, "Filter", f"Component {name}", "A", "V", "D"]
+        title += [f"Number of points  {len(series)}", how, "Filter", f"Component {name}"]
+        title += [f"Acceleration:  peak   {peak_of(series) * 1000:.1f} mm/s/s at  1.00 sec", "V", "D"]
         integers = np.zeros(40)
         integers[33:36] = len(series), len(series) * corrected, 0
         text += "\n".join(title) + "\n" + rows(integers, "8.0f", 10) + rows(np.zeros(60), "8.2f", 10)
@@ -393,7 +407,12 @@ def cwb(folder: Path, a: np.ndarray) -> list[Path]:
         "#StationCode: TST\n"
         f"#RecordLength(sec): {len(a) * STEP_S:.3f}\n#SampleRate(Hz): 100\n"
         "#AmplitudeUnit:  gal. DCoffset(corr)\n"
-        "#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n" + rows(table.ravel(), "10.3f", 4)
+        + "".join(
+            f"#AmplitudeMAX. {letter}: {series.max():8.3f}~ {series.min():8.3f}\n"
+            for letter, series in zip("UNE", table.T[1:], strict=True)
+        )
+        + "#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n"
+        + rows(table.ravel(), "10.3f", 4)
     )
     return [path]
 

@@ -108,7 +108,8 @@ def cosmos_counts(folder: Path, a: np.ndarray, gain: float) -> None:
     """COSMOS counts of a recorder of one volt a count and a sensor of one volt per g, before the gain."""
     (path,) = WRITERS["cosmos_v1"](folder, a)
     unknown = f"{-999:13.6f}"
-    lines = path.read_text().replace("units=g.     (02)", "units=counts(50)").splitlines()
+    text = path.read_text().replace("units=g.     (02)", "units=counts(50)").replace(" g at ", " counts at ")
+    lines = text.splitlines()
     for start in [i for i, line in enumerate(lines) if "Real-header" in line]:
         for number, value in ((22, 1e6), (42, 1.0), (47, gain)):
             line, place = start + 1 + (number - 1) // 6, 13 * ((number - 1) % 6)

@@ -1,5 +1,6 @@
 """Which flat tops are an instrument's rail, and which are how a trace was digitised."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from motion_samples import STEP_S, WRITERS, G, shaking
 
 from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import Component
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.quality import beyond_nature, check_samples
@@ -83,6 +85,35 @@ def test_samples_have_the_peak_that_their_own_header_states(writer, key, values,
         assert len(outcome.records) == 1
     else:
         assert "by the file's header" in outcome.refusals[0].reason.what
+
+
+@pytest.mark.parametrize(
+    ("writer", "pattern"),
+    [
+        ("cosmos_v2", r"(Max = )(\S+)"),
+        ("csmip_v1", r"(MAX  = +)(\S+)"),
+        ("csmip_v2", r"(Peak acceleration = +)(\S+)"),
+        ("geonet_v2a", r"(peak   )(\S+)"),
+        ("cwb", r"(MAX\. \w: +|~ +)(\S+?)(?=[~\n])"),
+    ],
+)
+def test_samples_in_g_under_the_peak_of_m_s2_are_refused_in_every_header(writer, pattern, tmp_path):
+    for path in WRITERS[writer](tmp_path, shaking()):
+        text, count = re.subn(
+            pattern, lambda found: f"{found[1]}{float(found[2]) * 9.8:.3f}", path.read_text()
+        )
+        assert count
+        path.write_text(text)
+    outcome = import_records(record_files([tmp_path]), options=ImportOptions(process=False))
+    assert "by the file's header" in outcome.refusals[0].reason.what
+
+
+def test_smc_states_its_peak_among_the_numbers(tmp_path):
+    for path in WRITERS["smc"](tmp_path, shaking()):
+        (component,) = read_file(path)
+        assert component.stated_peak_m_s2 == pytest.approx(
+            np.abs(component.acceleration_m_s2).max(), rel=1e-3
+        )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

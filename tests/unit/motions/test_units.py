@@ -1,5 +1,7 @@
 """A unit is one of a closed list, whatever way its name is spelled; everything else is refused by name."""
 
+import copy
+
 import numpy as np
 import obspy
 import pytest
@@ -137,7 +139,6 @@ def test_a_small_difference_between_stages_and_sensitivity_is_told(tmp_path, cap
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        ({"location": "10"}, "the StationXML has HNE at location '', not at '10'"),
         ({"station": "OTHER"}, "the StationXML is of XX.TST, not of XX.OTHER"),
         ({"channel": "HHE"}, "the StationXML has channels HNE, HNN, HNZ of the station, not HHE"),
     ],
@@ -152,6 +153,40 @@ def test_a_channel_that_the_xml_has_not_is_refused_with_those_that_it_has(change
     assert not outcome.records
     (refusal,) = import_records(_three(tmp_path, change), options=ImportOptions()).refusals
     assert cause in refusal.reason.what
+
+
+def with_xml_at(folder, codes):
+    """Records without a location, and a StationXML of the same channels at others."""
+    miniseed(folder, shaking())
+    path = folder / "XX.TST.xml"
+    inventory = obspy.read_inventory(str(path))
+    (station,) = inventory[0].stations
+    channels = station.channels
+    station.channels = []
+    for code in codes:
+        for channel in channels:
+            placed = copy.deepcopy(channel)
+            placed.location_code = code
+            placed.azimuth = None if channel.code == "HNZ" else (channel.azimuth + 30) % 360
+            station.channels.append(placed)
+    inventory.write(str(path), format="STATIONXML")
+    return import_records(record_files([folder]), options=ImportOptions(process=False))
+
+
+def test_the_only_location_of_a_channel_is_that_of_the_record_and_told(tmp_path):
+    (record,) = with_xml_at(tmp_path, ["00"]).records
+    turned = np.hypot(*record.motion.acceleration_m_s2[:, :2].T).max()
+    assert turned == pytest.approx(np.hypot(*shaking()[:, :2].T).max(), rel=1e-3)
+    # north of the record, which points 30 degrees east of it
+    north, east = shaking()[:, 1], shaking()[:, 0]
+    expected = np.cos(np.deg2rad(30)) * north - np.sin(np.deg2rad(30)) * east
+    np.testing.assert_allclose(record.motion.acceleration_m_s2[:, 1], expected, atol=1e-4)
+    assert sum("at location '00', the only one" in step for step in record.history) == 3
+
+
+def test_two_locations_of_a_channel_leave_it_open_which_is_meant(tmp_path):
+    (refusal,) = with_xml_at(tmp_path, ["00", "20"]).refusals
+    assert "at location '00', '20', not at ''" in refusal.reason.what
 
 
 def _three(folder, change):

@@ -14,6 +14,7 @@ from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, read_toml, shown
 from toppling.models.files.folder import local
+from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.site_table import Site, ensemble_folder, joined, read_sites, scenes_matching
 from toppling.orchestrator.target_spec import TargetSpec, read_precision, read_target
@@ -30,6 +31,14 @@ LARGEST_PGA_M_S2 = 100.0
 _MOST_REALISATIONS = 1_000_000
 MOST_JOBS = 10_000_000
 """Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
+_OTHER_LEVELS = {
+    "pga_g": "give pga_m_s2 in m/s2: 0.3 g is 2.94",
+    **dict.fromkeys(
+        (name for name in LEVEL_MEASURES if name != "pga_m_s2"),
+        "records are scaled to levels of PGA, pga_m_s2; 'toppling fragility RUN --fit' has curves over others",
+    ),
+}
+"""What to do instead of levels of other measures or units."""
 _LARGEST_DISPLACEMENT_M = 1000.0
 _HIGHEST_BAND_HZ = 1000.0
 
@@ -210,7 +219,7 @@ class Campaign:
         if {"scenes", "sites"} & set(content):
             read = cls(**_of_many(content, folder, where))
         else:
-            values = read_keys(KEYS, content, where, folder)
+            values = read_keys(KEYS, content, where, folder, instead=_OTHER_LEVELS)
             del values["scenes"]
             read = cls(**values)
         _check_together(read, f"{where}: engine", f"{where}: precision", f"{where}: target")
@@ -279,7 +288,7 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
         )
     keys = [dataclasses.replace(key, default=None) if key.name == "scene" else key for key in KEYS]
     own = {"ensemble": "."} if "ensemble" not in content else {}
-    values = read_keys(keys, own | dict(content), where, folder)
+    values = read_keys(keys, own | dict(content), where, folder, instead=_OTHER_LEVELS)
     found = scenes_matching(values.pop("scenes"), Place(f"{where}: scenes", folder))
     sites = joined(values["sites"], found, where)
     if own and (lacking := [one.rock for one in sites if one.ensemble is None and one.seismograms is None]):

@@ -66,16 +66,22 @@ class Key:
 
 
 def read_keys(
-    keys: Sequence[Key], content: Mapping[str, Any], where: str, folder: Path, joint: str = ": "
+    keys: Sequence[Key],
+    content: Mapping[str, Any],
+    where: str,
+    folder: Path,
+    joint: str = ": ",
+    instead: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Values of all keys, defaults where the content has none.
 
+    instead: what to do where a key that people expect is none.
     Raises InputError if a key is unknown or missing, or a value is out of its range.
     """
     known = {key.name: key for key in keys}
     content = {name: one for name, one in content.items() if one is not None or name not in known}
     if unknown := [name for name in content if name not in known]:
-        remedy = did_you_mean(unknown[0], known, "correct or remove it")
+        remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
         raise Place(where).wrong(f"unknown key {shown(unknown[0])}", f"keys: {', '.join(known)}", remedy)
     if missing := [key.name for key in keys if key.default is _REQUIRED and key.name not in content]:
         raise Place(where).wrong(f"missing {', '.join(missing)}", "a value for each", "add them to the file")

@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
-from toppling.results.completeness import Completeness
+from toppling.results.completeness import Completeness, rows_stored
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.run_integrity import AUDIT_FOLDER
 from toppling.results.store import newest_rows, read_steady, result_files
@@ -35,7 +35,7 @@ def state_of(run: Path) -> dict[str, Any]:
     sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
-        "unfinished": Completeness(jobs, stored).remark,
+        "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
         "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
     }  # fmt: skip

@@ -18,7 +18,7 @@ from toppling.models.files.scene_document import read_scene_document
 from toppling.models.files.stores import at_hand
 from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
-from toppling.results.completeness import Completeness
+from toppling.results.completeness import Completeness, rows_stored
 from toppling.results.queries import answered, ask, rows_where
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
 from toppling.results.scene_table import scene_table
@@ -182,7 +182,8 @@ class Run:
         ids = ["job_id", "attempt", "scene_id"]
         rows = read_steady([self.root], lambda: newest_rows(result_files(self.root), ids))
         done = rows if self.root == self.path else rows.filter(self._own)
-        return Completeness(self.planned(), len(done))
+        stored = rows_stored(self.provenance()) if self.root == self.path else 0
+        return Completeness(self.planned(), len(done), stored)
 
     def weighted(self, frame: pd.DataFrame, weights: Weights | None = None) -> pd.DataFrame:
         """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.

@@ -79,8 +79,9 @@ def standing_rock(
     else:
         curve, resampled = _fit(jobs, measure, advance)
     if curve is None:
+        no_answer = jobs is not None and answered(jobs.frame).empty
         raise InputError(
-            what=f"has no fragility over {measure}",
+            what="has no job with an answer" if no_answer else f"has no fragility over {measure}",
             where=str(path),
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' lists the measures that have one",

@@ -22,10 +22,11 @@ SITE_HELP = (
 
 
 class SiteCommand(click.Command):
-    """A command whose --site takes longitude and latitude, or one name."""
+    """A command whose --site takes longitude and latitude, or one name where it has an option for that."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Hand degrees on as numbers, and a name as --site-name, which the help does not show."""
+        takes_name = any("--site-name" in parameter.opts for parameter in self.params)
         named: list[str] = []
         words = list(args)
         while words:
@@ -36,9 +37,8 @@ class SiteCommand(click.Command):
                 named += [word, *degrees]
                 del words[:used]
             else:
-                named.append(
-                    "--site-name" if word == "--site" and words and not is_numeral(words[0]) else word
-                )
+                is_name = takes_name and word == "--site" and words and not is_numeral(words[0])
+                named.append("--site-name" if is_name else word)
         return super().parse_args(ctx, named)
 
 

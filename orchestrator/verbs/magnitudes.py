@@ -18,6 +18,7 @@ from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
+from toppling.orchestrator.verbs.hazard import SiteCommand
 from toppling.orchestrator.verbs.shared_options import FILE, FOLDER, PATH, json_option, option, trusted_option
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
@@ -46,7 +47,7 @@ from toppling.results.hazard.survival import Standing
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
-@click.command()
+@click.command(cls=SiteCommand)
 @click.argument("rock", type=PATH, metavar="ROCK")
 @option(
     "--model", "models", multiple=True, default=("bssa14",), metavar="NAME[=WEIGHT]",
@@ -74,7 +75,13 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 )  # fmt: skip
 @option("--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'.")
 @option("--faults", type=FILE, help="Fault traces (GeoJSON), with --site.")
-@option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
+@option(
+    "--site",
+    type=float,
+    nargs=2,
+    metavar="LON LAT",
+    help="Degrees, or with compass letters; where the rock stands.",
+)
 @option(
     "--deaggregation", type=FILE,
     help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",

@@ -114,7 +114,7 @@ class Content:
     @cached_property
     def completeness(self) -> Completeness:
         """How many of the run's jobs have run."""
-        return Completeness(self.run.planned(), len(self.frame))
+        return self.run.completeness()
 
     @cached_property
     def contacts(self) -> list[Contact]:

@@ -82,6 +82,8 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
     ("change", "told"),
     [
         ({"pga": [1.0]}, "unknown key 'pga'"),
+        ({"pgv_m_s": [0.1]}, "records are scaled to levels of PGA"),
+        ({"pga_g": [0.3]}, "give pga_m_s2 in m/s2: 0.3 g is 2.94"),
         ({"friction": [-0.1]}, "friction_static is -0.1"),
         ({"friction": [[0.5, 0.9]]}, "did you mean [0.9, 0.5]?"),
         ({"friction": []}, "friction"),

@@ -97,3 +97,10 @@ def test_what_contradicts_itself_is_refused_before_anything_is_written(
     assert done.exit_code == code
     assert done.exception is not None
     assert not out.exists()
+
+
+@pytest.mark.parametrize("place", [["118.0W", "34.7N"], ["34.7N", "118.0W"], ["34.7N, 118.0W"]])
+def test_a_site_may_have_compass_letters(curves, faults, place):
+    plain = magnitudes(curves, "--faults", faults, "--site", "-118.0", "34.7")
+    assert plain.exit_code == 0
+    assert magnitudes(curves, "--faults", faults, "--site", *place).output == plain.output

@@ -1,5 +1,7 @@
 """A run that stopped early says so first, to whoever reads it; one of few records says that they are few."""
 
+import json
+import shutil
 import struct
 
 import pandas as pd
@@ -16,6 +18,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
+from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered, summary
 from toppling.results.analysis.regression import Fit, fit
@@ -126,6 +129,23 @@ def test_fits_of_few_records_are_drawn_and_said_to_be_of_few(tmp_path, records):
         few_records(records)
     )
     assert "too few" in few_records(records)
+
+
+def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(unfinished, copy)
+    for part in (copy / "parts").iterdir():
+        part.unlink()
+    assert open_run(copy).completeness().remark == "36 of 36 jobs have not run"
+    document = json.loads((copy / "run.json").read_text())
+    document.pop("digest")
+    document["sessions"] = [{"ended": "interrupted", "done": 27}]
+    (copy / "run.json").write_text(json.dumps(document))
+    told = "36 of 36 jobs have no row here, and 27 were stored"
+    assert open_run(copy).completeness().remark.startswith(told)
+    assert state_of(copy)["unfinished"].startswith(told)
+    answer = CliRunner().invoke(cli, ["constrain", str(copy)])
+    assert "has no job with an answer" in str(answer.exception)
 
 
 @pytest.mark.parametrize("records", [1, 4])

@@ -20,7 +20,9 @@ def safe_for_children() -> None:
 
 def safe_as_module() -> None:
     """Take the working folder, which `python -m toppling` begins with, out of the paths of this process and workers."""
-    if not sys.flags.safe_path and sys.path and _is_here(sys.path[0]):
+    if sys.flags.safe_path or not sys.path:
+        return
+    if not sys.path[0] or Path(sys.path[0]).resolve() == Path.cwd():
         del sys.path[0]
 
 
@@ -37,7 +39,3 @@ def without_working_folder() -> Iterator[None]:
         yield
     finally:
         sys.path[:] = before
-
-
-def _is_here(path: str) -> bool:
-    return not path or Path(path).resolve() == Path.cwd()

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_json, stated, unopened
-from toppling.models.files.folder import new_file
 from toppling.models.files.run_document import check_run_document
 from toppling.models.files.scene_document import BASES, read_scene_document
 from toppling.models.files.tables import read_table, write_table
@@ -247,5 +246,4 @@ def write_jobs(folder: Path, jobs: pa.Table, plan_id: str) -> None:
         before = read_table(path, schema=jobs.schema)
         fresh = pc.is_in(before["job_id"], value_set=jobs["job_id"].combine_chunks())
         jobs = pa.concat_tables([jobs, before.filter(pc.invert(fresh))], promote_options="permissive")
-    with new_file(path) as hidden:
-        write_table(jobs.replace_schema_metadata({_PLAN_ID: plan_id}), hidden)
+    write_table(jobs.replace_schema_metadata({_PLAN_ID: plan_id}), path)

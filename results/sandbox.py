@@ -1,7 +1,6 @@
 """SQL of whoever asks: it reads the tables that it is given and nothing else, within limits of memory and time."""
 
 import contextlib
-import re
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -48,7 +47,7 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
     except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
         if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
             raise
-        reason = _first_line(error)
+        reason = str(error).partition("\n")[0]
         # What fails while the answer is fetched comes through Arrow, by its message.
         if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
             raise _too_much(f"the query took more than {_TIME_S:g} s and was stopped") from error
@@ -71,11 +70,6 @@ def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
         if size > _MEMORY_BYTES:
             raise _too_much(f"the answer has more than {_MEMORY_BYTES / 1e9:.1f} GB")
     return pa.Table.from_batches(batches, reader.schema)
-
-
-def _first_line(error: Exception) -> str:
-    """What an error of DuckDB says first."""
-    return re.split(r"\n", str(error), maxsplit=1)[0]
 
 
 def _too_much(what: str) -> InputError:

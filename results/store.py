@@ -23,7 +23,6 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import DamagedError, check, damaged, unopened
-from toppling.models.files.folder import new_file
 from toppling.models.files.tables import check_bounds, read_table, write_table
 from toppling.results.run_integrity import ForeignError, check_files, check_rows
 from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
@@ -65,8 +64,7 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     folder.mkdir(exist_ok=True)
     # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
     target = folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet"
-    with new_file(target) as hidden:
-        write_table(table, hidden, _ROWS_IN_GROUP)
+    write_table(table, target, _ROWS_IN_GROUP)
     return target
 
 
@@ -131,8 +129,7 @@ def compact(run_folder: PathLike) -> Path:
             metadata[path.name.encode()] = path.read_bytes()
     table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **metadata})
     target = run / RESULTS_FILE
-    with new_file(target) as hidden:
-        write_table(table, hidden, _ROWS_IN_GROUP)
+    write_table(table, target, _ROWS_IN_GROUP)
     for path in files:
         if path != target:
             path.unlink(missing_ok=True)
@@ -263,7 +260,8 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
             raise error if isinstance(error, InputError) else damaged(path, error) from error
         reason = error.what if isinstance(error, InputError) else str(error).splitlines()[0]
         if set_aside and _PART_NAME.fullmatch(path.name):
-            _set_aside(path, f"is torn or changed ({reason})")
+            aside = path.rename(path.with_name(f"_{path.name}"))
+            log.warning("%s is torn or changed (%s): set aside as %s", path, reason, aside.name)
         else:
             log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)
         return False
@@ -286,9 +284,3 @@ def _is_as_declared(schema: pa.Schema, field: pa.Field) -> bool:
     """Whether a file has a column, or may lack it."""
     place = schema.get_field_index(field.name)
     return field.name in ADDED_LATER if place < 0 else schema.field(place).type == field.type
-
-
-def _set_aside(path: Path, why: str) -> None:
-    aside = path.with_name(f"_{path.name}")
-    log.warning("%s %s: set aside as %s", path, why, aside.name)
-    path.rename(aside)

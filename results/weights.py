@@ -19,7 +19,6 @@ import pyarrow as pa
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import read_toml
-from toppling.models.files.folder import new_file
 from toppling.models.files.tables import read_table, write_table
 from toppling.models.shares import effective_number
 from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
@@ -88,8 +87,7 @@ class Weights:
         """Write the weights into the folder of a run, with the id of its plan."""
         notes = {name: value for name, value in vars(self).items() if name != "by_contact"}
         described = {_NOTES: json.dumps({**notes, "plan_id": plan_id})}
-        with new_file(run / WEIGHTS_FILE) as hidden:
-            write_table(self.table().replace_schema_metadata(described), hidden)
+        write_table(self.table().replace_schema_metadata(described), run / WEIGHTS_FILE)
 
     @classmethod
     def read(cls, run: Path) -> Weights:

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.digest import BLANK, KEY, check, damaged, seal, unopened
+from toppling.models.files.folder import new_file
 
 _LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
 """Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
@@ -36,8 +37,8 @@ def table_writer(path: Path, schema: pa.Schema, **options: Any) -> Iterator[pq.P
 
 
 def write_table(table: pa.Table, path: Path, rows_in_group: int | None = None, **options: Any) -> None:
-    """Write a table as a Parquet file with its digest."""
-    with table_writer(path, table.schema, **options) as writer:
+    """Write a table as a Parquet file with its digest, which appears complete or not at all."""
+    with new_file(path) as hidden, table_writer(hidden, table.schema, **options) as writer:
         writer.write_table(table, row_group_size=rows_in_group)
 
 

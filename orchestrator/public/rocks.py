@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -127,7 +128,6 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     """Weights of a run's bases from more motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
-    from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
@@ -145,10 +145,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
-
-            def shake(campaign: Campaign, folder: Path) -> None:
-                carry_out(plan_of(campaign), folder, nullcontext(client), weighing(watch))
-
+            shake = partial(carry_out, cluster=nullcontext(client), watch=weighing(watch))
             also = weigh(one, recorded, Path(place), shake)
     return joined(own, also) if own else also
 

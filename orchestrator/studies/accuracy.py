@@ -22,7 +22,6 @@ import pyarrow as pa
 from scipy.stats import binomtest
 
 from toppling.models.errors import InputError
-from toppling.models.files.folder import new_file
 from toppling.models.files.tables import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
@@ -143,8 +142,7 @@ def answers(
             known[job] = row
             advance()
             if path and (len(known) % _KEPT_AT_ONCE == 0 or job == missing[-1]):
-                with new_file(path) as hidden:
-                    write_table(pa.Table.from_pandas(_frame(known.values())), hidden)
+                write_table(pa.Table.from_pandas(_frame(known.values())), path)
     return _frame(known[job] for job in jobs)
 
 

@@ -8,14 +8,14 @@ that no weight becomes 0: nothing was seen to topple. Over several motions these
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from distributed import Client
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -23,7 +23,6 @@ from toppling.models.scene import Scene
 from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
-from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.recorded import (
@@ -38,8 +37,8 @@ from toppling.orchestrator.recorded import (
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
-_Run = Callable[[Plan, Path, AbstractContextManager[Client], ProgressCallback, Limits], object]
-"""Carries a plan out in a folder (`orchestrator.run`)."""
+_Run = Callable[..., object]
+"""Carries a plan out in a folder (`orchestrator.run.run`)."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +61,9 @@ class Weighing:
         """Weigh them."""
         planned = work.planned
         assert planned.recorded is not None
-
-        def shake(one: Campaign, folder: Path) -> None:
-            self.run(plan_of(one), folder, nullcontext(work.client), weighing(work.watch), work.limits)
-
+        shake = partial(
+            self.run, cluster=nullcontext(work.client), watch=weighing(work.watch), limits=work.limits
+        )
         weigh(planned.campaign, planned.recorded, work.folder / FOLDER, shake).write(work.folder, planned.id)
 
 
@@ -79,15 +77,13 @@ def weighing(watch: ProgressCallback) -> ProgressCallback:
     return watching
 
 
-def weigh(
-    campaign: Campaign, recorded: Recorded, folder: Path, shake: Callable[[Campaign, Path], object]
-) -> Weights:
+def weigh(campaign: Campaign, recorded: Recorded, folder: Path, shake: _Run) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
     campaign: whose contacts, engine, preset and unmeasured the shakes have.
     recorded: as `Recorded.write` wrote it to the folder.
     folder: where the shakes go.
-    shake: carries a campaign out in a folder.
+    shake: carries a plan out in a folder.
     Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
     """
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
@@ -111,7 +107,7 @@ def weigh(
             precision=None,
             target=None,
         )
-        shake(one, ensemble.parent / "run")
+        shake(plan_of(one), ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
     return _by_evidence(_weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 

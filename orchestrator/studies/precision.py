@@ -109,7 +109,8 @@ class JobsForPrecision:
         self.statements = []
         for contact, one in self.rounds.items():
             if not one.ended:
-                one.advance(self._answers(frame, one) if one.sizes else None)
+                jobs = [self.ids[row] for row in one.chosen]
+                one.advance(answers_of(frame, jobs, self.measures, self.records) if one.sizes else None)
             if one.verdict is not None:
                 self.statements.append(self._statement(frame, contact, one))
         if self.alone:
@@ -124,9 +125,6 @@ class JobsForPrecision:
             ended=self.ended,
             said=[one["sentence"] for one in self.statements],
         )
-
-    def _answers(self, frame: pd.DataFrame, one: Rounds) -> dict:
-        return answers_of(frame, [self.ids[row] for row in one.chosen], self.measures, self.records)
 
     def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], one: Rounds) -> dict:
         """Of the jobs that were judged: those just chosen have no rows yet."""

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -52,7 +51,7 @@ from toppling.results.reader import open_run
 from toppling.workers.engines import DEFAULT
 from toppling.workers.seating import settled
 
-MAIN, _FRICTION = "main", "friction"
+RUNS = MAIN, _FRICTION = "main", "friction"
 """Names of the study's two runs: friction 1 in all directions, and lower frictions in the weakest."""
 
 _FRICTIONS = (0.6, 0.8)
@@ -256,8 +255,3 @@ def _staged(folder: Path) -> Iterator[Path]:
         yield staging
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-
-
-def summaries(progresses: Sequence[RunProgress]) -> dict[str, Any]:
-    """Counts of the study's runs in words that a program reads."""
-    return {name: progress.summary() for name, progress in zip((MAIN, _FRICTION), progresses, strict=True)}

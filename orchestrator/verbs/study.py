@@ -4,7 +4,7 @@ import json
 import logging
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,14 +108,11 @@ def study(
         click.echo("stopped; finished work is kept, and the same command resumes", err=True)
         sys.exit(INTERRUPTED)
     lines = [str(page), *(one.line for one in found), _session_words(progresses)]
-    click.echo(_as_json(out, stages.summaries(progresses)) if as_json else "\n".join(lines))
+    runs = dict(zip(stages.RUNS, (one.summary() for one in progresses), strict=True))
+    content = {"study": str(out), "runs": runs, "findings": [asdict(one) for one in found]}
+    click.echo(json.dumps(content) if as_json else "\n".join(lines))
     if any(progress.failed for progress in progresses):
         sys.exit(FAILED_JOBS)
-
-
-def _as_json(out: Path, runs: dict[str, Any]) -> str:
-    content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
-    return json.dumps({"study": str(out), "runs": runs, **content})
 
 
 def _session_words(progresses: list[Any]) -> str:

@@ -96,14 +96,9 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
 
 def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
     """What a person should know, a sentence a contact."""
-    several = len(statements) > 1
-    return [_begun(one["sentence"], _contact(one["contact"]) if several else "") for one in statements]
-
-
-def _contact(contact: Mapping[str, float]) -> str:
-    return f"with friction {contact['friction_static']:g} and restitution {contact['restitution']:g} "
-
-
-def _begun(sentence: str, contact: str) -> str:
-    begun = contact + sentence
-    return begun[0].upper() + begun[1:] if not begun.startswith(tuple(SHORT_NAMES.values())) else begun
+    said = [one["sentence"] for one in statements]
+    if len(said) > 1:
+        under = "with friction {friction_static:g} and restitution {restitution:g} "
+        said = [under.format(**one["contact"]) + one["sentence"] for one in statements]
+    names = tuple(SHORT_NAMES.values())
+    return [one if one.startswith(names) else one[0].upper() + one[1:] for one in said]

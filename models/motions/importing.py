@@ -18,7 +18,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
 from toppling.models.motions.quality import beyond_nature, check_apart, check_samples
 from toppling.models.motions.record import Record
-from toppling.models.motions.stations import Triple, grouped, oriented, triple
+from toppling.models.motions.stations import Triple, grouped, oblique, oriented, triple
 from toppling.models.motions.table_rows import channels_of_row, rows_given
 
 _LEFT = {
@@ -91,7 +91,7 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     unit = first.stated_unit_m_s2 or (entry.unit_m_s2 if entry else None)
     baseline = quality not in {"uncorrected", "drifting"}
     beyond = beyond_nature(record.intensity["pga_m_s2"], record.intensity["pgv_m_s"], unit, baseline)
-    return Candidate(record, shaking, bool(corrected), (*warnings, *beyond))
+    return Candidate(record, shaking, bool(corrected), (*warnings, *oblique(azimuths), *beyond))
 
 
 def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:

@@ -37,6 +37,14 @@ _WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 """Columns that hold no number."""
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
+_UNKNOWN = {"", "nan", "na", "n/a", "none", "null", "unknown", "-", "?"}
+_UNKNOWN_NUMBERS = {-99.0, -999.0, -9999.0, -12345.0}
+"""What flat files and databases have where nobody knows."""
+_MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
+"""Of earthquakes, and on the globe."""
+_AROUND_OF = {"magnitude", "distance_km"}
+_AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|\s*km$")
+"""What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of a file's name, and of its path: file systems have no longer ones."""
@@ -231,8 +239,8 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
         record_id=text["record_id"],
         event=text["event"],
         station=text["station"],
-        magnitude=_number(text, "magnitude", where),
-        distance_km=_number(text, "distance_km", where),
+        magnitude=_number(text, "magnitude", where, _MAGNITUDES),
+        distance_km=_number(text, "distance_km", where, _DISTANCES_KM),
         h1=table.parent / text["h1"],
         h2=table.parent / text["h2"],
         v=table.parent / text["v"] if text["v"] else None,
@@ -259,12 +267,15 @@ def _azimuth(text: dict[str, str], key: str, where: str) -> float | None:
 def _number(
     text: dict[str, str], key: str, where: str, limits: tuple[float, float] = (-1e9, 1e9)
 ) -> float | None:
-    if not text[key]:
+    bare = _AROUND.sub("", text[key]) if key in _AROUND_OF else text[key]
+    if bare.lower() in _UNKNOWN:
         return None
     try:
-        value = float(text[key])
+        value = float(bare)
     except ValueError:
         value = math.nan
+    if value in _UNKNOWN_NUMBERS:
+        return None
     if not limits[0] <= value <= limits[1]:
         raise InputError(
             f"{key} is {shown(text[key])}",

@@ -12,6 +12,8 @@ from toppling.models.motions.formats.component import DOWN, UP, Component, beari
 from toppling.models.motions.motion import Motion
 
 _LEAST_ANGLE_DEG = 30.0
+_TOLD_OFF_DEG = 10.0
+"""Off a right angle: instruments have their horizontals across each other, and an azimuth in a table is mistyped."""
 """Two horizontals closer than this to one line cannot be resolved into x and y."""
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
@@ -65,6 +67,16 @@ def triple(group: Sequence[Component]) -> Triple:
         )
     first, second = horizontal
     return Triple(first, second, vertical[0] if vertical else None)
+
+
+def oblique(azimuths_deg: tuple[float, float] | None) -> tuple[str, ...]:
+    """What is to be told of horizontals that are not across each other; nothing where they are, or nobody knows."""
+    if azimuths_deg is None:
+        return ()
+    apart_deg = abs((azimuths_deg[0] - azimuths_deg[1] + 180.0) % 360.0 - 180.0)
+    if abs(apart_deg - 90.0) <= _TOLD_OFF_DEG:
+        return ()
+    return (f"the horizontals are {apart_deg:g} degrees apart, not 90: see that their azimuths are right",)
 
 
 def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tuple[str, ...]]:

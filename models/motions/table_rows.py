@@ -143,10 +143,10 @@ def _refuse_other_unit(component: Component, entry: Entry) -> None:
     if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=_SAME_UNIT):
         return
     raise InputError(
-        f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by the names in {component.path.name}",
+        f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by {component.path.name}",
         where=entry.where,
         expected="one unit of the samples",
-        remedy="correct the column 'unit', or the names of the file's columns",
+        remedy="correct the column 'unit', or leave it empty where the file states one",
     )
 
 

@@ -42,7 +42,8 @@ _ACCELERATION = re.compile(
     re.IGNORECASE,
 )
 _DERIVED = re.compile(
-    r"v(?:el(?:ocity)?)?|d(?:isp(?:lacement)?)?|velocidad|desplazamiento|resultant|vector(?: sum)?|srss",
+    r"v(?:el(?:ocity)?)?|d(?:isp(?:lacement)?)?|velocidad|desplazamiento|"
+    r"vector(?: sum)?|srss|(?:absolute|abs|total|resultant)(?:[ _]acc\w*)?",
     re.IGNORECASE,
 )
 """What is worked out from accelerations."""
@@ -58,11 +59,19 @@ _FILLING = {
     "CH",
     "DIR",
     "DIRECTION",
+    "LINEAR",
+    "BESCHLEUNIGUNG",
+    "ACELERACION",
+    "ACELERACIÓN",
+    "ACCÉLÉRATION",
+    "ACCELERAZIONE",
 }
 _WORDS = {
     "NORTHSOUTH": "NS", "EASTWEST": "EW", "UPDOWN": "UD", "NORTE": "N", "ESTE": "E", "NORD": "N", "EST": "E",
     "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
     "TRANSVERSE": "T", "TRANSVERSAL": "T", "TRAN": "T", "LON": "L", "VERTIKAL": "UP", "RADIAL": "H1", "R": "H1",
+    "EO": "EW", "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
+    "ESTOUEST": "EW",
 }  # fmt: skip
 """Words and letters that people write for directions, beside those that every format knows."""
 _CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
@@ -141,8 +150,12 @@ def roles_of(columns: list[Column]) -> Roles | None:
 def refuse_names(columns: list[Column], width: int, path: Path, line: int) -> NoReturn:
     """Refuse names that are not understood: in the order of a file without names, they might be other components."""
     other = "delete this line if they are the time, h1, h2 and v" if width == 4 else "leave other columns out"
+    names = ", ".join(repr(each.name) for each in columns)
+    fits = width == len(columns)
     refuse(
-        f"the names of {width} columns are {', '.join(repr(each.name) for each in columns)}",
+        f"the names of {width} columns are {names}"
+        if fits
+        else f"rows of {width} numbers stand below {names}",
         path,
         line,
         expected="the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v",

@@ -14,7 +14,8 @@ UNITS_S = {
 }  # fmt: skip
 """Units of a column of times in seconds."""
 _CLOCK = re.compile(
-    r"(?:\b\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,;\t]\s*)?(?<!\d)(\d{1,2}):(\d\d):(\d\d)(\.\d+)?Z?\b", re.ASCII
+    r"(?:\b\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,;\t]\s*)?(?<!\d)(\d{1,2}):(\d\d):(\d\d)(\.\d+)?(?:Z|[-+]\d\d:\d\d)?\b",
+    re.ASCII,
 )
 """A time of day, and the date before it."""
 _DAY_S = 86400.0

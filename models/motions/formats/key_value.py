@@ -64,6 +64,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 line=first + 1,
                 file_format=esm.NAME,
                 corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
+                stated_unit_m_s2=unit,
                 event=header.get("EVENT_ID") or header.get("EVENT_NAME", ""),
                 station=".".join(
                     filter(None, (header.get("NETWORK"), header.get("STATION_CODE"), header.get("LOCATION")))
@@ -141,6 +142,7 @@ class unam:  # noqa: N801
                 line=first + 1,
                 file_format=unam.NAME,
                 corrected=False,
+                stated_unit_m_s2=unit,
                 event=f"{header.get('FECHA DEL SISMO [GMT]', '')} {header.get('HORA EPICENTRO (GMT)', '')}".strip(),
                 station=header.get("CLAVE DE LA ESTACION", ""),
                 label=label,

@@ -67,6 +67,7 @@ def read(path: Path, text: str) -> list[Component]:
             line=first + 1,
             file_format=NAME,
             corrected=True,
+            stated_unit_m_s2=unit,
             event=event,
             station=station,
             label=label,

@@ -141,3 +141,40 @@ def test_names_of_the_tables_columns_are_read_in_any_case(tmp_path):
     assert table not in record_files([tmp_path])
     (record,) = import_records(record_files([tmp_path]), read_table(table)).records
     assert record.sha == expected.sha
+
+
+def with_columns(folder: Path, names: str, values: str):
+    """One record with more columns in its row."""
+    east, north, up = (path.name for path in WRITERS["peer"](folder, shaking()))
+    (folder / "table.csv").write_text(f"rec_id,h1,h2,v,{names}\nA,{east},{north},{up},{values}\n")
+    return import_records(record_files([folder]), read_table(folder / "table.csv"))
+
+
+@pytest.mark.parametrize("unknown", ["-999", "-999.0", "NA", "n/a", "?", "nan", ""])
+def test_what_nobody_knows_is_no_magnitude_and_no_distance(unknown, tmp_path):
+    (record,) = with_columns(tmp_path, "mag,dist_km", f"{unknown},{unknown}").records
+    assert record.magnitude is None
+    assert record.distance_km is None
+
+
+def test_magnitude_and_distance_may_have_their_words(tmp_path):
+    (record,) = with_columns(tmp_path, "mag,dist_km", "Mw 6.9,12.5 km").records
+    assert (record.magnitude, record.distance_km) == (6.9, 12.5)
+
+
+@pytest.mark.parametrize("value", ["69,10", "6.9,1e5", "6.9,-3"])
+def test_no_earthquake_and_no_place_on_the_globe_is_refused(value, tmp_path):
+    with pytest.raises(InputError, match=r"magnitude is|distance_km is"):
+        with_columns(tmp_path, "mag,dist_km", value)
+
+
+@pytest.mark.parametrize(("second", "told"), [("0", False), ("8", False), ("45", True), ("180", False)])
+def test_horizontals_that_are_not_across_each_other_are_told(second, told, tmp_path):
+    outcome = with_columns(tmp_path, "h1_azimuth,h2_azimuth", f"90,{second}")
+    assert any("45 degrees apart, not 90" in text for _, text in outcome.warnings) == told
+
+
+def test_a_unit_of_the_table_that_contradicts_an_agencys_header_is_refused(tmp_path):
+    (refusal,) = with_columns(tmp_path, "unit", "cm/s2").refusals
+    assert "0.01 m/s2 by the row, and 9.80665 m/s2 by" in refusal.reason.what
+    assert len(with_columns(tmp_path, "unit", "g").records) == 1

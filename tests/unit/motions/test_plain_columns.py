@@ -12,6 +12,7 @@ from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 
 UP_NORTH_EAST = [2, 1, 0]
+AS_IT_IS = ImportOptions(process=False)
 
 
 def table_of(folder: Path, header: str, motion: np.ndarray, comma: bool = True, step: float = STEP_S) -> Path:
@@ -91,7 +92,9 @@ def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_
 )
 def test_names_that_are_no_components_are_refused_with_their_line(header, tmp_path):
     path = table_of(tmp_path, f"# a title\n{header}", shaking())
-    with pytest.raises(InputError, match=r"rec\.csv:2: the names of 4 columns are '.*'") as error:
+    with pytest.raises(
+        InputError, match=r"rec\.csv:2: (the names of 4 columns are|rows of 4 numbers stand below) '.*'"
+    ) as error:
         read_file(path)
     assert "NS" in error.value.expected
     assert "delete this line" in error.value.remedy
@@ -121,7 +124,7 @@ def test_a_unit_of_the_table_that_contradicts_the_names_is_refused_with_its_row(
     path = table_of(tmp_path, "t,E (g),N (g),UP (g)", shaking() / 9.80665)
     assert len(imported(path, unit="g").records) == 1
     (refusal,) = imported(path, unit="gal").refusals
-    assert "the unit is 0.01 m/s2 by the row, and 9.80665 m/s2 by the names" in refusal.reason.what
+    assert "the unit is 0.01 m/s2 by the row, and 9.80665 m/s2 by rec.csv" in refusal.reason.what
     assert refusal.reason.where == f"{tmp_path / 'table.csv'}:2"
 
 
@@ -280,3 +283,38 @@ def test_a_resultant_is_no_component_and_two_stations_are_refused_by_their_names
     )
     with pytest.raises(InputError, match="the names of 7 columns"):
         read_file(path)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Zeit (s),Beschleunigung Ost (m/s2),Beschleunigung Nord (m/s2),Beschleunigung Vertikal (m/s2)",
+        "Tiempo (s),Aceleración E-O (m/s2),Aceleración N-S (m/s2),Aceleración V (m/s2)",
+        "t (s),Este-Oeste (m/s2),Norte-Sur (m/s2),Vertical (m/s2)",
+    ],
+)
+def test_directions_are_read_in_other_languages(header, tmp_path):
+    (record,) = import_records([table_of(tmp_path, header, shaking())], options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)
+
+
+def test_what_a_phone_works_out_beside_its_axes_is_left_out(tmp_path):
+    names = [f"Linear Acceleration {axis} (m/s^2)" for axis in "xyz"]
+    header = ",".join(["Time (s)", *names, "Absolute acceleration (m/s^2)"])
+    size = np.linalg.norm(shaking(), axis=1, keepdims=True)
+    path = table_of(tmp_path, header, np.hstack([shaking(), size]))
+    (record,) = import_records([path], options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)
+
+
+@pytest.mark.parametrize("zone", ["Z", "+09:00", "-07:00", ""])
+def test_a_clocks_zone_is_no_matter_of_the_step(zone, tmp_path):
+    lines = [
+        f"2024-01-01T16:{n // 6000:02}:{n // 100 % 60:02}.{n % 100:02}{zone},"
+        + ",".join(f"{v:.6f}" for v in row)
+        for n, row in enumerate(shaking())
+    ]
+    path = tmp_path / "rec.csv"
+    path.write_text("\n".join(["time,E (m/s2),N (m/s2),Z (m/s2)", *lines]))
+    (record,) = import_records([path]).records
+    assert record.motion.time_step_s == pytest.approx(0.01)

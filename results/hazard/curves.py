@@ -82,7 +82,7 @@ class HazardCurve:
         )
 
 
-def curve_of_rates(
+def _curve_of_rates(
     name: str, measure: str, levels: ArrayLike, annual_rate: ArrayLike, **stated: Any
 ) -> HazardCurve:
     """Curve of annual rates as a file states them: rates of 0, and infinite ones, become levels without a rate.
@@ -146,14 +146,18 @@ def _wrong_levels(x: NDArray[np.float64]) -> str:
     )
 
 
-def curve_of_probabilities(
-    name: str, measure: str, levels: ArrayLike, probability: ArrayLike, years: float, **stated: Any
+def curve_of(
+    name: str, measure: str, levels: ArrayLike, values: ArrayLike, years: float = 0.0, **stated: Any
 ) -> HazardCurve:
-    """Curve of probabilities of exceedance over a time: -ln(1 - p) / T is the annual rate of Poisson events.
+    """Curve of what a file states: probabilities of exceedance over some years, or annual rates where these are 0.
 
-    Raises InputError as `curve_of_rates`; if the time is not positive, or probabilities lie outside 0 to 1.
+    -ln(1 - p) / T is the annual rate of Poisson events.
+
+    Raises InputError as `_curve_of_rates`; if the time is negative, or probabilities lie outside 0 to 1.
     """
-    p = np.asarray(probability, float)
+    if not years:
+        return _curve_of_rates(name, measure, levels, values, **stated)
+    p = np.asarray(values, float)
     where = str(stated.get("source") or name)
     if not 0 < years < math.inf:
         raise InputError(
@@ -167,7 +171,7 @@ def curve_of_probabilities(
             where=where, expected="probabilities of exceedance from 0 to 1",
             remedy="if these are annual rates, say so in the file",
         )  # fmt: skip
-    return curve_of_rates(name, measure, levels, annual_rate_of(p, years), years=years, **stated)
+    return _curve_of_rates(name, measure, levels, annual_rate_of(p, years), years=years, **stated)
 
 
 def annual_rate_of(probability: ArrayLike, years: float) -> NDArray[np.float64]:

@@ -47,7 +47,7 @@ def quantity_of(column: str) -> Quantity:
     return "velocity" if column.endswith("_m_s") else "displacement"
 
 
-def sa_column(period_s: float) -> str:
+def _sa_column(period_s: float) -> str:
     """Column of the spectral acceleration at a period in seconds."""
     return f"sa_{period_s:g}s_m_s2"
 
@@ -67,7 +67,7 @@ def measure_of(imt: str) -> tuple[str, float] | None:
         stated = float(found[1] or found[3] or f"{found[5]}.{found[6]}")
         if found["hz"] or found["hertz"]:
             stated = 1.0 / stated if stated else 0.0
-        return sa_column(stated), STANDARD_G_M_S2
+        return _sa_column(stated), STANDARD_G_M_S2
     return None
 
 

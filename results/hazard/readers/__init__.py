@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.readers import (
@@ -15,8 +16,7 @@ from toppling.results.hazard.readers import (
     text_columns,
 )
 from toppling.results.hazard.readers.assembly import combined, trees_of
-from toppling.results.hazard.readers.spreadsheet import plain_table
-from toppling.results.hazard.readers.stated import Hints, Realisations, Stated, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Hints, Realisations, Stated, refuse
 from toppling.results.hazard.tree import HazardTree
 
 __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
@@ -30,12 +30,19 @@ _MOST_BYTES = 200_000_000
 _MOST_HEAD_LINES = 30
 """Of a file of a folder, among which its header is looked for."""
 
-_EXPORT = "export its curves as text: oq export hcurves --export-type csv"
 _BINARY = {
-    b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", _EXPORT),
+    b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", nrml.EXPORT),
     b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
+
+_DIALECTS: dict[str, tuple[ModuleType, ...]] = {
+    "json": (nshmp, json_tables),
+    "xml": (nrml,),
+    "text": (opensha, cybershake, openquake_curves, nshmp, listed, text_columns),
+}
+"""Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file, hints)` states what is
+in one. The last of a kind says what is wrong with a file that nobody recognises."""
 
 _SUFFIXES = {".csv", ".txt", ".json", ".geojson", ".xml", ".dat", ".tsv", ""}
 
@@ -127,54 +134,28 @@ def _text(path: Path) -> str:
 def _is_hazard(path: Path) -> bool:
     """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(_MOST_HEAD_LINES)]
+        with path.open(encoding="utf-8-sig", errors="replace") as head:
+            lines = [head.readline(1_000_000).rstrip("\n") for _ in range(_MOST_HEAD_LINES)]
     except OSError:
         return False
     if not lines[0] or any("\0" in line for line in lines):
         return False
-    if path.suffix in (".json", ".geojson"):
-        text = _text(path)
-        return nshmp.matches_json(text) or json_tables.matches_json(text)
-    if path.suffix == ".xml":
-        return nrml.matches("\n".join(lines))
-    if any(one.matches(lines) for one in (opensha, cybershake)):
-        return True
-    lines = plain_table(lines)
-    if any(one.matches(lines[:2]) for one in (openquake_curves, nshmp)):
-        return True
-    return listed.matches(lines) or text_columns.matches(lines)
+    whole = path.suffix in (".json", ".geojson")  # whose keys may stand anywhere
+    file = HazardFile(path, _text(path) if whole else "\n".join(lines))
+    return any(dialect.matches(file) for dialect in _DIALECTS[file.kind])
 
 
 def _read(path: Path, hints: Hints) -> Stated:
-    text = _text(path)
-    if not text.strip():
+    file = HazardFile(path, _text(path))
+    if not file.text.strip():
         refuse(path, "is empty")
+    dialects = _DIALECTS[file.kind]
     try:
-        return _parsed(path, text, hints)
+        dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
+        if dialect in (listed, text_columns):
+            openquake_curves.refuse_others(file)
+        return dialect.read(file, hints)
     except InputError:
         raise
     except (ValueError, LookupError, ArithmeticError, StopIteration) as error:
         refuse(path, f"cannot be read ({error})")
-
-
-def _parsed(path: Path, text: str, hints: Hints) -> Stated:
-    lines = text.splitlines()
-    if path.suffix == ".json" or text.lstrip().startswith(("{", "[")):
-        family_of_json = nshmp if nshmp.matches_json(text) else json_tables
-        return family_of_json.read_json(path, text, hints)
-    if text.lstrip().startswith("<"):
-        if not nrml.matches(text):
-            refuse(path, "is XML without hazard curves", _EXPORT)
-        return nrml.read(path, text, hints)
-    for family in (opensha, cybershake):
-        if family.matches(lines):
-            return family.read(path, lines, hints)
-    lines = plain_table(lines)
-    for family in (openquake_curves, nshmp):
-        if family.matches(lines):
-            return family.read(path, lines, hints)
-    openquake_curves.refuse_others(path, lines)
-    if listed.matches(lines):
-        return listed.read(path, lines, hints)
-    return text_columns.read(path, lines, hints)

@@ -7,10 +7,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from toppling.models.motions.measures import STANDARD_G_M_S2
-from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measure_names import measure_of, sa_column
-from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse
+from toppling.results.hazard.curves import curve_of
+from toppling.results.hazard.measure_names import imt_of, measure_of
+from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, number, refuse
 
 _NAME = re.compile(
     r"(?P<site>.+?)_ERF\d+_Run(?P<run>\d+)_(?P<imt>SA_(?P<period>\d+(?:[.p]\d+)?)sec|PGA|PGV)"
@@ -18,35 +17,31 @@ _NAME = re.compile(
 )
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(file: HazardFile) -> bool:
     """Whether a file begins as the plotter writes it."""
-    return lines[0].replace(" ", "").startswith("#Curves:")
+    return file.lines[0].replace(" ", "").startswith("#Curves:")
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read the first curve of a file that CyberShake computed; others are comparisons.
 
     Raises InputError if neither the file's name nor the user says what it is over.
     """
+    path = file.path
     named = _NAME.match(path.name)
+    imt = named["imt"] if named else imt_of(hints.measure)[0] if hints.measure else ""
     if named and named["period"]:
-        known: tuple[str, float] | None = (
-            sa_column(float(named["period"].replace("p", "."))),
-            STANDARD_G_M_S2,
-        )
-    else:
-        known = (
-            measure_of(named["imt"]) if named else (hints.measure, STANDARD_G_M_S2) if hints.measure else None
-        )
+        imt = f"SA({named['period'].replace('p', '.')})"
+    known = measure_of(imt)
     if known is None or (not named and known[0] == "pgv_m_s"):
         refuse(
             path,
             "states its measure in its name only, which is not as CyberShake gave it",
             "name it as it was, SITE_ERF36_RunN_SA_3sec_RotD50_DATE.txt, or give --measure",
         )
-    rows = _first_curve(path, lines)
+    rows = _first_curve(path, file.lines)
     measure, unit = known
-    curve = curve_of_probabilities(
+    curve = curve_of(
         path.stem, measure, [x * unit for x, _ in rows], [p for _, p in rows], hints.years or 1.0,
         site_name=named["site"] if named else "", component=(named["component"] or "") if named else "",
         source=str(path),

@@ -40,18 +40,10 @@ def _read_fields(
     sites = _sites(rows, only_one("sitemesh", beside), table)
     factors = measure_factors(table, "gmv_", measure_of, ratio)
     years, rate_of = _rates(table, events, ruptures, event_rate, catalogue_years)
-    branches = [
-        branch_of(
-            f"{BRANCH} {number}" if not paths[number] else paths[number],
-            mine,
-            sites,
-            factors,
-            rate_of,
-            weight,
-        )
-        for number, weight in weights.items()
-        for mine in [rows[rows[BRANCH] == number]]
-    ]
+    branches = []
+    for number, weight in weights.items():
+        name, mine = paths[number] or f"{BRANCH} {number}", rows[rows[BRANCH] == number]
+        branches.append(branch_of(name, mine, sites, factors, rate_of, weight))
     note = () if event_rate is None else (f"the scenario's rate is taken as {event_rate:g} a year",)
     return EventSet(tuple(sites.values()), tuple(branches), str(table.path.parent), years, note)
 
@@ -237,13 +229,8 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
     if not ((p >= 0) & (p < 1)).all():
         raise event_error("has rupture probabilities outside 0 to 1", table.path)
     rows = rows.assign(annual_rate=-np.log1p(-p) / rows["Num_Rup_Vars"])
-    rows[EVENT] = (
-        rows[RUPTURE[0]].astype(str)
-        + "/"
-        + rows[RUPTURE[1]].astype(str)
-        + "/"
-        + rows["Rupture_Variation_ID"].astype(str)
-    )
+    source, *others = (rows[name].astype(str) for name in (*RUPTURE, "Rupture_Variation_ID"))
+    rows[EVENT] = source.str.cat(others, sep="/")
     missing = int(rows.drop_duplicates(RUPTURE)["Num_Rup_Vars"].sum() - rows[EVENT].nunique())
     wide = rows.pivot_table(
         index=[EVENT, "Site_Name", "annual_rate"],
@@ -257,13 +244,13 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
         for period in wide.columns
         if not isinstance(period, str)
     }
-    notes = ("the probabilities of ruptures are taken to be over 1 year",) + (
-        (f"{missing} variations of the ruptures are not in the file, and are taken to topple nothing",)
-        if missing
-        else ()
-    )
+    notes = ["the probabilities of ruptures are taken to be over 1 year"]
+    if missing:
+        notes.append(
+            f"{missing} variations of the ruptures are not in the file, and are taken to topple nothing"
+        )
     places = only_one("places", beside)
-    return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, notes, places)
+    return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, tuple(notes), places)
 
 
 _STRONG = 0.9

@@ -13,7 +13,7 @@ from typing import Any
 
 from toppling.results.hazard.measure_names import measure_with_unit
 from toppling.results.hazard.readers import listed
-from toppling.results.hazard.readers.stated import Hints, Statement, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, refuse
 
 _LEVELS = ("iml", "imls", "level", "levels", "intensity", "intensities", "xs", "xvalues", "x")
 _RATES = ("annual_rate", "annual_rates", "rate", "rates", "afe", "mafe", "lambda")
@@ -29,19 +29,20 @@ _MOST_DEPTH = 30
 _Point = tuple[dict[str, Any], str, Any, Any]
 
 
-def matches_json(text: str) -> bool:
-    """Whether a text may hold curves: keys of levels and of values that say what they are."""
-    has = {key for key in (*_LEVELS, *_RATES, *_POES) if f'"{key}"' in text}
-    return '"poe-' in text or (not has.isdisjoint(_LEVELS) and not has.isdisjoint((*_RATES, *_POES)))
+def matches(file: HazardFile) -> bool:
+    """Whether a file may hold curves: keys of levels and of values that say what they are."""
+    has = {key for key in (*_LEVELS, *_RATES, *_POES) if f'"{key}"' in file.text}
+    return '"poe-' in file.text or (not has.isdisjoint(_LEVELS) and not has.isdisjoint((*_RATES, *_POES)))
 
 
-def read_json(path: Path, text: str, hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read the curves of a JSON file.
 
     Raises InputError if it holds none, or does not say what its values are.
     """
+    path = file.path
     try:
-        whole = json.loads(text)
+        whole = json.loads(file.text)
     except (ValueError, RecursionError) as error:
         refuse(path, f"is no JSON ({type(error).__name__}: {error})")
     tables: dict[tuple[str, str], list[list[Any]]] = {}
@@ -54,7 +55,8 @@ def read_json(path: Path, text: str, hints: Hints) -> list[Statement]:
         refuse(path, "is JSON without hazard curves: no list of levels stands beside one of values")
     found: list[Statement] = []
     for names, rows in tables.items():
-        found += listed.read(path, _lines(["lon", "lat", "site", "imt", "agg", *names], rows), hints)
+        table = _table(["lon", "lat", "site", "imt", "agg", *names], rows)
+        found += listed.read(HazardFile(path, table), hints)
     return found
 
 
@@ -119,9 +121,9 @@ def _column(path: Path, name: str, years: Any, hints: Hints) -> str:
     return f"probability_{hints.years}_years" if hints.years else "annual_rate"
 
 
-def _lines(header: list[str], rows: list[list[Any]]) -> list[str]:
-    """Lines of CSV, without columns that nobody filled."""
+def _table(header: list[str], rows: list[list[Any]]) -> str:
+    """Text of CSV, without columns that nobody filled."""
     used = [n for n in range(len(header)) if any(row[n] != "" for row in rows)]
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows([[row[n] for n in used] for row in (header, *rows)])
-    return out.getvalue().splitlines()
+    return out.getvalue()

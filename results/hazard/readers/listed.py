@@ -14,9 +14,18 @@ import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
+from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
-from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse, rows_of, wanted_rows
+from toppling.results.hazard.readers.stated import (
+    HazardFile,
+    Hints,
+    Statement,
+    number,
+    refuse,
+    rows_of,
+    wanted_rows,
+    years_of_values,
+)
 from toppling.results.hazard.readers.text_columns import (
     COMMENTS,
     cells_of,
@@ -105,9 +114,9 @@ def _table(header: Sequence[str]) -> _Table | None:
     return None
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(file: HazardFile) -> bool:
     """Whether a header names several curves' columns, below a title perhaps."""
-    return _header_line(lines) is not None
+    return _header_line(file.table) is not None
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
@@ -133,11 +142,12 @@ def _split(line: str) -> list[str]:
     return ",".join(cells_of([line])[0]).split(",")
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read the curves of a table.
 
     Raises InputError if it states no measure, or not what its values are.
     """
+    path, lines = file.path, file.table
     at = _header_line(lines) or 0
     before = " ".join(lines[:at]).lower()
     (_, header), *rows = rows_of(path, [",".join(cells) for cells in cells_of(lines[at:])], at + 1)
@@ -161,10 +171,9 @@ def _years(path: Path, before: str, table: _Table, hints: Hints) -> float:
     stated = f"{before} {' '.join(table.across.values())}".lower()
     if re.search(r"\bpoe|probabilit", stated):
         return values_of(path, "poe", hints, before)[0]
-    if hints.years is None and not _RATES.search(stated):
-        refuse(path, "does not say whether its values are annual rates or probabilities over some years",
-               "give --values rate, or --values 50")  # fmt: skip
-    return hints.years or 0.0
+    lacks = "does not say whether its values are annual rates or probabilities over some years"
+    rates = 0.0 if _RATES.search(stated) else None
+    return years_of_values(path, rates, hints, lacks, "give --values rate, or --values 50")
 
 
 def _of_site(
@@ -250,10 +259,7 @@ def _statement(
     if isinstance(which, float):
         values = np.minimum.accumulate(values)
     label = f"{path.stem} {kind}".strip()
-    if years:
-        curve = curve_of_probabilities(label, measure, levels, values, years, **stated)
-    else:
-        curve = curve_of_rates(label, measure, levels, values, **stated)
+    curve = curve_of(label, measure, levels, values, years, **stated)
     if bare:
         curve = with_usual_unit(path, imt_of(measure)[0], curve, before)
     if isinstance(which, float):

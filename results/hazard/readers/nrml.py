@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measure_names import measure_of
+from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.readers.stated import (
+    HazardFile,
     Hints,
     Statement,
+    measure_named,
     number,
     refuse,
     wanted_rows,
@@ -18,19 +19,23 @@ from toppling.results.hazard.readers.stated import (
 _CURVES = re.compile(r"<(?:\w+:)?(?:hazardCurves|hazardCurveField)[\s>]")
 _LEVELS, _VALUES = {"IMLs", "IML"}, {"poEs", "poE"}
 _CONFIG = {"hazardProcessing"}
+EXPORT = "export its curves as text: oq export hcurves --export-type csv"
 """Names of the elements in versions 0.4 and 0.5, and in 0.3."""
 
 
-def matches(text: str) -> bool:
-    """Whether a text is XML with hazard curves."""
-    return _CURVES.search(text) is not None
+def matches(file: HazardFile) -> bool:
+    """Whether a file has hazard curves in XML."""
+    return _CURVES.search(file.text) is not None
 
 
-def read(path: Path, text: str, hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read the curves of a document: a mean, a fractile, or one branch.
 
     Raises InputError if it states no measure or time, or is no whole document.
     """
+    path, text = file.path, file.text
+    if not matches(file):
+        refuse(path, "is XML without hazard curves", EXPORT)
     if re.search(r"<!(?:DOCTYPE|ENTITY)", text):
         refuse(path, "defines entities, which no hazard curves need", "export the curves again")
     try:
@@ -66,16 +71,14 @@ def _of_one_measure(
 ) -> list[Statement]:
     stated = {**processing, **element.attrib, **_first(path, element, _LEVELS).attrib}
     imt = stated.get("IMT", "")
-    known = measure_of(f"SA({stated['saPeriod']})" if imt.upper() == "SA" and "saPeriod" in stated else imt)
-    if known is None:
-        refuse(path, f"is over {imt!r}, which is no measure known here", "give curves over PGA, PGV or SA")
+    if imt.upper() == "SA" and "saPeriod" in stated:
+        imt = f"SA({stated['saPeriod']})"
+    measure, unit = measure_named(path, imt)
     time = stated.get("investigationTime") or stated.get("investigationTimeSpan")
-    years = years_of_values(path, None if time is None else number(path, 1, time), hints)
-    if not years:
-        refuse(
-            path, "states no investigationTime: the years that its probabilities are over", "give --values 50"
-        )
-    measure, unit = known
+    years = years_of_values(
+        path, None if time is None else number(path, 1, time), hints,
+        "states no investigationTime: the years that its probabilities are over", "give --values 50",
+    )  # fmt: skip
     levels = [level * unit for level in _numbers(path, element, _LEVELS)]
     nodes = [each for each in element.iter("*") if _tag(each) == "HCNode"]
     nodes = nodes or [each for each in element if _tag(each) == "hazardCurve"]
@@ -87,7 +90,7 @@ def _of_one_measure(
         values = _numbers(path, nodes[place], _VALUES)
         if len(values) != len(levels):
             refuse(path, f"has {len(levels)} levels and {len(values)} probabilities", "fetch the file again")
-        curve = curve_of_probabilities(
+        curve = curve_of(
             path.stem, measure, levels, values, years, site=(float(site[0]), float(site[1])), source=str(path)
         )
         found.append(Statement(curve, *_kind(stated)))

@@ -6,16 +6,18 @@ before November 2017 wrote `PGA/total.csv`, `PGA/gmm/ASK_14.csv`, `PGA/source/Fa
 """
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
+from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import imt_of, measure_of
 from toppling.results.hazard.readers.stated import (
+    HazardFile,
     Hints,
     Statement,
+    measure_named,
     number,
+    place_of,
     refuse,
     rows_of,
     wanted_rows,
@@ -28,9 +30,11 @@ _DEPTH = 5
 _FORMATS = {"ANNUAL_RATE": 0.0, "POISSON_PROBABILITY": 1.0}
 
 
-def matches(lines: Sequence[str]) -> bool:
-    """Whether a header is nshmp-haz's: longitude, latitude, then numbers."""
-    cells = [cell.strip() for cell in lines[0].split(",")]
+def matches(file: HazardFile) -> bool:
+    """Whether a header is nshmp-haz's: longitude, latitude, then numbers; or a text an answer of its web service."""
+    if file.kind == "json":
+        return '"response"' in file.text and ('"xvalues"' in file.text or '"xs"' in file.text)
+    cells = [cell.strip() for cell in file.table[0].split(",")]
     if "lon" not in cells[:2] or "lat" not in cells[:3]:
         return False
     levels = cells[cells.index("lat") + 1 :]
@@ -40,12 +44,16 @@ def matches(lines: Sequence[str]) -> bool:
         return False
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
-    """Read a file of curves.
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
+    """Read a file of curves, or an answer of the web service.
 
-    Raises InputError if neither the folders nor the user say which measure it is over, and what its values are.
+    Raises InputError if neither the folders nor the user say which measure it is over, and what its values are; if the
+    answer lacks a field, or states no annual frequencies.
     """
-    (_, header), *rows = list(rows_of(path, lines))
+    if file.kind == "json":
+        return _service_answers(file, hints)
+    path = file.path
+    (_, header), *rows = list(rows_of(path, file.table))
     where = path.absolute()
     measured = next(
         ((column, level) for level, column in enumerate(map(_measure, where.parents[:3])) if column), None
@@ -62,27 +70,13 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
         refuse(path, "has no site")
     found = []
     for line, row in wanted_rows(path, rows, header, "name", hints.site):
-        stated = {
-            "site": (number(path, line, row[header.index("lon")]), number(path, line, row[header.index("lat")])),
-            "site_name": row[header.index("name")] if "name" in header else "", "source": str(path),
-        }  # fmt: skip
         values = [number(path, line, cell) for cell in row[first:]]
-        curve = _curve(part or "total", measure, levels, values, years, stated)
+        curve = curve_of(
+            part or "total", measure, levels, values, years, site=place_of(path, line, row, header),
+            site_name=row[header.index("name")] if "name" in header else "", source=str(path),
+        )  # fmt: skip
         found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
     return found
-
-
-def _curve(
-    name: str,
-    measure: str,
-    levels: Sequence[float],
-    values: Sequence[float],
-    years: float | None,
-    stated: dict,
-) -> HazardCurve:
-    if years is None:
-        return curve_of_rates(name, measure, levels, values, **stated)
-    return curve_of_probabilities(name, measure, levels, values, years, **stated)
 
 
 def _measure(folder: Path) -> str | None:
@@ -103,8 +97,8 @@ def _root(path: Path) -> Path | None:
     return next((folder for folder in path.parents[:_DEPTH] if (folder / "config.json").is_file()), None)
 
 
-def _years(path: Path, hints: Hints, old: bool) -> float | None:
-    """Time that the values are probabilities over; None for annual rates."""
+def _years(path: Path, hints: Hints, old: bool) -> float:
+    """Time that the values are probabilities over; 0 for annual rates."""
     root = _root(path.absolute())
     stated: Any = None
     if root is not None:
@@ -120,28 +114,17 @@ def _years(path: Path, hints: Hints, old: bool) -> float | None:
                 "is no configuration of nshmp-haz",
                 "give the output folder as it was written",
             )
-    years = years_of_values(path, _FORMATS.get(stated, 0.0 if old else None), hints)
-    if years is None:
-        refuse(
-            path,
-            "does not say whether its values are annual rates or probabilities in one year",
-            "give the output folder with its config.json, or --values rate, or --values 1",
-        )
-    return years or None
+    return years_of_values(
+        path, _FORMATS.get(stated, 0.0 if old else None), hints,
+        "does not say whether its values are annual rates or probabilities in one year",
+        "give the output folder with its config.json, or --values rate, or --values 1",
+    )  # fmt: skip
 
 
-def matches_json(text: str) -> bool:
-    """Whether a text is an answer of the hazard web service."""
-    return '"response"' in text and ('"xvalues"' in text or '"xs"' in text)
-
-
-def read_json(path: Path, text: str, hints: Hints) -> list[Statement]:
-    """Read an answer of the hazard web service, old or new: totals, and contributions of source types.
-
-    Raises InputError if the answer lacks a field, or states no annual frequencies.
-    """
+def _service_answers(file: HazardFile, hints: Hints) -> list[Statement]:
+    """Curves of the web service, old or new: totals, and contributions of source types."""
     try:
-        whole = json.loads(text)
+        whole = json.loads(file.text)
         answers = whole["response"] if isinstance(whole["response"], list) else [whole["response"]]
         found = []
         for answer in answers:
@@ -149,35 +132,32 @@ def read_json(path: Path, text: str, hints: Hints) -> list[Statement]:
             for part in (whole, whole.get("metadata"), whole.get("request"), answer, answer.get("metadata")):
                 about |= {key.lower(): value for key, value in (part or {}).items()}
             for curve in answer.get("hazardCurves", [answer]):
-                found += _answer(
-                    path, about | {"imt": curve.get("imt", about.get("imt"))}, curve["data"], hints
-                )
+                imt = curve.get("imt", about.get("imt"))
+                found += _answer(file.path, about | {"imt": imt}, curve["data"], hints)
         return found
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         if hasattr(error, "remedy"):
             raise
-        refuse(path, f"is no answer of the hazard web service ({type(error).__name__}: {error})")
+        refuse(file.path, f"is no answer of the hazard web service ({type(error).__name__}: {error})")
 
 
 def _answer(path: Path, about: dict[str, Any], data: Any, hints: Hints) -> list[Statement]:
     """Curves over one measure: old answers have one list of levels, new ones levels beside each curve's values."""
     imt = about["imt"]["value"] if isinstance(about["imt"], dict) else about["imt"]
-    known = measure_of(str(imt))
-    if known is None:
-        refuse(path, f"is over {imt!r}, which is no measure known here")
+    measure, unit = measure_named(path, str(imt))
     label = about.get("ylabel")
-    if "annual" not in str(label or "").lower() and (label or hints.years is None):
-        remedy = "ask the service for annual frequencies of exceedance" if label else "give --values rate"
-        refuse(path, f"states {label!r}" if label else "does not say what its values are", remedy)
-    years = years_of_values(path, 0.0 if label else None, hints)
+    if label and "annual" not in str(label).lower():
+        refuse(path, f"states {label!r}", "ask the service for annual frequencies of exceedance")
+    lacks = "does not say what its values are"
+    years = years_of_values(path, 0.0 if label else None, hints, lacks, "give --values rate")
     stated = {"site": (float(about["longitude"]), float(about["latitude"])), "source": str(path)}
     found = []
     for one in data if isinstance(data, list) else [data]:
         total = one.get("component", "Total") == "Total"
         name = "total" if total else f"source {one['component']}"
         values = one.get("values", one)
-        levels = [float(x) * known[1] for x in values.get("xs") or about["xvalues"]]
+        levels = [float(x) * unit for x in values.get("xs") or about["xvalues"]]
         rates = [float(y) for y in values.get("ys") or values["yvalues"]]
-        curve = _curve(name, known[0], levels, rates, years or None, stated)
+        curve = curve_of(name, measure, levels, rates, years, **stated)
         found.append(Statement(curve, "curve" if total else "part", None if total else name))
     return found

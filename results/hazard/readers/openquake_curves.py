@@ -11,14 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from toppling.models.openquake import header_values
-from toppling.results.hazard.curves import curve_of_probabilities
-from toppling.results.hazard.measure_names import imt_of, measure_of
+from toppling.results.hazard.curves import curve_of
+from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.stated import (
+    HazardFile,
     Hints,
     Realisations,
     Stated,
     Statement,
+    measure_named,
     number,
+    place_of,
     refuse,
     rows_of,
     wanted_rows,
@@ -31,14 +34,20 @@ _NAMED = re.compile(
 """In a file's name, which says what its first line did where that was lost."""
 
 
-def matches(lines: Sequence[str]) -> bool:
+def _header(lines: Sequence[str]) -> str:
+    """The line of the columns' names, below what the engine states."""
+    return lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
+
+
+def matches(file: HazardFile) -> bool:
     """Whether a file is one of OpenQuake's that is read here: curves, or realisations."""
-    header = lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
+    header = _header(file.table)
     return (
         "poe-" in header or re.match(r"(rlz_id|ordinal)(:\w+)?,branch_path(:\w+)?,weight", header) is not None
     )
 
 
+_ADD_IMT = "add imt='PGA' to its first line, or give --measure"
 _CURVES = "give the hazard_curve files of that calculation, or its folder"
 _OTHERS = {
     r"(imt,.*\bpoe\b|poe,imt\b|mag,.*\bpoe|dist,.*\bpoe)": (
@@ -57,26 +66,24 @@ _OTHERS = {
 """Other files of the engine by the beginning of their columns: what they are, and what to give instead."""
 
 
-def refuse_others(path: Path, lines: Sequence[str]) -> None:
+def refuse_others(file: HazardFile) -> None:
     """Refuse by name what else the engine writes.
 
     Raises InputError if the file is one of those.
     """
-    stated, header = (
-        lines[0].startswith("#"),
-        lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0],
-    )
+    stated, header = file.table[0].startswith("#"), _header(file.table)
     plain = re.sub(r":\w+", "", header.lower().replace('"', ""))
     for columns, (what, remedy) in _OTHERS.items():
         if (stated or "~" in plain) and re.match(columns, plain):
-            refuse(path, f"{what} (columns {header[:60]})", remedy)
+            refuse(file.path, f"{what} (columns {header[:60]})", remedy)
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
+def read(file: HazardFile, hints: Hints) -> Stated:
     """Read a file of curves or of realisations.
 
     Raises InputError if the file states no measure or time, or something else than probabilities.
     """
+    path, lines = file.path, file.table
     stated = header_values(lines[0]) if lines[0].startswith("#") else {}
     body = 1 if lines[0].startswith("#") else 0
     (_, named), *rows = list(rows_of(path, lines[body:], body + 1))
@@ -113,33 +120,24 @@ def _curves(
         refuse(path, f"has no column {', '.join(absent)}" if absent else "has no site")
     named = _NAMED.search(path.name)
     imt = stated.get("imt") or (named and named["imt"])
-    known = measure_of(imt) if imt else (hints.measure and (hints.measure, None))
-    if not known:
-        refuse(
-            path,
-            f"is over {imt!r}, which is no measure known here" if imt else "states no imt",
-            "add imt='PGA' to its first line, or give --measure",
-        )
-    measure, unit = known
-    unit = 1.0 / imt_of(measure)[1] if unit is None else unit
+    if not imt and not hints.measure:
+        refuse(path, "states no imt", _ADD_IMT)
+    measure, unit = measure_named(path, imt or imt_of(str(hints.measure))[0], _ADD_IMT)
     time = stated.get("investigation_time")
-    years = years_of_values(path, None if time is None else number(path, 1, time), hints)
-    if years is None:
-        refuse(
-            path,
-            "states no investigation_time: the years that its probabilities are over",
-            "add investigation_time=50.0 to its first line, or give --values 50",
-        )
+    years = years_of_values(
+        path, None if time is None else number(path, 1, time), hints,
+        "states no investigation_time: the years that its probabilities are over",
+        "add investigation_time=50.0 to its first line, or give --values 50",
+    )  # fmt: skip
     kind, key = _kind(path, stated.get("kind", ""))
     levels = [number(path, 2, header[index].removeprefix("poe-")) * unit for index in places]
     found = []
     for line, row in wanted_rows(path, rows, header, "custom_site_id", hints.site):
-        site = (number(path, line, row[header.index("lon")]), number(path, line, row[header.index("lat")]))
         poes = [number(path, line, row[index]) for index in places]
         if kind == "fractile":  # by the engine's rule they may rise where branches' curves cross
             poes = np.minimum.accumulate(poes).tolist()
-        curve = curve_of_probabilities(
-            path.stem, measure, levels, poes, years, site=site,
+        curve = curve_of(
+            path.stem, measure, levels, poes, years, site=place_of(path, line, row, header),
             site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "", source=str(path),
         )  # fmt: skip
         found.append(Statement(curve, kind, key, stated.get("checksum", "")))

@@ -5,12 +5,18 @@ The words hold the parameters of the calculation: `IMT = SA; SA Period = 1.0`, `
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 from toppling.models.files.csv_text import is_numeral
-from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measure_names import measure_of
-from toppling.results.hazard.readers.stated import Hints, Statement, number, refuse, years_of_values
+from toppling.results.hazard.curves import curve_of
+from toppling.results.hazard.readers.stated import (
+    HazardFile,
+    Hints,
+    Statement,
+    measure_named,
+    number,
+    refuse,
+    years_of_values,
+)
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")
@@ -19,9 +25,9 @@ _PLACE = {axis: re.compile(rf"\b{axis} = (-?[\d.]+)") for axis in ("Longitude", 
 _RATES = re.compile(r"annuali[sz]ed rates?", re.IGNORECASE)
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(file: HazardFile) -> bool:
     """Whether words above two columns name a calculation's intensity measure as OpenSHA does."""
-    return _IMT.search("\n".join(_words(lines))) is not None
+    return _IMT.search("\n".join(_words(file.lines))) is not None
 
 
 def _words(lines: Sequence[str]) -> list[str]:
@@ -35,11 +41,12 @@ def _is_point(line: str) -> bool:
     return len(cells) == 2 and all(map(is_numeral, cells))
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read the curve of a file.
 
     Raises InputError if it holds none or several, or states neither rates nor a duration.
     """
+    path, lines = file.path, file.lines
     words = _words(lines)
     about = "\n".join(words)
     rest = lines[len(words) :]
@@ -50,21 +57,16 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     period = _PERIOD.search(about)
     named = _IMT.findall(about)[0]
     imt = f"SA({period[1]})" if named == "SA" and period else named
-    known = measure_of(imt)
-    if known is None:
-        refuse(path, f"is over {imt!r}, which is no measure known here")
+    measure, unit = measure_named(path, imt)
     duration = _DURATION.search(about)
     stated = 0.0 if _RATES.search(about) else number(path, 1, duration[1]) if duration else None
-    years = years_of_values(path, stated, hints)
-    if years is None:
-        refuse(path, "states no Duration that its probabilities are over", "give --values 50")
+    lacks = "states no Duration that its probabilities are over"
+    years = years_of_values(path, stated, hints, lacks, "give --values 50")
     place = [found[1] for found in (pattern.search(about) for pattern in _PLACE.values()) if found]
     site = {"site": tuple(number(path, 1, degrees) for degrees in place)} if len(place) == 2 else {}
     x, y = zip(
         *([number(path, n, cell) for cell in line.replace(",", " ").split()] for n, line in points),
         strict=True,
     )
-    levels, origin = [level * known[1] for level in x], {"source": str(path), **site}
-    if not years:
-        return [Statement(curve_of_rates(path.stem, known[0], levels, y, **origin))]
-    return [Statement(curve_of_probabilities(path.stem, known[0], levels, y, years, **origin))]
+    levels = [level * unit for level in x]
+    return [Statement(curve_of(path.stem, measure, levels, y, years, source=str(path), **site))]

@@ -5,18 +5,47 @@ import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.measure_names import measure_of
 from toppling.results.hazard.places import Place, distance_km
+from toppling.results.hazard.readers.spreadsheet import plain_table
 
 _EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "
     "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
     "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
 )
+
+
+@dataclass(frozen=True)
+class HazardFile:
+    """A file of hazard, or its beginning, as dialects look at it."""
+
+    path: Path
+    text: str
+
+    @property
+    def kind(self) -> str:
+        """By its first sign, or its name: json, xml or text."""
+        first = self.text.lstrip()[:1]
+        if first in ("{", "[") or self.path.suffix == ".json":
+            return "json"
+        return "xml" if first == "<" else "text"
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """As they are."""
+        return self.text.splitlines()
+
+    @cached_property
+    def table(self) -> list[str]:
+        """Lines with commas between cells and decimal points, whatever program saved them."""
+        return plain_table(self.lines)
 
 
 @dataclass(frozen=True)
@@ -86,13 +115,23 @@ def number(path: Path, line: int, text: str) -> float:
     return value
 
 
-def years_of_values(path: Path, stated: float | None, hints: Hints) -> float | None:
-    """Time that a file's values are probabilities over, 0 for annual rates; None where nobody says.
+def measure_named(path: Path, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
+    """Column of a measure by a file's name of it, and what its unit is in SI.
 
-    Raises InputError if the file and the user say different times.
+    Raises InputError if no column is that measure.
     """
-    if stated is None or hints.years is None:
-        return hints.years if stated is None else stated
+    return measure_of(imt) or refuse(path, f"is over {imt!r}, which is no measure known here", remedy)
+
+
+def years_of_values(path: Path, stated: float | None, hints: Hints, lacks: str, remedy: str) -> float:
+    """Time that a file's values are probabilities over, 0 for annual rates.
+
+    Raises InputError if the file and the user say different times, or neither says any: what it lacks, and the remedy.
+    """
+    if stated is None:
+        return refuse(path, lacks, remedy) if hints.years is None else hints.years
+    if hints.years is None:
+        return stated
     if not math.isclose(stated, hints.years):
         mine, theirs = (
             f"probabilities over {years:g} years" if years else "annual rates"
@@ -100,6 +139,12 @@ def years_of_values(path: Path, stated: float | None, hints: Hints) -> float | N
         )
         refuse(path, f"states {mine}, and --values says {theirs}", "leave --values out")
     return stated
+
+
+def place_of(path: Path, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
+    """Longitude and latitude of a row."""
+    longitude, latitude = (number(path, line, row[header.index(name)]) for name in ("lon", "lat"))
+    return longitude, latitude
 
 
 def wanted_rows(
@@ -128,7 +173,6 @@ def wanted_rows(
                 remedy="give one of its names, or --site LONGITUDE LATITUDE",
             )  # fmt: skip
         return found
-    east, north = header.index("lon"), header.index("lat")
-    places = [(number(path, line, row[east]), number(path, line, row[north])) for line, row in rows]
+    places = [place_of(path, line, row, header) for line, row in rows]
     away = distance_km([place[0] for place in places], [place[1] for place in places], site)
     return [rows[int(away.argmin())]]

@@ -14,9 +14,10 @@ import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
+from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
 from toppling.results.hazard.readers.stated import (
+    HazardFile,
     Hints,
     Statement,
     number,
@@ -60,21 +61,22 @@ _MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
 """No published hazard is as strong once in so many years."""
 
 
-def matches(lines: Sequence[str]) -> bool:
+def matches(file: HazardFile) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
-    at = _header_line(lines)
+    at = _header_line(file.table)
     if at is None:
         return False
-    header = _names(_uncommented(lines[at]))
+    header = _names(_uncommented(file.table[at]))
     measures = [name for name in header if measure_with_unit(name)]
     return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
 
-def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+def read(file: HazardFile, hints: Hints) -> list[Statement]:
     """Read a table with a header: a column of a measure's levels, and one of their rates or probabilities.
 
     Raises InputError if the header does not name a measure, or not what the values are.
     """
+    path, lines = file.path, file.table
     at = _header_line(lines)
     if at is None:
         refuse(path, "holds no table")
@@ -96,17 +98,9 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
             refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
         x.append(number(path, line, row[levels]) * factor)
         y.append(rate_of(number(path, line, row[values])))
-    origin = {"source": str(path)}
-    curve = (
-        curve_of_probabilities(path.stem, column, x, y, years, **origin)
-        if years
-        else curve_of_rates(path.stem, column, x, y, **origin)
-    )
-    return [
-        Statement(
-            with_usual_unit(path, header[levels], curve, before) if measure_of(header[levels]) else curve
-        )
-    ]
+    curve = curve_of(path.stem, column, x, y, years, source=str(path))
+    bare = measure_of(header[levels])
+    return [Statement(with_usual_unit(path, header[levels], curve, before) if bare else curve)]
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
@@ -357,10 +351,8 @@ def values_of(path: Path, name: str, hints: Hints, before: str) -> tuple[float, 
         if not (hints.years if stated is None else stated):
             remedy = "call the column after it, such as probability_50_years, or give --values 50"
             refuse(path, f"states no time that its {name!r} is over", remedy)
-    elif hints.years is None:
-        remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
-        refuse(path, f"has the column {name!r}", remedy)
-    return years_of_values(path, stated, hints) or 0.0, convert
+    remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
+    return years_of_values(path, stated, hints, f"has the column {name!r}", remedy), convert
 
 
 def _rate_of_return(unit_years: float, period: float) -> float:

@@ -108,3 +108,11 @@ def test_levels_without_a_measure_are_of_the_one_that_the_user_names(tmp_path):
     path = written(tmp_path, "Acceleration (g),annual_rate", *rows(LEVELS_G, RATES))
     (tree,) = read_hazard(path, hints=Hints(measure="sa_1s_m_s2"))
     assert (tree.measure, tree.curves[0].intensity[0]) == ("sa_1s_m_s2", pytest.approx(0.1 * G))
+
+
+def test_rates_of_a_header_are_no_probabilities_whatever_the_user_says(tmp_path):
+    table = written(tmp_path, "level (g),PGA (AFE),SA1P0 (AFE)", *rows(LEVELS_G, RATES, RATES))
+    with pytest.raises(
+        InputError, match="states annual rates, and --values says probabilities over 50 years"
+    ):
+        read_hazard(table, hints=Hints(years=50.0))

@@ -11,7 +11,7 @@ from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import (
     HazardCurve,
-    curve_of_probabilities,
+    curve_of,
     probability_of,
     survival,
     toppling_rate,
@@ -85,7 +85,7 @@ def test_the_mean_curve_gives_the_computed_survival():
 
 
 def curve(*poes, name="branch", years=50.0):
-    return curve_of_probabilities(name, "pga_m_s2", np.arange(1.0, 1 + len(poes)), poes, years)
+    return curve_of(name, "pga_m_s2", np.arange(1.0, 1 + len(poes)), poes, years)
 
 
 def test_certain_and_impossible_levels_count_in_the_mean_of_probabilities():

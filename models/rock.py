@@ -12,6 +12,8 @@ from toppling.models.lengths import explaining_units
 
 _ROCK_HEIGHTS_M = (0.02, 100.0)
 """From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
+_COARSEST_PER_HEIGHT = 1e-2
+"""Steps of a rock's coordinates above this share of its height leave no shape to shake."""
 _FAR_SIZES = 100.0
 """A mesh farther from the origin than this many of its diagonals is integrated about a point beside it: the moments
 about the origin grow with the fourth power of the distance, and here lose 3e-10 of the inertia; in survey coordinates
@@ -47,10 +49,11 @@ class Rock:
     def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
         """Rock from a closed triangle mesh; coincident vertices are merged, mass properties integrated exactly.
 
-        Raises InputError if the mesh is not closed, not consistently oriented, not one body, encloses no volume, or
-        is too thin for its inertia to be told.
+        Raises InputError if the mesh is not closed, not consistently oriented, not one body, encloses no volume, is
+        too thin for its inertia to be told, or comes in steps that leave no shape.
         """
         check_triangles(vertices_m, faces, where)
+        _check_steps(np.asarray(vertices_m, float), where)
         mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         # A sliver of three vertices in one line joins its neighbours, and without it the mesh would be open.
@@ -183,4 +186,20 @@ def check_size(height_m: float, where: str) -> None:
             remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by --units"
             if (readings := explaining_units(height_m))
             else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
+        )
+
+
+def _check_steps(vertices: NDArray[np.float64], where: str) -> None:
+    """Refuse vertices in single precision so far from zero that the rock's shape is lost.
+
+    Raises InputError if they come in steps wider than a hundredth of the rock's height.
+    """
+    single, height_m = vertices.astype(np.float32), float(np.ptp(vertices[:, 2])) if len(vertices) else 0.0
+    step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
+    if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:
+        raise InputError(
+            f"coordinates are in single precision, in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
+            where=where,
+            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
+            remedy="export again in double precision, or with an offset taken away",
         )

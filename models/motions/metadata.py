@@ -37,12 +37,12 @@ _WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 """Columns that hold no number."""
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
-_UNKNOWN = {"", "nan", "na", "n/a", "none", "null", "unknown", "-", "?"}
-_UNKNOWN_NUMBERS = {-99.0, -999.0, -9999.0, -12345.0}
+_OFTEN_UNKNOWN = {"magnitude", "distance_km"}
+_UNKNOWN = {"nan", "na", "n/a", "none", "null", "unknown", "-", "?"}
+_UNKNOWN_NUMBERS = {"-99", "-999", "-9999", "-12345"}
 """What flat files and databases have where nobody knows."""
 _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 """Of earthquakes, and on the globe."""
-_AROUND_OF = {"magnitude", "distance_km"}
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|\s*km$")
 """What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
 _LONGEST_HEADER = 100_000
@@ -267,15 +267,16 @@ def _azimuth(text: dict[str, str], key: str, where: str) -> float | None:
 def _number(
     text: dict[str, str], key: str, where: str, limits: tuple[float, float] = (-1e9, 1e9)
 ) -> float | None:
-    bare = _AROUND.sub("", text[key]) if key in _AROUND_OF else text[key]
-    if bare.lower() in _UNKNOWN:
+    if not (bare := text[key]):
         return None
+    if key in _OFTEN_UNKNOWN:
+        bare = _AROUND.sub("", bare)
+        if bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS:
+            return None
     try:
         value = float(bare)
     except ValueError:
         value = math.nan
-    if value in _UNKNOWN_NUMBERS:
-        return None
     if not limits[0] <= value <= limits[1]:
         raise InputError(
             f"{key} is {shown(text[key])}",

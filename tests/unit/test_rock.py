@@ -57,6 +57,13 @@ def test_a_mesh_that_is_not_in_metres_is_refused(scale, height):
     assert "millimetres" in error.value.remedy
 
 
+def test_survey_coordinates_in_single_precision_are_refused_and_local_ones_are_not():
+    Scene.from_mesh((ROCK.vertices_m.astype(np.float32), ROCK.faces))
+    with pytest.raises(InputError, match=r"single precision, in steps of 0\.25 m") as error:
+        Scene.from_mesh(((ROCK.vertices_m + UTM_M).astype(np.float32), ROCK.faces))
+    assert "double precision" in error.value.remedy
+
+
 def test_a_mesh_with_a_part_turned_inside_out_is_refused():
     """A square prism with a long thin wing that crosses itself, and counts as less than nothing out there."""
     ring = np.array(

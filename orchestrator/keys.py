@@ -11,7 +11,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, shown
-from toppling.models.files.folder import local
+from toppling.models.files.folder import local, named_beside
 from toppling.models.spelling import did_you_mean
 
 _MOST_ON_AN_AXIS = 50_000
@@ -120,7 +120,7 @@ def path(given: Any, place: Place) -> Path:
     """Read a path, relative to the file."""
     if not isinstance(given, str) or not given:
         raise place.wrong(shown(given), remedy="give the path as a string")
-    return place.folder / local(given)
+    return named_beside(place.folder, str(local(given)))
 
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:

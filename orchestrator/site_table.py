@@ -33,6 +33,8 @@ _SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
 _AGE = re.compile(r"[\d.,eE+*/ ±\u2013-]+(?:ka|kyr|ky|a|yrs?|years?)?", re.IGNORECASE)
 _PLACE = ("longitude", "latitude")
+_SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
+"""Names of columns that people write shorter."""
 
 
 def _name(given: Any, place: Place) -> str:
@@ -75,8 +77,8 @@ SITE_KEYS = (
     Key("ensemble", path, "a folder, relative to the table", "its own records", None, "the campaign's"),
     Key("seismograms", path, "what 'records import' reads, relative to the table", "its own records; of a path that "
         "several rows name each takes those whose station is its site", None, "the campaign's"),
-    Key("age", _age, "years, as for 'toppling constrain --age'", "how long the rock has stood", None, "not known"),
-    Key("friction", number(lambda one: 0 < one <= 10), "a number", "of the rock on its pedestal", None,
+    Key("age", _age, "years: 20000, 15-30 ka, 20000+-3000", "how long the rock has stood", None, "not known"),
+    Key("friction", number(lambda one: 0 < one <= 10), "above 0 and up to 10", "of the rock on its pedestal", None,
         "the campaign's"),
 )  # fmt: skip
 """Columns of a table of rocks."""
@@ -142,7 +144,8 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
         for _, row in csv_rows(numbered, given, delimiter)
         if (filled := {column: cell.strip() for column, cell in row.items() if cell.strip()})
     ]
-    names = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
+    written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
+    names = {column: _SHORT.get(name, name) for column, name in written.items()}
     if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
         raise Place(str(given)).wrong(f"the column {shown(twice[0])} twice", "each column once", "remove one")
     for count, row in enumerate(cells[1:], 1):

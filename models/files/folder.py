@@ -50,6 +50,12 @@ def local(path: str | os.PathLike[str]) -> Path:
     return Path(path)
 
 
+def named_beside(folder: Path, text: str) -> Path:
+    """Path that a file in a folder names; one of Windows, parted by backslashes, is read where only so it is there."""
+    path = folder / text
+    return folder / text.replace("\\", "/") if "\\" in text and not path.exists() else path
+
+
 def refuse_existing(target: Path) -> None:
     """Say so, before work is done that could not be written.
 

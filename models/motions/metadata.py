@@ -8,6 +8,7 @@ from pathlib import Path
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
+from toppling.models.files.folder import named_beside
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
 from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
 
@@ -241,9 +242,9 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
         station=text["station"],
         magnitude=_number(text, "magnitude", where, _MAGNITUDES),
         distance_km=_number(text, "distance_km", where, _DISTANCES_KM),
-        h1=table.parent / text["h1"],
-        h2=table.parent / text["h2"],
-        v=table.parent / text["v"] if text["v"] else None,
+        h1=named_beside(table.parent, text["h1"]),
+        h2=named_beside(table.parent, text["h2"]),
+        v=named_beside(table.parent, text["v"]) if text["v"] else None,
         unit_m_s2=unit,
         time_step_s=_number(text, "time_step_s", where, TIME_STEPS_S),
         corrected=None if not processing else processing.startswith("corrected"),

@@ -65,6 +65,8 @@ class Constraint:
         summary = _single_event(self.rocks, self.confidence)
         if self.dated:
             summary["ages_independent"] = sum(len(rock.years) > 1 for rock in self.rocks) > 1
+            for row, rock in zip(summary["rocks"], self.rocks, strict=True):
+                row["age_years"] = float(np.median(rock.years))
         if site := self.random_rock:
             low, high = site.median_interval or (None, None)
             summary["random_rock"] = {

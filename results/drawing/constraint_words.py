@@ -11,6 +11,9 @@ from toppling.results.weights import sentences
 _MOST_NAMED = 6
 """Branches that are stated one by one, at most."""
 
+_LEAST_AGE_YEARS = 100.0
+"""Fragile rocks are dated to thousands of years; a lower number is one of thousands."""
+
 _FIRST_RATES = (1e-4, *sorted(RATES))
 """Annual rates that the first line may be about: the first that the hazard reaches before and after."""
 
@@ -141,12 +144,20 @@ def all_words(statement: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _age(years: float | None) -> str:
+    """How long a rock has stood; nothing where that is not known."""
+    if years is None:
+        return ""
+    in_ka = f": is that in ka? Then give --age '{years:g} ka'" if years < _LEAST_AGE_YEARS else ""
+    return f", stood for {years:,.0f} years{in_ka}"
+
+
 def _rock_lines(statement: dict[str, Any]) -> list[str]:
     """What the rocks say about a single event, and what that rests on."""
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
-        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
+        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}{_age(rock.get('age_years'))}"
         for rock in statement["rocks"]
     ]
     lines.append(

@@ -43,6 +43,13 @@ def test_rows_that_name_no_file_given_are_counted(tmp_path):
     assert outcome.unused_rows == 2
 
 
+def test_paths_of_windows_are_those_of_the_files_that_are_there(tmp_path):
+    (tmp_path / "in").mkdir()
+    east, north, up = (path.name for path in WRITERS["peer"](tmp_path / "in", shaking()))
+    outcome = with_rows(tmp_path, f"A,in\\{east},in\\{north},in\\{up}")
+    assert [record.record_id for record in outcome.records] == ["A"]
+
+
 def test_a_table_without_rows_is_refused(tmp_path):
     WRITERS["peer"](tmp_path, shaking())
     with pytest.raises(InputError, match="a header and no row") as error:

@@ -118,7 +118,7 @@ def test_a_table_in_toml_says_the_same_as_one_in_csv(folder, campaign):
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        ("scene,lon\nscenes/block0,1\n", "did you mean 'longitude'?"),
+        ("scene,longitud\nscenes/block0,1\n", "did you mean 'longitude'?"),
         ("scene,longitude\nscenes/block0,1\n", "one of longitude and latitude"),
         ("scene,longitude,latitude\nscenes/block0,1,91\n", "degrees north"),
         ("scene,longitude,latitude\nscenes/block0,east,1\n", "degrees east"),

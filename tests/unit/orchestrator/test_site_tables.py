@@ -71,6 +71,19 @@ def test_a_wrong_cell_is_refused_with_its_row_and_column(delimiter, column, valu
     assert refused.value.remedy
 
 
+def test_a_place_is_read_under_the_short_names_of_its_columns(tmp_path):
+    (tmp_path / "rocks.csv").write_text("scene,lon,Lat\nrock,-118.92,34.08\n")
+    (site,) = read_sites(tmp_path / "rocks.csv")
+    assert (site.longitude, site.latitude) == (-118.92, 34.08)
+
+
+def test_a_scene_may_be_named_by_a_path_of_windows(tmp_path):
+    (tmp_path / "scenes" / "rock").mkdir(parents=True)
+    (tmp_path / "rocks.csv").write_text("scene\nscenes\\rock\n")
+    (site,) = read_sites(tmp_path / "rocks.csv")
+    assert (site.scene, site.rock) == (tmp_path / "scenes" / "rock", "rock")
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.binary(max_size=60), st.sampled_from([b"", b"scene,longitude,latitude,age\n", b"scene;age\nrock;"]))
 def test_any_bytes_are_read_or_refused(tmp_path_factory, content, head):

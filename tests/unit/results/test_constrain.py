@@ -68,6 +68,12 @@ def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
     assert f"m/s or more with other records like these (95 %; {unfit} of 200 bootstrap samples" in words
 
 
+def test_the_age_of_a_rock_is_stated_and_a_few_years_are_asked_after(curves):
+    assert ", stood for 22,500 years\n" in constrain(curves, "--age", "15000..30000").output
+    assert "is that in ka? Then give --age '15 ka'" in constrain(curves, "--age", "15").output
+    assert "stood" not in constrain(curves).output.partition("\n")[0]
+
+
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]

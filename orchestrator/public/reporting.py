@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from toppling.models.errors import InputError
+from toppling.models.errors import UsageError
 from toppling.models.files.folder import write_text
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
@@ -125,7 +125,7 @@ def _opened(run: Run | str | Path) -> Run:
 
 def _ages_for(hazard: Sequence[str], dated: bool) -> None:
     if hazard and not dated:
-        raise InputError(
+        raise UsageError(
             "a hazard without the rock's age",
             where="hazard",
             expected="an age, which turns rates into probabilities",

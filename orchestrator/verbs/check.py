@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import click
 import pandas as pd
@@ -56,15 +57,10 @@ _SCENARIOS_SHOWN = 12
 def check(
     scene: Path,
     seismograms: tuple[Path, ...],
-    friction: float | None,
-    metadata: Path | None,
-    missing_vertical: bool,
-    largest: float,
-    neighbours: int,
-    preset: str,
     workers: int | None,
     out: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
 
@@ -83,7 +79,7 @@ def check(
     """
     table = scene / SITES_FILE if (scene / SITES_FILE).is_file() else scene
     if table.is_file():
-        _check_table(table, friction, _given(seismograms, metadata, missing_vertical), as_json=as_json)
+        _check_table(table, seismograms, as_json=as_json)
         return
     if not seismograms or workers or out:
         raise click.UsageError(
@@ -91,19 +87,16 @@ def check(
             if seismograms
             else "Missing argument 'SEISMOGRAMS...'."
         )
-    if metadata and all((path / CATALOG).is_file() for path in seismograms):
+    if asked["metadata"] and all((path / CATALOG).is_file() for path in seismograms):
         raise click.UsageError(_METADATA_OF_NOTHING)
     with bar("shaking") as advance:
-        checked = check_rock(
-            scene, seismograms, friction=friction, metadata=metadata, missing_vertical=missing_vertical,
-            largest=largest, neighbours=neighbours, preset=preset, advance=advance,
-        )  # fmt: skip
+        checked = check_rock(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)
     verdicts = checked.verdicts
     if as_json:
         click.echo(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
     else:
-        _show(verdicts, largest)
+        _show(verdicts, asked["largest"])
 
 
 def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> list[Seismogram]:
@@ -120,12 +113,13 @@ def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical:
     return found + of_records(read.records)
 
 
-def _check_table(table: Path, friction: float | None, given: list[Seismogram], *, as_json: bool) -> None:
+def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> None:
     """Shake the rocks of a table, each with the seismograms at its site."""
     asked = click.get_current_context().params
+    given = _given(seismograms, asked["metadata"], asked["missing_vertical"])
     sites = read_sites(table)
-    if friction is not None:
-        sites = tuple(replace(site, friction=friction) for site in sites)
+    if asked["friction"] is not None:
+        sites = tuple(replace(site, friction=asked["friction"]) for site in sites)
     factors = neighbouring_factors(asked["largest"], asked["neighbours"])
     total = sum(len(seismograms_of(site, given)) for site in sites)
     with bar("shaking", total) as advance:

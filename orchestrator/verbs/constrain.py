@@ -90,25 +90,18 @@ from toppling.orchestrator.verbs.shared_options import (
 @json_option()
 def constrain(
     rocks: tuple[Path, ...],
-    hazard: tuple[str, ...],
-    age: tuple[str, ...],
     common_date: bool,
     common_error: float,
     fragile_since: tuple[str, ...],
-    where: str | None,
-    trusted: bool,
-    stood: tuple[Path, ...],
-    measure: str | None,
     correlation: float | None,
     event_rate: float | None,
     catalogue_years: float | None,
-    confidence: float,
     sites: tuple[tuple[float, float], ...],
     site_names: tuple[str, ...],
-    ratio: float,
     values: str | None,
     out: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """State which ground motions one or several standing rocks reject.
 
@@ -128,10 +121,9 @@ def constrain(
     """
     with bar("bootstrap of records") as advance:
         stated = state(
-            rocks, age=age, hazard=hazard, dates=Dates(common_date, common_error, fragile_since), where=where,
-            trusted=trusted, stood=stood, measure=measure,
-            events=EventOptions(event_rate, catalogue_years, correlation), confidence=confidence,
-            sites=[*sites, *site_names], ratio=ratio, years=years_of(values), advance=advance,
+            rocks, dates=Dates(common_date, common_error, fragile_since),
+            events=EventOptions(event_rate, catalogue_years, correlation), sites=[*sites, *site_names],
+            years=years_of(values), advance=advance, **asked,
         )  # fmt: skip
     for warning in stated.warnings:
         click.echo(warning, err=True)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import click
 import pandas as pd
@@ -68,8 +69,6 @@ _WIDTH = click.FloatRange(0, min_open=True)
 def fragility(
     run: Path,
     out: Path | None,
-    where: str | None,
-    trusted: bool,
     unweighted: bool,
     pga_bin: float | None,
     pgv_bin: float,
@@ -78,10 +77,7 @@ def fragility(
     pgv_below: float | None,
     duration_below: float | None,
     directions: int,
-    sector: tuple[float, float] | None,
-    fit: bool,
-    reference: bool,
-    samples: int,
+    **asked: Any,
 ) -> None:
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
 
@@ -106,16 +102,16 @@ def fragility(
     if opened.rocks:
         _each_rock(opened, out)
         return
-    if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
+    if (
+        not asked["fit"]
+        and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT
+    ):
         raise click.UsageError("--samples applies to the fits: give --fit too")
     bins = Bins(pga_bin, pgv_bin, pgv_pga_bin, duration_bin, pgv_below, duration_below, directions)
     if remark := opened.completeness().remark:
         click.echo(f"{run} is unfinished: {remark}")
     with bar("figures") as advance:
-        drawn = draw(
-            opened, out, where=where, trusted=trusted, weighted=not unweighted, bins=bins, sector=sector, fit=fit,
-            reference=reference, samples=samples, advance=advance,
-        )  # fmt: skip
+        drawn = draw(opened, out, weighted=not unweighted, bins=bins, advance=advance, **asked)
     _tell(drawn, weighted=not unweighted)
 
 

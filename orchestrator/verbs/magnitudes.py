@@ -53,13 +53,21 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     "--model", "models", multiple=True, default=("bssa14",), metavar="NAME[=WEIGHT]",
     help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
 )  # fmt: skip
-@option("--vs30", type=float, required=True, help="m/s; shear-wave velocity of the upper 30 m at the rock.")
+@option(
+    "--vs30",
+    "vs30_m_s",
+    type=float,
+    required=True,
+    help="m/s; shear-wave velocity of the upper 30 m at the rock.",
+)
 @option(
     "--mechanism", type=click.Choice(MECHANISMS), default="SS",
     help="Strike slip, normal, reverse, or unknown (bssa14, cy14).",
 )  # fmt: skip
-@option("--dip", type=click.FloatRange(10, 90), default=90.0, help="Degrees, of the fault.")
-@option("--depth-top", type=click.FloatRange(0, 30), default=0.0, help="km, of its upper edge.")
+@option("--dip", "dip_deg", type=click.FloatRange(10, 90), default=90.0, help="Degrees, of the fault.")
+@option(
+    "--depth-top", "depth_top_km", type=click.FloatRange(0, 30), default=0.0, help="km, of its upper edge."
+)
 @option("--measure", type=click.Choice(list(MEASURES)), default="pgv_m_s", help="Of the fragility.")
 @option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
@@ -97,10 +105,6 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 def magnitudes(
     rock: Path,
     models: tuple[str, ...],
-    vs30: float,
-    mechanism: str,
-    dip: float,
-    depth_top: float,
     measure: str,
     confidence: float,
     events: tuple[int, ...],
@@ -109,11 +113,11 @@ def magnitudes(
     faults: Path | None,
     site: tuple[float, float] | None,
     deaggregation: Path | None,
-    ratio: float,
     where: str | None,
     trusted: bool,
     out: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """State which earthquakes a standing rock excludes, by models of ground motion.
 
@@ -129,7 +133,7 @@ def magnitudes(
     """
     _check_usage(rock, recurrence, age, faults, site, where)
     names, weights = _weights(models)
-    grid_of = [GroundMotionModel(name, measure, vs30, mechanism, dip, depth_top, ratio) for name in names]
+    grid_of = [GroundMotionModel(name, measure, **asked) for name in names]
     traces = read_faults(faults, site) if faults and site else []
     taken_apart = read_deaggregation(deaggregation) if deaggregation else None
     years = parse_age(age) if age else np.array([math.nan])
@@ -143,8 +147,7 @@ def magnitudes(
     answer = Answer(standing, grid, at_traces, occurrences, traces)
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
-        "vs30_m_s": vs30, "mechanism": mechanism, "dip_deg": dip, "depth_top_km": depth_top, "ratio": ratio,
-        "confidence": confidence, "age": age,
+        **asked, "confidence": confidence, "age": age,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
     shares = None

@@ -1,7 +1,7 @@
 """`toppling ramp`: the shake-table protocol of the study's figure 4 on any rock."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
 )  # fmt: skip
-@option("--start", type=ABOVE_0, default=0.981, help="First PGA, m/s2.")
-@option("--step", type=ABOVE_0, default=0.245, help="Step between levels, m/s2.")
-@option("--end", type=ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
+@option("--start", "start_m_s2", type=ABOVE_0, default=0.981, help="First PGA, m/s2.")
+@option("--step", "step_m_s2", type=ABOVE_0, default=0.245, help="Step between levels, m/s2.")
+@option("--end", "end_m_s2", type=ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
 @option(
     "--peak-displacement", type=ABOVE_0, default=0.3,
     help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
@@ -55,15 +55,11 @@ def ramp(
     out: Path,
     records: str | None,
     azimuth: float | None,
-    start: float,
-    step: float,
-    end: float,
     peak_displacement: float,
     friction: float,
-    restitution: float,
-    preset: str,
     three_components: bool,
     workers: int,
+    **asked: Any,
 ) -> None:
     """Shake the rock of SCENE with waveforms of ENSEMBLE, each scaled up step by step until it topples.
 
@@ -86,9 +82,8 @@ def ramp(
     names = _named(records, motions) if records else chosen_waveforms(motions)
     protocol = Ramp(
         azimuth_deg=weakest_azimuth_deg(rock, friction) if azimuth is None else azimuth,
-        start_m_s2=start, step_m_s2=step, end_m_s2=end,
         peak_displacement_m=peak_displacement if math.isfinite(peak_displacement) else None,
-        friction=friction, restitution=restitution, preset=preset, uniaxial=not three_components,
+        friction=friction, uniaxial=not three_components, **asked,
     )  # fmt: skip
     with bar("waveforms", len(names)) as advance, pool_of(workers) as pool:
         levels = carry_out(

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -63,13 +64,9 @@ def _import(
     paths: tuple[Path, ...],
     out: Path,
     metadata: Path | None,
-    missing_vertical: bool,
-    doubtful: bool,
-    process: bool | None,
-    corner_hz: float | None,
-    time_step_s: float | None,
     replace: bool,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Read records of any agency's format into the ensemble OUT.
 
@@ -87,9 +84,8 @@ def _import(
 
         table = read_table(metadata) if metadata else []
         files = record_files(paths)
-        options = ImportOptions(missing_vertical, doubtful, process, corner_hz, time_step_s)
         advance(0, "reading", total=2 * len(files))
-        outcome = import_records(files, table, options, advance)
+        outcome = import_records(files, table, ImportOptions(**asked), advance)
     if not metadata:
         for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):
             if looks_like_table(path):

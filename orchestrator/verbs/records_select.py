@@ -1,7 +1,7 @@
 """`toppling records select`: fewer records, or records weighted by a hazard."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -31,7 +31,7 @@ _MOST_EMPTY = 6
 @option("--event", help="Part of the name of the event.")
 @option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
 @option(
-    "--per-event", type=click.IntRange(min=0), default=0,
+    "--per-event", "most_per_event", type=click.IntRange(min=0), default=0,
     help="Largest number of records per event; the nearest are kept.",
 )  # fmt: skip
 @option(
@@ -39,8 +39,17 @@ _MOST_EMPTY = 6
     "made"]),
     help="Only records of this quality; repeatable.",
 )  # fmt: skip
-@option("--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2.")
-@option("--pgv-pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s.")
+@option(
+    "--pga",
+    "pga_m_s2",
+    type=float,
+    nargs=2,
+    metavar="LOW HIGH",
+    help="Least and largest PGA as recorded, m/s2.",
+)
+@option(
+    "--pgv-pga", "pgv_pga_s", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s."
+)
 @option(
     "--count", type=click.IntRange(min=0), default=0,
     help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
@@ -59,19 +68,11 @@ _MOST_EMPTY = 6
 def select(
     ensemble: Path,
     out: Path,
-    magnitude: tuple[float, float] | None,
-    distance_km: tuple[float, float] | None,
-    event: str | None,
-    components: int,
-    per_event: int,
-    quality: tuple[str, ...],
-    pga: tuple[float, float] | None,
-    pgv_pga: tuple[float, float] | None,
-    count: int,
     deaggregation: Path | None,
     imt: str | None,
     poe: float | None,
     replace: bool,
+    **asked: Any,
 ) -> None:
     """Select records of an ensemble, or weight them by a hazard.
 
@@ -90,16 +91,14 @@ def select(
 
     refuse_existing_ensemble(out, replace)
     loaded = Ensemble.load(ensemble)
-    choice = Choice(
-        magnitude or None, distance_km or None, event, components, per_event, quality, pga, pgv_pga, count
-    )
+    choice = Choice(**asked)
     selection = chosen(loaded, choice)
     names = list(selection.record_ids)
     click.echo(f"{len(loaded.record_ids)} records in {ensemble}")
     for condition, left in selection.left:
         click.echo(f"{condition}: {left} left")
-    if 0 < len(names) < count:
-        click.echo(f"fewer than the {count} requested: all that are left were taken", err=True)
+    if 0 < len(names) < choice.count:
+        click.echo(f"fewer than the {choice.count} requested: all that are left were taken", err=True)
     weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
     if deaggregation:
         weights = _hazard_weights(loaded, names, read_deaggregation(deaggregation, imt, poe))

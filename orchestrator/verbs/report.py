@@ -1,6 +1,7 @@
 """`toppling report`: one page about a run."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -29,12 +30,9 @@ from toppling.results.analysis.resampling import SAMPLES
 def report(
     run: Path,
     out: Path | None,
-    pdf: bool,
-    age: str | None,
-    hazard: tuple[str, ...],
     site: tuple[float, float] | None,
     site_name: str | None,
-    samples: int,
+    **asked: Any,
 ) -> None:
     """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
 
@@ -46,19 +44,8 @@ def report(
     toppling report runs/first --pdf
     toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """
-    if hazard and not age:
-        raise click.UsageError("a hazard curve needs the rock's --age, to turn rates into probabilities")
     with bar("report") as advance:
-        written = write_report(
-            run,
-            out,
-            pdf=pdf,
-            age=age,
-            hazard=hazard,
-            site=site or site_name,
-            samples=samples,
-            advance=advance,
-        )
+        written = write_report(run, out, site=site or site_name, advance=advance, **asked)
     click.echo(written.page)
     if written.pdf:
         click.echo(written.pdf)

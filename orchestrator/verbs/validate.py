@@ -68,7 +68,13 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 )
 @option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
 @option("--out", type=FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
-@option("--draws", type=click.IntRange(4), default=288, help="Largest number of realisations per test.")
+@option(
+    "--draws",
+    "most_draws",
+    type=click.IntRange(4),
+    default=288,
+    help="Largest number of realisations per test.",
+)
 @option(
     "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03,
     help="Standard error of a test's share below which no draws are added.",
@@ -84,13 +90,9 @@ def validate(
     outcome: str,
     learn: bool,
     out: Path | None,
-    draws: int,
-    error: float,
-    engine: str,
-    preset: str,
-    seed: int,
     workers: int | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.
 
@@ -117,12 +119,12 @@ def validate(
             expected="two records or more: each is predicted from the others",
             remedy="leave --learn out, or give the record of each test (docs/validation.md)",
         )
-    sampling = Sampling(engine, preset, draws, error, seed)
-    folder = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
+    sampling = Sampling(**asked)
+    folder = out or Path("validation") / f"{mesh.stem}-{sampling.engine}-{sampling.preset}"
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("measuring motions", total=len(experiment.tests))
         ensemble = ensemble_of(folder, experiment, lambda: progress.advance(task))
-        task = progress.add_task("drawing bases", total=draws)
+        task = progress.add_task("drawing bases", total=sampling.most_draws)
         scene_of(folder, mesh, sampling, lambda kept: progress.update(task, completed=kept))
     try:
         shaken = shake_tests(

@@ -100,10 +100,7 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
 
 def felt(rock: Standing, site: int, since: Since | None) -> FeltRock:
     """A rock of one measure at a site of the events."""
-    drawn = (
-        rock.resampled.lognormals(rock.curve.measure) if rock.resampled and len(rock.resampled.fitted) else []
-    )
-    return FeltRock(rock.name, rock.curve, site, drawn, since)
+    return FeltRock(rock.name, rock.curve, site, rock.drawn, since)
 
 
 def felt_by_both(

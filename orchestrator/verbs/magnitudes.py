@@ -20,7 +20,6 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
 from toppling.orchestrator.verbs.hazard import SiteCommand
 from toppling.orchestrator.verbs.shared_options import FILE, FOLDER, PATH, json_option, option, trusted_option
-from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
@@ -219,18 +218,12 @@ class Answer:
     occurrences: Sequence[Occurrence]
     traces: Sequence[FaultTrace]
 
-    @property
-    def drawn(self) -> list[Lognormal]:
-        """Fragilities of resampled records, where they are known."""
-        resampled = self.rock.resampled
-        return resampled.lognormals(self.rock.curve.measure) if resampled and len(resampled.fitted) else []
-
     def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Largest magnitudes and least distances, by how often the earthquake happened."""
         return {
             one.name: (
-                largest_magnitudes(self.grid, self.rock.curve, self.drawn, one),
-                least_distances(self.grid, self.rock.curve, self.drawn, one),
+                largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, one),
+                least_distances(self.grid, self.rock.curve, self.rock.drawn, one),
             )
             for one in self.occurrences
         }
@@ -240,7 +233,7 @@ class Answer:
         assert self.at_traces is not None
         lines = []
         for one in self.occurrences:
-            allowed = largest_magnitudes(self.at_traces, self.rock.curve, self.drawn, one)
+            allowed = largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, one)
             for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
                 lines.append({
                     "fault": trace.name, "occurrence": one.name, "distance_km": trace.distance_km,

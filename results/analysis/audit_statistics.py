@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr
+from scipy.special import ndtr
 from scipy.stats import binomtest, t
 
 from toppling.models.arrays import Array
@@ -24,6 +24,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact, wilson
+from toppling.results.analysis.lognormal import probit_weights
 from toppling.results.analysis.regression import fit
 from toppling.results.reader import Run, as_frame
 from toppling.results.run_integrity import (
@@ -254,12 +255,8 @@ class _Fragility:
 
     def _score_factor(self, coefficients: Array) -> tuple[Array, Array]:
         """What multiplies an answer in the score, and what a job adds to Fisher's information, over its design."""
-        eta = self.design @ coefficients
-        density = -0.5 * (eta**2 + math.log(2.0 * math.pi))
-        below, above = log_ndtr(eta), log_ndtr(-eta)
-        return self.weight * np.exp(density - below - above), self.weight * np.exp(
-            2 * density - below - above
-        )
+        of_score, of_information = probit_weights(self.design @ coefficients)
+        return self.weight * of_score, self.weight * of_information
 
     @property
     def plausible(self) -> Array:

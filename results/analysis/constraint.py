@@ -145,16 +145,13 @@ def _interval(
     rocks: Sequence[Standing], statement: Callable[[Sequence[Standing]], float]
 ) -> tuple[float, float]:
     """Interval (95 %) of what is told of some rocks, as their records are resampled (`analysis.fits.bootstrap`)."""
-    known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
-    if len(known) < len(rocks):
+    drawn = [rock.drawn for rock in rocks]
+    if not all(drawn):
         return (math.nan, math.nan)
-    fewest = min(known, key=lambda one: one.records)
-    drawn = zip(
-        *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=True
-    )
+    fewest = min((rock.resampled for rock in rocks if rock.resampled), key=lambda one: one.records)
     values = [
         statement([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
-        for curves in drawn
+        for curves in zip(*drawn, strict=True)
     ]
     low, high = fewest.interval(np.array(values))
     return float(low), float(high)

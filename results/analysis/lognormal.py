@@ -5,10 +5,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri
 from scipy.stats import t
 
 from toppling.results.completeness import Completeness
+
+LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+def probit_weights(eta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What multiplies an answer in the score of a probit, and Fisher's information of a job about its own eta.
+
+    phi / (Phi (1 - Phi)) and phi^2 / (Phi (1 - Phi)), which logarithms keep within the range of numbers.
+    """
+    log_density = -0.5 * eta**2 - LOG_ROOT_2_PI
+    below, above = log_ndtr(eta), log_ndtr(-eta)
+    return np.exp(log_density - below - above), np.exp(2.0 * log_density - below - above)
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,16 @@ With a probit link and one measure it is the lognormal fragility Phi(ln(x / medi
 """
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import linprog
-from scipy.special import ndtr, ndtri
-from statsmodels.genmod.families import Binomial
-from statsmodels.genmod.families.links import Logit, Probit
-from statsmodels.genmod.generalized_linear_model import GLM
-from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
+from scipy.special import expit, ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal, lognormal_of
 from toppling.results.schema import SCHEMA, describe
 
@@ -31,17 +26,16 @@ NEAR_TIE = 1e-6
 """Jobs of one level differ in the last digits, as each is scaled and turned: so much nearer, values are one."""
 
 
-class _StandardNormal:
-    """What a probit link asks of a distribution: `scipy.stats.norm` gives the same and takes most of a fit's time."""
+LINKS = {"probit": ndtr, "logit": expit}
+"""What turns a predictor into a probability."""
 
-    cdf, ppf = staticmethod(ndtr), staticmethod(ndtri)
+_STEPS = 100
+_EPSILON = float(np.finfo(float).eps)
+_TOLERANCE = 1e-9
+"""Of a coefficient, relative to itself or to one."""
 
-    @staticmethod
-    def pdf(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.exp(-(x**2) / 2.0) / math.sqrt(2.0 * math.pi)
-
-
-LINKS = {"probit": partial(Probit, _StandardNormal), "logit": Logit}
+_EDGES = {"probit": -float(ndtri(_EPSILON)), "logit": -math.log(_EPSILON)}
+"""Beyond which a probability counts as that here, as statsmodels has it."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +63,7 @@ class Fit:
 
     def probability(self, frame: pd.DataFrame) -> NDArray[np.float64]:
         """Toppling probability of each row's measures."""
-        link = LINKS[self.link]()
-        return link.inverse(design_of(frame, self.measures) @ np.array(self.coefficients))
+        return LINKS[self.link](design_of(frame, self.measures) @ np.array(self.coefficients))
 
 
 def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> Fit:
@@ -104,7 +97,7 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     if _separable(design_of(frame, names), toppled):
         return Fit(**counts, coefficients=(), problem=_separation(frame, names))
     groups = grouped(frame, names)
-    coefficients = regress(design_of(groups, names), groups, link)
+    coefficients = _regress(design_of(groups, names), groups, link)
     if coefficients is None:
         return Fit(**counts, coefficients=(), problem="the fit does not converge")
     if is_flat(coefficients):
@@ -122,7 +115,7 @@ def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] 
         return None
     doubt = 0.5 / len(frame)
     groups = grouped(frame, measures, toppled.clip(doubt, 1.0 - doubt))
-    found = regress(design_of(groups, measures), groups, "probit")
+    found = _regress(design_of(groups, measures), groups, "probit")
     return None if found is None else tuple(float(value) for value in found)
 
 
@@ -147,34 +140,51 @@ def grouped(
     return table.assign(share=table["share"] / table["trials"]).reset_index()
 
 
-def regress(
-    design: NDArray[np.float64],
-    groups: pd.DataFrame,
-    link: str,
-    weight: NDArray[np.int64] | None = None,
-    start: Sequence[float] | None = None,
-) -> NDArray[np.float64] | None:
+def _regress(design: Array, groups: pd.DataFrame, link: str) -> Array | None:
     """Coefficients at maximum likelihood; None where the search finds none."""
-    trials = groups["trials"].to_numpy(float) * (1.0 if weight is None else weight)
-    drawn = trials > 0
-    family = Binomial(link=LINKS[link]())
-    with warnings.catch_warnings():
-        for kind in (ConvergenceWarning, PerfectSeparationWarning, RuntimeWarning):
-            warnings.simplefilter("error", kind)
-        warnings.simplefilter("ignore", DomainWarning)
-        try:
-            share = groups["share"].to_numpy(float)[drawn]
-            model = GLM(share, design[drawn], family, var_weights=trials[drawn])
-            found = model.fit(start_params=start)
-        except (
-            ConvergenceWarning,
-            PerfectSeparationWarning,
-            RuntimeWarning,
-            np.linalg.LinAlgError,
-            ValueError,
-        ):
-            return None
-    return np.asarray(found.params) if np.isfinite(found.params).all() else None
+    share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
+    (found,) = scored(design, share, trials[None], link, np.zeros(design.shape[1]))
+    return found if np.isfinite(found).all() else None
+
+
+def scored(design: Array, share: Array, trials: Array, link: str, start: Array) -> Array:
+    """Coefficients at maximum likelihood for each of several weightings, by Fisher scoring, all at once.
+
+    design: (jobs, coefficients).
+    share: (jobs,), of each group's jobs those that toppled.
+    trials: (samples, jobs), their numbers, times what each group counts.
+    start: (coefficients,).
+    Returns (samples, coefficients) array: nan where the search does not end.
+    """
+    found, left = np.full((len(trials), design.shape[1]), np.nan), np.arange(len(trials))
+    at = np.tile(start, (len(trials), 1))
+    with np.errstate(all="ignore"):  # what is no number stays in the search, which does not end
+        for _ in range(_STEPS):
+            step = _step(design, share, trials[left], link, at)
+            at = at + step
+            ended = (np.abs(step) <= _TOLERANCE * np.maximum(np.abs(at), 1.0)).all(axis=1)
+            found[left[ended]] = at[ended]
+            left, at = left[~ended], at[~ended]
+            if not len(left):
+                break
+    return found
+
+
+def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> Array:
+    """Fisher's step of each sample's coefficients: the inverse of the information, times the score."""
+    edge = _EDGES[link]
+    predictor = np.clip(at @ design.T, -edge, edge)
+    if link == "probit":
+        probability, slope = ndtr(predictor), np.exp(-(predictor**2) / 2.0) / math.sqrt(2.0 * math.pi)
+        other = ndtr(-predictor)
+    else:
+        probability, other = expit(predictor), expit(-predictor)
+        slope = probability * other
+    weight = trials * slope / (probability * other)
+    score = (weight * (share - probability)) @ design
+    information = np.einsum("sj,ja,jb->sab", weight * slope, design, design, optimize=True)
+    information[np.linalg.det(information) == 0.0] = np.nan  # too few jobs for the coefficients
+    return np.linalg.solve(information, score[:, :, None])[:, :, 0]
 
 
 def is_flat(coefficients: NDArray[np.float64]) -> bool:

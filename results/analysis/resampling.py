@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr, ndtri
+from scipy.special import ndtri
 from scipy.stats import t
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal, Resampled
-from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
+from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, scored
 
 LEAST_RECORDS = 5
 """Fewer cannot be resampled: their resamples are too often the same few."""
@@ -54,12 +54,9 @@ def bootstrap(
     share, trials = groups["share"].to_numpy(float), groups["trials"].to_numpy(float)
     quick = _refitted(design, share, trials, fitted.link, fitted.coefficients, drawn)
     found = []
-    for number, once in enumerate(quick):
+    for number, again in enumerate(quick):
         advance()
-        again: NDArray[np.float64] | None = once
-        if np.isnan(once).any():
-            again = regress(design, groups, fitted.link, drawn[number], start=fitted.coefficients)
-        if again is None or is_flat(again):
+        if np.isnan(again).any() or is_flat(again):
             continue
         if np.abs(again[1:]).max() > steep and groups_separable(design, groups, drawn[number] > 0):
             continue
@@ -148,14 +145,6 @@ def _plane(coordinates: Array) -> Array:
     )
 
 
-_STEPS = 30
-_EPSILON = float(np.finfo(float).eps)
-_TOLERANCE = 1e-9
-"""Of a coefficient, relative to itself or to one."""
-
-_EDGES = {"probit": -float(ndtri(_EPSILON)), "logit": -math.log(_EPSILON)}
-"""Beyond which a probability counts as that here, as statsmodels has it."""
-
 _AT_ONCE = 200_000
 """Numbers of one table of jobs and samples: more only take memory."""
 
@@ -163,9 +152,7 @@ _AT_ONCE = 200_000
 def _refitted(
     design: Array, share: Array, trials: Array, link: str, start: Sequence[float], weights: NDArray[np.int64]
 ) -> Iterator[Array]:
-    """Coefficients at maximum likelihood of each row of weights, by Fisher scoring; nan where the search does not end.
-
-    All at once: statsmodels takes 5 ms to set up each.
+    """Coefficients at maximum likelihood of each row of weights; nan where the search does not end.
 
     design: (jobs, coefficients).
     share, trials: (jobs,), of a group's jobs, those that toppled; and their number.
@@ -175,36 +162,4 @@ def _refitted(
     """
     each = max(1, _AT_ONCE // max(1, len(design)))
     for first in range(0, len(weights), each):
-        yield from _scored(design, share, trials * weights[first : first + each], link, np.asarray(start))
-
-
-def _scored(design: Array, share: Array, trials: Array, link: str, start: Array) -> Array:
-    found, left = np.full((len(trials), design.shape[1]), np.nan), np.arange(len(trials))
-    at = np.tile(start, (len(trials), 1))
-    with np.errstate(all="ignore"):  # what is no number stays in the search, which does not end
-        for _ in range(_STEPS):
-            step = _step(design, share, trials[left], link, at)
-            at = at + step
-            ended = (np.abs(step) <= _TOLERANCE * np.maximum(np.abs(at), 1.0)).all(axis=1)
-            found[left[ended]] = at[ended]
-            left, at = left[~ended], at[~ended]
-            if not len(left):
-                break
-    return found
-
-
-def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> Array:
-    """Fisher's step of each sample's coefficients: the inverse of the information, times the score."""
-    edge = _EDGES[link]
-    predictor = np.clip(at @ design.T, -edge, edge)
-    if link == "probit":
-        probability, slope = ndtr(predictor), np.exp(-(predictor**2) / 2.0) / math.sqrt(2.0 * math.pi)
-        other = ndtr(-predictor)
-    else:
-        probability, other = expit(predictor), expit(-predictor)
-        slope = probability * other
-    weight = trials * slope / (probability * other)
-    score = (weight * (share - probability)) @ design
-    information = np.einsum("sj,ja,jb->sab", weight * slope, design, design, optimize=True)
-    information[np.linalg.det(information) == 0.0] = np.nan  # too few jobs for the coefficients
-    return np.linalg.solve(information, score[:, :, None])[:, :, 0]
+        yield from scored(design, share, trials * weights[first : first + each], link, np.asarray(start))

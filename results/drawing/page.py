@@ -14,7 +14,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
 from toppling.models.scene import Scene
-from toppling.results.drawing.painted_mesh import Surface, smooth_surface
+from toppling.results.drawing.painted_mesh import Surface, smooth_surface, view_frame
 from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -53,7 +53,7 @@ _COMPASS = (
 def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     """HTML of a scene: rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
-    stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), _eye(35.0))
+    stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), 35.0)
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     body = (
@@ -71,7 +71,7 @@ def replay_page(replay: Replay, title: str) -> str:
     times = shown_times(replay, _PAGE_HZ, _PAGE_POSES)
     position, turn = replay.at(times)
     target, radius = _framed(replay, position)
-    stage = _stage(replay.scene, target, radius, _eye(azimuth_across(replay)))
+    stage = _stage(replay.scene, target, radius, azimuth_across(replay))
     stage["replay"] = _motion_of(replay, times, position, turn)
     at_return = (
         f' <span style="background:{ALARM_COLOUR}"></span>point of no return'
@@ -128,15 +128,11 @@ def _framed(replay: Replay, position: Array) -> tuple[Array, float]:
     return middle + shift, reach + 0.5 * float(np.linalg.norm(np.ptp(near, axis=0)))
 
 
-def _eye(azimuth_deg: float) -> Array:
-    turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(ELEVATION_DEG)
-    return np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
-
-
-def _stage(scene: Scene, target: Array, radius: float, eye: Array) -> dict[str, Any]:
+def _stage(scene: Scene, target: Array, radius: float, azimuth_deg: float) -> dict[str, Any]:
     """What the page's script needs to show a scene."""
     com = scene.rock.com_m
     rock = smooth_surface(scene.rock.vertices_m - com, scene.rock.faces, ROCK_COLOUR)
+    eye = view_frame(ELEVATION_DEG, azimuth_deg)[:, 2]
     lines = [{"points": _rounded(line), "colour": colour} for line, _, colour in interface_lines(scene)]
     return {
         "rock": {**_encoded(rock), "origin": com.tolist()},

@@ -200,6 +200,15 @@ def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
     return float(any_topples(curves, x) @ events)
 
 
+def nodes_between(corners: NDArray[np.float64], per_e_fold: int) -> NDArray[np.float64]:
+    """Logarithms of intensities from the first corner to the last, all corners among them, for an integral."""
+    pieces = [
+        np.linspace(start, end, math.ceil((end - start) * per_e_fold), endpoint=False)
+        for start, end in pairwise(corners)
+    ]
+    return np.concatenate([*pieces, corners[-1:]])
+
+
 def events_by_intensity(
     hazard: HazardCurve, thresholds: Sequence[float] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -212,11 +221,7 @@ def events_by_intensity(
         return np.empty(0), np.empty(0)
     low, high = hazard.intensity[[0, -1]]
     corners = np.unique(np.log([*hazard.intensity, *(x for x in thresholds if low < x < high)]))
-    pieces = [
-        np.linspace(start, end, math.ceil((end - start) * _NODES_PER_E_FOLD), endpoint=False)
-        for start, end in pairwise(corners)
-    ]
-    x = np.exp(np.concatenate([*pieces, corners[-1:]]))
+    x = np.exp(nodes_between(corners, _NODES_PER_E_FOLD))
     rate = hazard.rate(x)
     return np.append(np.sqrt(x[1:] * x[:-1]), x[-1]), np.append(-np.diff(rate), rate[-1])
 

@@ -3,14 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.results.analysis.lognormal import Lognormal, Resampled, ends
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.curves import HazardCurve, nodes_between
 from toppling.results.hazard.survival import Standing, drawn_ages
 
 _NODES_PER_E_FOLD = 60
@@ -40,19 +39,15 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
 
     Fragilities vary if all rocks' do; a sample without a fit is a rock that no shaking topples.
     """
-    known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
-    vary = len(known) == len(rocks)
+    drawn = [rock.drawn for rock in rocks]
+    vary = all(drawn)
     old = any(len(rock.years) > 1 for rock in rocks)
     if not (vary or old) or any(np.isnan(rock.years).any() for rock in rocks):
         return None
-    count = min(len(one.fitted) for one in known) if vary else SAMPLES
-    by_rock = [
-        rock.resampled.lognormals(rock.curve.measure)[:count]
-        if vary and rock.resampled
-        else [rock.curve] * count
-        for rock in rocks
-    ]
+    count = min(map(len, drawn)) if vary else SAMPLES
+    by_rock = [each[:count] for each in drawn] if vary else [[rock.curve] * count for rock in rocks]
     carries = ("fragility",) * vary + ("age",) * old
+    known = [rock.resampled for rock in rocks if rock.resampled]
     fewest = min(known, key=lambda one: one.records) if vary else None
     return Draws(
         [list(curves) for curves in zip(*by_rock, strict=True)], drawn_ages(rocks, count), carries, fewest
@@ -68,11 +63,7 @@ def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], N
     if not bearing:
         return np.ones(1), np.zeros((len(curves), 1))
     corners = np.unique(np.concatenate([np.log(curve.intensity) for curve in bearing]))
-    pieces = [
-        np.linspace(start, end, math.ceil((end - start) * _NODES_PER_E_FOLD), endpoint=False)
-        for start, end in pairwise(corners)
-    ]
-    nodes = np.concatenate([*pieces, corners[-1:]])
+    nodes = nodes_between(corners, _NODES_PER_E_FOLD)
     ends = np.unique([curve.intensity[-1] for curve in bearing])
     x = np.concatenate([np.exp((nodes[1:] + nodes[:-1]) / 2), ends])
     rates = np.zeros((len(curves), len(x)))

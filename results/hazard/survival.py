@@ -24,6 +24,12 @@ class Standing:
     # Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
     together: bool = False
 
+    @property
+    def drawn(self) -> list[Lognormal]:
+        """Its curve of each resample; none where they are not known."""
+        known = self.resampled
+        return known.lognormals(self.curve.measure) if known and len(known.fitted) else []
+
 
 def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
     """Probability that all rocks still stand, each after its own age, under common events.

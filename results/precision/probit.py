@@ -17,9 +17,9 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import f, t
 
 from toppling.models.arrays import Array
+from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 
 _STEPS, _SMALL_STEP = 200, 1e-9
-_LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 _DIFFERENCE = 1e-4
 """Share of a coefficient's standard error over which a target's slope is taken."""
 
@@ -205,7 +205,7 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
 
     def log_det(at: Array) -> float:
         return 0.5 * float(
-            np.linalg.slogdet((_information_weight(answers, design @ at) * design.T) @ design)[1]
+            np.linalg.slogdet((answers.weight * probit_weights(design @ at)[1] * design.T) @ design)[1]
         )
 
     shifts = _DIFFERENCE * np.eye(2)
@@ -213,19 +213,13 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
     return np.array([(high - low) / (2.0 * _DIFFERENCE) for high, low in ends])
 
 
-def _information_weight(answers: Answers, eta: Array) -> Array:
-    """Fisher's information of each job about its own eta: phi^2 / (Phi (1 - Phi))."""
-    log_density = -0.5 * eta**2 - _LOG_ROOT_2_PI
-    return answers.weight * np.exp(2.0 * log_density - log_ndtr(eta) - log_ndtr(-eta))
-
-
 def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:
     """Information (n, 2, 2) and score (n, 2) of each job, and the log-likelihood of all."""
-    log_density, above, below = -0.5 * eta**2 - _LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
+    log_density, above, below = -0.5 * eta**2 - LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
     each = np.where(answers.toppled > 0.5, above, below)
     sign = np.where(answers.toppled > 0.5, 1.0, -1.0)
     score = answers.weight * sign * np.exp(log_density - each)
-    information = _information_weight(answers, eta)
+    information = answers.weight * probit_weights(eta)[1]
     outer = design[:, :, None] * design[:, None, :]
     return information[:, None, None] * outer, score[:, None] * design, float(answers.weight @ each)
 
@@ -296,9 +290,9 @@ def _departures(curve: Curve, answers: Answers) -> Array:
     P and P cubed, less what a change of the coefficients does: together they make asymptotes and shoulders.
     """
     eta = curve.coefficients[0] + curve.coefficients[1] * answers.log_x
-    probability, log_density = ndtr(eta), -0.5 * eta**2 - _LOG_ROOT_2_PI
+    probability, log_density = ndtr(eta), -0.5 * eta**2 - LOG_ROOT_2_PI
     design = np.column_stack([np.ones_like(eta), eta])
-    scores = np.exp(log_density - log_ndtr(eta) - log_ndtr(-eta))[:, None] * design
+    scores = probit_weights(eta)[0][:, None] * design
     slopes = (answers.weight * np.exp(log_density))[:, None] * design
     bends = np.column_stack([probability, probability**3])
     bends -= scores @ np.linalg.solve(slopes.T @ scores, slopes.T @ bends)

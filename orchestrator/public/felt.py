@@ -24,7 +24,7 @@ from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite, FeltRock, check_measures
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.measure_names import is_spectral
-from toppling.results.hazard.places import distance_km, nearest
+from toppling.results.hazard.places import distance_km, nearest, of_name
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import HazardTree
@@ -78,16 +78,7 @@ def place_rocks(
 
 def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, float | None]:
     if isinstance(asked, str):
-        matches = [
-            number for number, site in enumerate(events.sites) if site.name.casefold() == asked.casefold()
-        ]
-        if not matches:
-            raise InputError(
-                what=f"has no site called {asked!r}: it has {', '.join(site.name for site in events.sites[:12])}",
-                where=events.source, expected="the name of one of its sites",
-                remedy="give one of its names, or --site LON LAT",
-            )  # fmt: skip
-        return matches[0], None
+        return of_name([site.name for site in events.sites], asked, events.source)[0], None
     placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
     if not placed:
         raise InputError(

@@ -1,6 +1,7 @@
 """Fragility curve of the best single measure, how the measures rank, how predictions hold; surfaces of two measures."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,22 +87,18 @@ def draw_curve(axes: Axes, curve: Lognormal, resampled: Resampled | None, observ
         drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
         axes.fill_between(intensity, *resampled.interval(drawn), color=MAIN_COLOUR, alpha=0.3, lw=0)
     axes.plot(intensity, curve.probability(intensity), color=MAIN_COLOUR, lw=1.2)
-    spread = np.abs(observed[["wilson_low", "wilson_high"]].to_numpy().T - observed["probability"].to_numpy())
-    axes.errorbar(
-        observed["value"],
-        observed["probability"],
-        yerr=spread,
-        fmt=".",
-        ms=4,
-        lw=0.6,
-        color="0.2",
-        clip_on=False,
-    )
+    draw_shares(axes, observed, "value", "probability", fmt=".", ms=4, lw=0.6, color="0.2", clip_on=False)
     axes.set(
         xscale="log", ylim=(0, 1), xlim=(intensity[0], intensity[-1]), xlabel=measure_label(curve.measure),
         ylabel="toppling probability",
     )  # fmt: skip
     plain_log(axes.xaxis)
+
+
+def draw_shares(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:
+    """Dots of shares with their intervals."""
+    ends = table[["wilson_low", "wilson_high"]].to_numpy().T
+    axes.errorbar(table[x], table[share], np.abs(ends - table[share].to_numpy()), **dots)
 
 
 def _say_too_few(axes: Axes, toppled: int | None) -> None:
@@ -134,11 +131,8 @@ def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
 def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
     """Share observed against probability predicted, of records that were not fitted to."""
     axes.plot([0, 1], [0, 1], "k--", lw=0.8)
-    ends = calibrated[["wilson_low", "wilson_high"]].to_numpy().T
-    axes.errorbar(
-        calibrated["predicted"], calibrated["observed"], np.abs(ends - calibrated["observed"].to_numpy()), fmt="o",
-        ms=3, lw=0.6, color=MAIN_COLOUR, clip_on=False,
-    )  # fmt: skip
+    dots: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.6, "color": MAIN_COLOUR, "clip_on": False}
+    draw_shares(axes, calibrated, "predicted", "observed", **dots)
     axes.set(
         xlabel="predicted probability", ylabel="observed share", title="records left out of the fit",
         xlim=(0, 1), ylim=(0, 1), xticks=np.linspace(0, 1, 5), xticklabels=["0", "", "0.5", "", "1"],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import listed
 
 SITE_REACH_KM = 30.0
 """Farthest that a site of a hazard file may lie from the place that is asked for.
@@ -18,6 +19,8 @@ _SAME_SITE_KM = 0.2
 """Files of one site print its place with five decimals, some with two: nearer than this they mean the same."""
 
 EARTH_RADIUS_KM = 6371.0
+_LISTED = 12
+"""Names that a message lists, of many."""
 
 Place = tuple[float, float]
 """Longitude and latitude in degrees."""
@@ -50,6 +53,24 @@ def check_place(asked: Place) -> None:
             expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
             remedy="give the longitude first: --site LONGITUDE LATITUDE",
         )
+
+
+def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
+    """Numbers of the sites of a name, in any case.
+
+    Raises
+    ------
+    InputError
+        If none has it.
+    """
+    found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
+    if not found:
+        known = listed([*dict.fromkeys(filter(None, names))], _LISTED) or "none that has a name"
+        raise InputError(
+            f"has no site called {asked!r}: it has {known}", where=where, expected="the name of one of its sites",
+            remedy="give one of its names, or --site LONGITUDE LATITUDE",
+        )  # fmt: skip
+    return found
 
 
 def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:

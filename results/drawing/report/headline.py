@@ -9,7 +9,7 @@ from toppling.results.analysis.ranking import observed_shares
 from toppling.results.analysis.regression import Fit
 from toppling.results.analysis.resampling import lognormal_interval
 from toppling.results.drawing.constraint_figures import ages_words
-from toppling.results.drawing.fit_figures import draw_curve
+from toppling.results.drawing.fit_figures import draw_curve, draw_shares
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, paragraph, safe
 from toppling.results.drawing.style import (
@@ -149,9 +149,7 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
 
 
 def _draw_shares(axes: Axes, observed: pd.DataFrame) -> None:
-    ends = observed[["wilson_low", "wilson_high"]].to_numpy().T
-    bars = abs(ends - observed["probability"].to_numpy())
-    axes.errorbar(observed["value"], observed["probability"], bars, fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+    draw_shares(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
     axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
 
 

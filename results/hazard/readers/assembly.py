@@ -5,7 +5,7 @@ from typing import NoReturn
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed
-from toppling.results.hazard.places import Place, nearest, same_place
+from toppling.results.hazard.places import Place, nearest, of_name, same_place
 from toppling.results.hazard.readers.stated import Realisations, Stated, Statement
 from toppling.results.hazard.tree import Branch, HazardTree
 
@@ -185,14 +185,7 @@ def chosen_tree(
         if placed:
             of_measure = [placed[nearest([tree.site for tree in placed if tree.site], site, where)]]
     if isinstance(site, str):
-        named = [tree for tree in of_measure if tree.site_name.casefold() == site.casefold()]
-        if not named:
-            known = (
-                _named([tree.site_name for tree in of_measure if tree.site_name]) or "none that has a name"
-            )
-            _refuse(where, f"has no site called {site!r}: it has {known}",
-                    "give one of its names, or --site LON LAT", "the name of a site of the file")  # fmt: skip
-        of_measure = named
+        of_measure = [of_measure[n] for n in of_name([one.site_name for one in of_measure], site, where)]
     if len(of_measure) > 1:
         raise InputError(
             what=f"has {len(of_measure)} sites: {_named([_place_words(tree) for tree in of_measure])}",

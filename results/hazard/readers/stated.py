@@ -12,7 +12,7 @@ from typing import NoReturn
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import measure_of
-from toppling.results.hazard.places import Place, distance_km
+from toppling.results.hazard.places import Place, distance_km, of_name
 from toppling.results.hazard.readers.spreadsheet import plain_table
 
 _EXPECTED = (
@@ -165,14 +165,7 @@ def wanted_rows(
         return list(rows)
     if isinstance(site, str):
         names = [row[header.index(name_column)] for _, row in rows] if name_column in header else []
-        found = [rows[n] for n, name in enumerate(names) if name.casefold() == site.casefold()]
-        if not found:
-            known = f": it has {', '.join(names[:12])}" + (" ..." if len(names) > 12 else "") if names else ""
-            raise InputError(
-                what=f"has no site called {site!r}{known}", where=str(path), expected="the name of a site of the file",
-                remedy="give one of its names, or --site LONGITUDE LATITUDE",
-            )  # fmt: skip
-        return found
+        return [rows[number] for number in of_name(names, site, str(path))]
     places = [place_of(path, line, row, header) for line, row in rows]
     away = distance_km([place[0] for place in places], [place[1] for place in places], site)
     return [rows[int(away.argmin())]]

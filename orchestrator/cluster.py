@@ -16,7 +16,7 @@ from dask.utils import parse_bytes
 from distributed import Client, LocalCluster, performance_report
 from distributed.security import Security
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.cluster_supervisor import let_resize
 from toppling.orchestrator.interrupt import Uninterrupted, kept_from_children
 from toppling.orchestrator.leaving import BACK_WITHIN_S
@@ -36,6 +36,8 @@ QUEUES = {
 _LEAST_MEMORY_BYTES = 800_000_000
 """Of a worker process: half of it is the libraries', and the rest its worlds and records."""
 
+_MOST_PER_CORE, _MOST_ALWAYS = 4, 16
+"""Local workers: a core is busy with one."""
 _CONNECT_TIMEOUT_S = 30
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Dask's pages ask for no key: they would show the session's work to every account of the host."""
@@ -63,8 +65,7 @@ def load_defaults() -> None:
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-@contextlib.contextmanager
-def local(workers: int, most: int | None = None) -> Iterator[Client]:
+def local(workers: int, most: int | None = None) -> contextlib.AbstractContextManager[Client]:
     """Start worker processes with one thread each, bound to the loopback interface and to this session.
 
     Loopback is shared with every account of the host, so that scheduler and workers accept only who holds the session's
@@ -72,14 +73,32 @@ def local(workers: int, most: int | None = None) -> Iterator[Client]:
 
     workers: to begin with.
     most: as many as there may be where there is work for them; None for no more.
+    Raises UsageError if they would be so many that they only crowd each other out.
     """
+    _refuse_crowd(max(workers, most or 0))  # at once, before anything is written
+    return _local_client(workers, most or workers)
+
+
+@contextlib.contextmanager
+def _local_client(workers: int, most: int) -> Iterator[Client]:
     safe_for_children()
     compile_apart()
     load_defaults()
     with Uninterrupted(_local_session()) as (cluster, client):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
-        let_resize(cluster, workers, most or workers)
+        let_resize(cluster, workers, most)
         yield client
+
+
+def _refuse_crowd(workers: int) -> None:
+    cores = os.cpu_count() or 1
+    bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
+    if workers > bound:
+        raise UsageError(
+            f"{workers} local workers, and this machine has {cores} cores",
+            where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
+            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)",
+        )  # fmt: skip
 
 
 @contextlib.contextmanager

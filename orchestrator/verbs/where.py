@@ -34,7 +34,7 @@ class _SpanType(click.ParamType):
             return value
         low, dots, high = str(value).partition("..")
         if not low.isdecimal() or (dots and not high.isdecimal()):
-            self.fail(f"{value!r} is neither a number nor LOW..HIGH, such as 2..200", parameter, context)
+            self.fail(f"{value!r} is neither a number nor LOW..HIGH, such as 2..8", parameter, context)
         span = _Span(high or low)
         span.low = int(low)
         if not 1 <= span.low <= span:

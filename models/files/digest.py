@@ -6,6 +6,7 @@ together with what it covers. It finds what accidents change, not what somebody 
 """
 
 import hashlib
+import io
 import json
 import logging
 import os
@@ -29,6 +30,9 @@ BLANK = f"{_MARK}{'0' * 64}"
 """What a writer puts where the digest will be."""
 
 _HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
+_LFS = b"version https://git-lfs"
+_TEXTS, _MOST_TEXT_BYTES = {".json", ".toml"}, 50_000_000
+"""Files whose ends of lines Git and FTP exchange for those of the system, and their size at most."""
 _UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
@@ -86,15 +90,30 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
         if seen != stamp:
             place = _place(file, state.st_size)
             sealed = place is not None
-            if place is not None and _told(file, place) != _digest(file, place):
+            if (
+                place is not None
+                and (told := _told(file, place)) != _digest(file, place)
+                and told != _digest_of_lines(file, Path(path))
+            ):
                 raise damaged(path, "its bytes do not have its digest")
             if not sealed and not required:
                 log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
             if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > _UNSETTLED_S * 1e9:
                 _verified[name] = stamp, sealed
     if required and not sealed:
-        raise damaged(path, "it carries no digest")
+        raise damaged(path, _why_none(Path(path)))
     return sealed
+
+
+def _why_none(path: Path) -> str:
+    """Why a file has no digest, as far as its beginning shows."""
+    with path.open("rb") as file:
+        head = file.read(len(_LFS))
+    if not head:
+        return "it is empty"
+    if head == _LFS:
+        return "it is a pointer of Git LFS, fetched by 'git lfs pull'"
+    return "it carries no digest: another program saved it again"
 
 
 def stated(path: _PathLike) -> str | None:
@@ -211,3 +230,13 @@ def _digest(file: IO[bytes], place: int) -> bytes:
     while chunk := file.read(_CHUNK_BYTES):
         digest.update(chunk)
     return digest.hexdigest().encode()
+
+
+def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
+    """The same of a text whose lines ended as the program ends them; nothing of another file."""
+    if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > _MOST_TEXT_BYTES:
+        return b""
+    file.seek(0)
+    lines = io.BytesIO(file.read().replace(b"\r\n", b"\n"))
+    place = _place(lines, len(lines.getbuffer()))
+    return b"" if place is None else _digest(lines, place)

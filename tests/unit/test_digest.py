@@ -101,3 +101,31 @@ def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
         path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
         with pytest.raises(InputError):
             digest.check(path, required=True)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_json_is_whole_whatever_ends_its_lines_and_damaged_by_anything_else(tmp_path, changed):
+    path = tmp_path / "run.json"
+    digest.write_json(path, {"jobs": 96, "rock": "Echo"})
+    content = path.read_bytes().replace(b"\n", b"\r\n")
+    path.write_bytes(content.replace(b"96", b"97") if changed else content)
+    if changed:
+        with pytest.raises(InputError, match="do not have its digest"):
+            digest.read_json(path)
+    else:
+        assert digest.read_json(path) == {"jobs": 96, "rock": "Echo"}
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "it is empty"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"PAR1 of somebody else", "another program saved it again"),
+    ],
+)
+def test_a_file_without_a_digest_is_refused_with_what_it_looks_like(content, why, tmp_path):
+    path = tmp_path / "results.parquet"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=why):
+        digest.check(path, required=True)

@@ -81,7 +81,9 @@ def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (
     """Raise KeyboardInterrupt for the first signal, and let no other come between it and an orderly end."""
     for number in (signal.SIGINT, *ENDS):
         signal.signal(number, signal.SIG_IGN)
-    sys.unraisablehook = threading.excepthook = _of_no_interest
+    # What a finalizer or a thread fails with after the stop, it fails with because of it.
+    sys.unraisablehook = lambda _: None
+    threading.excepthook = lambda _: None
     _STOP.asked_at = time.monotonic()
     signal.signal(signal.SIGALRM, _look)
     signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
@@ -107,10 +109,6 @@ def _raise_unless_held() -> None:
         error = error.__context__
     if error is None and not _STOP.blocked:
         raise KeyboardInterrupt
-
-
-def _of_no_interest(what: object) -> None:
-    """What a finalizer or a thread fails with after the stop, it fails with because of it."""
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 
 from toppling.models.coordinates import degrees_of
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import plain
+from toppling.models.files.csv_text import plain, separator_of
 from toppling.models.files.documents import (
     LARGEST_CSV_BYTES,
     check_size,
@@ -136,7 +136,7 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
         raise Place(str(given)).wrong("is binary", "a table of rocks, CSV or TOML", "save it as CSV")
     lines = [line for line in text.splitlines(keepends=True) if not line.startswith(("#", "sep="))]
     header = next((line for line in lines if line.strip(" ,;\t\n")), "")
-    delimiter = max(",;\t", key=header.count)
+    delimiter = separator_of(header)
     width = max((line.count(delimiter) for line in lines), default=0) + 1
     numbered = [delimiter.join(map(str, range(width))) + "\n", *lines]  # so no cell beyond the header is lost
     cells = [

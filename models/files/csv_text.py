@@ -9,6 +9,11 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """With which a cell begins that a spreadsheet calculates, or that hides one that does."""
 
 
+def separator_of(header: str) -> str:
+    """What stands between the cells of a table: comma, semicolon or tab, whichever its header has most of."""
+    return max(",;\t", key=header.count)
+
+
 def is_numeral(text: str) -> bool:
     """Whether a text is a number as Python writes it.
 

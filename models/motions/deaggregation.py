@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from toppling.models import openquake
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import separator_of
 from toppling.models.files.documents import csv_rows, listed, shown
 from toppling.models.motions.metadata import text_table
 
@@ -83,7 +84,7 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
 def _bins(table: Path, text: str) -> list[Bin]:
     """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
     lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
-    sign = next((sign for sign in ";\t" if lines and sign in lines[0]), ",")
+    sign = separator_of(lines[0] if lines else "")
     rows = [
         (line, {_plain(name): cell.strip() for name, cell in row.items()}, row)
         for line, row in csv_rows(iter(lines), table, sign)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import separator_of
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.files.folder import named_beside
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
@@ -98,7 +99,7 @@ def read_table(table: Path) -> list[Entry]:
     """
     with text_table(table) as file:
         head = file.readline(_LONGEST_HEADER)
-        delimiter = _delimiter_of(head)
+        delimiter = separator_of(head)
         file.seek(0)
         named = [(line, _by_names(row)) for line, row in csv_rows(file, table, delimiter)]
         names = _names(head) if not named else list(named[0][1])
@@ -159,11 +160,6 @@ def text_table(table: Path) -> io.StringIO:
         ) from None
 
 
-def _delimiter_of(head: str) -> str:
-    """What stands between a table's columns: semicolons or tabs where the names have no commas."""
-    return next((each for each in ",;\t" if each in head), ",")
-
-
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -173,7 +169,7 @@ def looks_like_table(path: Path) -> bool:
 
 def _names(head: str) -> list[str]:
     """Names of a header's columns, as `_COLUMNS` spells them."""
-    return [_name(name) for name in head.strip().split(_delimiter_of(head))]
+    return [_name(name) for name in head.strip().split(separator_of(head))]
 
 
 def _name(name: str) -> str:

@@ -129,5 +129,5 @@ def _ages_for(hazard: Sequence[str], dated: bool) -> None:
             "a hazard without the rock's age",
             where="hazard",
             expected="an age, which turns rates into probabilities",
-            remedy="give age too, such as age='15000..30000'",
+            remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python",
         )

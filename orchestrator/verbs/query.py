@@ -57,7 +57,7 @@ def query(
     elif spread:
         _say_unfinished(runs)
         table = _spread(runs)
-    elif len(runs) < 2 or _is_run(runs[-1]):
+    elif len(runs) < 2 or len(runs[-1].split()) < 2 or Path(runs[-1]).is_dir():  # SQL has two words at least
         of = " ".join(runs)
         raise click.UsageError(
             f"the query in SQL is missing after {of}: give one, such as toppling query {of} "
@@ -81,11 +81,6 @@ def _say_unfinished(runs: Iterable[str]) -> None:
     for run in runs:
         if remark := open_run(run).completeness().remark:
             click.echo(f"{run} is unfinished: {remark}", err=True)
-
-
-def _is_run(text: str) -> bool:
-    """Whether an argument names a folder rather than being SQL, which has at least two words."""
-    return not len(text.split()) > 1 or Path(text).is_dir()
 
 
 def _spread(runs: tuple[str, ...]) -> pa.Table:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import separator_of
 
 _AGE_SAMPLES = 400
 
@@ -279,7 +280,7 @@ def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise _file_error(path, "it is no text in UTF-8") from error
     try:
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-        sign = next((sign for sign in ";\t" if lines and sign in lines[0]), ",")
+        sign = separator_of(lines[0] if lines else "")
         rows = [
             [cell.replace(",", ".") for cell in row] for row in csv.reader(lines, delimiter=sign) if any(row)
         ]

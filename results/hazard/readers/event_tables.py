@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.csv_text import separator_of
 from toppling.results.hazard.event_survival import EventBranch, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_with_unit
 from toppling.results.hazard.readers.openquake_curves import header_values
@@ -64,7 +65,7 @@ def opened(path: Path) -> Table | None:
         return None
     skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
     header = head[skipped].rstrip("\n")
-    separator = next((sign for sign in ",\t;" if sign in header), ",")
+    separator = separator_of(header)
     names = [name.strip().strip('"') for name in header.split(separator)]
     keys = header_values(head[0]) if skipped else {}
     return Table(path, tuple(_ALIASES.get(name, name) for name in names), keys, skipped, separator)

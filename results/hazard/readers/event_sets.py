@@ -23,7 +23,6 @@ from toppling.results.hazard.readers.event_tables import (
     only_one,
     opened,
 )
-from toppling.results.hazard.readers.text_columns import refuse_other_unit
 
 _SITE_BYTES = 8
 """Length to which OpenQuake cuts a site's own name."""
@@ -255,6 +254,7 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
 
 _STRONG = 0.9
 """Share of motions below the one by which a unit is judged: single ones of a simulation may be of any strength."""
+_MOST_STRONG_G = 3.0
 
 
 def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
@@ -262,12 +262,14 @@ def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> Event
     factors = measure_factors(table, "", measure_with_unit, ratio)
     bare: list[str] = []
     for name, (column, _factor) in factors.items():
-        if column.endswith("_m_s2") and (usual := measure_of(name)):
+        if column.endswith("_m_s2") and measure_of(name):
             strong = float(pd.to_numeric(rows[name], errors="coerce").quantile(_STRONG))
-            if refuse_other_unit(table.path, name, column, [strong * usual[1]], ""):
-                bare.append(
-                    f"{name} names no unit, and is taken to be in g: {strong:.3g} g in a strong event"
+            if strong > _MOST_STRONG_G:
+                what = (
+                    f"the column {name!r} names no unit, which is g then, and a tenth of its motions exceed"
                 )
+                raise event_error(f"{what} {strong:.3g}: name it, such as {name} (m/s2)", table.path)
+            bare.append(f"{name} names no unit, and is taken to be in g: {strong:.3g} g in a strong event")
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
     if SITE not in rows:

@@ -43,17 +43,30 @@ class Table:
     keys: Mapping[str, str]  # of the comment line
     skipped: int  # lines above the columns
     separator: str = ","
+    decimal: str = "."
 
     def frame(self) -> pd.DataFrame:
         """All rows; identifiers of sites are text."""
         texts = dict.fromkeys(("site_id", "custom_site_id", "sid", "Site_Name"), str)
         try:
             frame = pd.read_csv(
-                self.path, sep=self.separator, skiprows=self.skipped, dtype=texts, encoding="utf-8-sig"
+                self.path,
+                sep=self.separator,
+                skiprows=self.skipped,
+                dtype=texts,
+                encoding="utf-8-sig",
+                decimal=self.decimal,
             )
         except (ValueError, pd.errors.ParserError) as error:
             raise event_error(f"cannot be read ({error})", self.path) from error
-        return frame.rename(columns=lambda name: _ALIASES.get(name.strip(), name.strip()))
+        return frame.rename(columns=_named)
+
+
+def _named(column: str) -> str:
+    """Name of a column today: of other versions, and of people who begin words with capitals."""
+    bare = column.strip().strip('"')
+    plain = bare.lower()
+    return _ALIASES.get(plain, plain if plain in (EVENT, SITE, "annual_rate") else bare)
 
 
 def opened(path: Path) -> Table | None:
@@ -66,9 +79,11 @@ def opened(path: Path) -> Table | None:
     skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
     header = head[skipped].rstrip("\n")
     separator = separator_of(header)
-    names = [name.strip().strip('"') for name in header.split(separator)]
+    names = [_named(name) for name in header.split(separator)]
+    below = " ".join(head[skipped + 1 :])
+    decimal = "," if separator != "," and "," in below and not re.search(r"\d\.\d", below) else "."
     keys = header_values(head[0]) if skipped else {}
-    return Table(path, tuple(_ALIASES.get(name, name) for name in names), keys, skipped, separator)
+    return Table(path, tuple(names), keys, skipped, separator, decimal)
 
 
 def kind_of(table: Table) -> str:

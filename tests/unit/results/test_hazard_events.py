@@ -22,6 +22,7 @@ from toppling.results.hazard.event_survival import (
     rank_models,
     survival,
 )
+from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
 
 SAMPLES = Path(__file__).resolve().parents[4] / "shared" / "data" / "hazard"
@@ -203,6 +204,42 @@ def test_motions_without_a_unit_that_are_in_gal_are_refused(tmp_path, header, sa
         return
     with pytest.raises(InputError, match=said):
         read_events(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "event_id;annual_rate;PGA (g)\n1;1E-03;0,5\n2;0,0002;0,25\n",
+        "Event_ID,Annual_Rate,PGA (g)\n1,1E-03,0.5\n2,0.0002,0.25\n",
+        "event_id\tannual_rate\tPGA (g)\n1\t1E-03\t0.5\n2\t0.0002\t0.25\n",
+    ],
+)
+def test_events_are_the_same_however_a_spreadsheet_writes_them(content, tmp_path):
+    path = tmp_path / "events.csv"
+    path.write_text(content)
+    assert is_event_set(path)
+    (branch,) = read_events(path).branches
+    np.testing.assert_allclose(branch.rate, [1e-3, 2e-4])
+    np.testing.assert_allclose(branch.motions["pga_m_s2"][:, 0], [0.5 * G, 0.25 * G])
+
+
+def test_motions_of_which_a_tenth_exceed_3_g_are_in_m_s2_and_others_are_told(tmp_path):
+    path = tmp_path / "events.csv"
+    rows = "".join(f"{n},1e-3,{{}}\n" for n in range(20))
+    path.write_text("event_id,annual_rate,PGA\n" + rows.replace("{}", "4.2"))
+    with pytest.raises(InputError, match=r"PGA \(m/s2\)"):
+        read_events(path)
+    path.write_text("event_id,annual_rate,PGA\n" + rows.replace("{}", "0.42"))
+    assert any("taken to be in g: 0.42 g" in note for note in read_events(path).notes)
+
+
+@pytest.mark.parametrize("header", ["event_id,return_period,PGA (g)", "event_id,annual_rate,ln PGA (g)"])
+def test_events_without_rates_or_measures_are_no_curve(header, tmp_path):
+    path = tmp_path / "events.csv"
+    path.write_text(f"{header}\n1,1000,0.5\n2,2000,0.7\n")
+    with pytest.raises(InputError, match="is of events") as refused:
+        read_hazard(path)
+    assert "annual_rate and measures" in refused.value.remedy
 
 
 def test_a_hazard_curve_is_no_set_of_events(tmp_path):

@@ -192,49 +192,31 @@ def upright(
     return list(names), [(rows[0][0] if rows else 1, list(column)) for column in columns]
 
 
-def refuse_other_unit(
-    path: Path, name: str, column: str, levels: Sequence[float], before: str, once: float = math.nan
-) -> bool:
-    """Refuse levels under a bare name whose unit is another by the lines above, by their size, or by their hazard.
+def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> HazardCurve:
+    """Curve whose levels stand under a bare name, with what that was taken to mean.
 
-    Parameters
-    ----------
-    name, column : str
-        The bare name, and the column of the results that it is.
-    levels : sequence of float
-        In SI, as of the unit that the name implies.
-    before : str
-        The lines above, in lower case.
-    once : float
-        Level that is exceeded once in 475 years; not a number where that is not known.
-
-    Returns
-    -------
-    bool
-        Whether nothing but the name says the unit.
-
-    Raises
-    ------
-    InputError
-        If it is another: with the one that may be meant.
+    before: the lines above, in lower case.
+    Raises InputError if their unit is another by the lines above, by their size, or by the hazard that they would be:
+    with the one that may be meant.
     """
-    quantity = quantity_of(column)
-    if quantity != "acceleration" and column != "pgv_m_s":
-        return False
+    quantity = quantity_of(curve.measure)
+    if quantity != "acceleration" and curve.measure != "pgv_m_s":
+        return curve
     factor = (measure_of(name) or ("", 1.0))[1]
     found = {text: unit_of(text) for text in _STATED_UNIT.findall(before)}
     stated = {text: unit for text, unit in found.items() if unit and unit.quantity == quantity}
     other = [text for text, unit in stated.items() if not isclose(unit.factor, factor)]
-    largest = max(levels, default=0.0) / factor
     own, most = ("g", _MOST_G) if quantity == "acceleration" else ("cm/s", math.inf)
-    most_once = _MOST_G_ONCE["pga" if column == "pga_m_s2" else "sa"] if own == "g" else math.inf
+    most_once = _MOST_G_ONCE["pga" if curve.measure == "pga_m_s2" else "sa"] if own == "g" else math.inf
+    largest = max(curve.levels, default=0.0) / factor
+    once = _once_in(_RETURN_YEARS, curve) / factor
     why = ""
     if other:
         why = f"the lines above say {other[0]!r}"
     elif largest > most or (own == "cm/s" and 0 < largest < _LEAST_CM_S):
         why = f"its levels reach {largest:g}"
-    elif once / factor > most_once:
-        why = f"{once / factor:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
+    elif once > most_once:
+        why = f"{once:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
     if why:
         meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
         refuse(
@@ -242,22 +224,9 @@ def refuse_other_unit(
             f"the column {name!r} names no unit, which is {own} then, and {why}",
             f"name the unit in the column, such as {name} ({meant})",
         )
-    return not stated
-
-
-def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> HazardCurve:
-    """Curve whose levels stand under a bare name, with what that was taken to mean.
-
-    Raises InputError as `refuse_other_unit` does.
-    """
-    once = _once_in(_RETURN_YEARS, curve)
-    if not refuse_other_unit(path, name, curve.measure, curve.levels.tolist(), before, once):
+    if stated:
         return curve
-    own, factor = (
-        "g" if quantity_of(curve.measure) == "acceleration" else "cm/s",
-        (measure_of(name) or ("", 1.0))[1],
-    )
-    size = f": {once / factor:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
+    size = f": {once:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
     return replace(curve, assumed=f"{path.name} names no unit of {name}, which is taken to be {own}{size}.")
 
 

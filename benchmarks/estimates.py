@@ -52,7 +52,7 @@ def main() -> None:
         }
         campaign = Campaign.of(content, Path())
         planned = plan(campaign, rock, motions)
-        expected = estimate(planned, rock, motions)
+        expected = estimate(planned)
         with tempfile.TemporaryDirectory() as folder:
             progress = run(planned, Path(folder) / "run", local(workers), silent)
         if expected is not None:

@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.plan import Plan, expected_s, plan
+from toppling.orchestrator.plan import Plan, expected_s, plan_of
 from toppling.orchestrator.processes import assets, pool_of
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.rocks_of_run import Settlings
+from toppling.orchestrator.rocks_of_run import settlings_of
 from toppling.workers.job import Assets, JobSpec, run_job
 
 _TIMED_JOBS = 48
@@ -78,13 +77,12 @@ def _timed_jobs(pending: int) -> int:
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
 
-def _sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
-    level = planned.jobs["pga_m_s2"].to_numpy()[pending]
-    duration = planned.columns["duration_s"][pending]
+def _sampled_rows(planned: Plan) -> NDArray[np.int64]:
+    """Rows to time, of which each beginning holds levels and durations in the shares that all jobs have."""
+    level, duration = planned.jobs["pga_m_s2"].to_numpy(), planned.columns["duration_s"]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
-    return pending[np.lexsort((turn * duration, level))][_spread(len(pending), _timed_jobs(len(pending)))]
+    return np.lexsort((turn * duration, level))[_spread(len(planned), _timed_jobs(len(planned)))]
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
@@ -94,55 +92,43 @@ def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> 
     return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
 
 
-def estimate(
-    planned: Plan,
-    scene: Scene,
-    ensemble: Ensemble,
-    pending: NDArray[np.int64] | None = None,
-    advance: Callable[[], None] = lambda: None,
-) -> TimeEstimate | None:
-    """Time some jobs of a plan and say what all cost.
+def estimate(planned: Plan) -> TimeEstimate | None:
+    """Time some jobs of a plan, of many rocks those of a few, and say what all cost.
 
-    scene, ensemble: the plan's.
-    pending: (n,), rows of the jobs that are left; all unless given.
-    advance: called for each job that was timed.
-    Returns TimeEstimate or None: None where nothing is pending, and where jobs cannot be done here.
+    Returns TimeEstimate or None: None where there are no jobs, and where they cannot be done here.
     """
-    rows = np.arange(len(planned)) if pending is None else pending
-    if not len(rows):
+    if planned.campaign.sites:
+        return _by_few_rocks(planned)
+    if not len(planned):
         return None
-    chosen = _sampled_rows(planned, rows)
+    assets_here = Assets(Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble))
+    chosen = _sampled_rows(planned)
     cost_s: list[float] = []
-    timed_rows: list[int] = []
     try:
-        with pool_of(1, Assets(scene, ensemble)) as pool:
+        with pool_of(1, assets_here) as pool:
             # The first one also pays for what is computed once in a process, and is timed again.
             pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
             end = time.monotonic() + _TIMED_S
             for row in chosen:
                 cost_s.append(pool.submit(_timed_s, planned.spec(int(row))).result())
-                timed_rows.append(int(row))
-                advance()
                 if time.monotonic() > end:
                     break
     except BrokenProcessPool:
         return None
     # Jobs cost about as their records last: a sample of long records is not taken for all.
     duration_s = planned.columns["duration_s"]
-    longer, sampled = (expected_s(float(duration_s[of].mean()), 1) for of in (rows, timed_rows))
-    return TimeEstimate(float(np.mean(cost_s)) * len(rows) * longer / sampled, len(cost_s))
+    timed_s = duration_s[chosen[: len(cost_s)]]
+    longer, sampled = (expected_s(float(of.mean()), 1) for of in (duration_s, timed_s))
+    return TimeEstimate(float(np.mean(cost_s)) * len(planned) * longer / sampled, len(cost_s))
 
 
-def estimate_atlas(planned: Plan) -> TimeEstimate | None:
-    """The same of many rocks, by the jobs of a few of them."""
+def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
     found = []
     for number in _spread(len(planned.scenes), _ROCKS_TIMED):
-        campaign = planned.scenes[number].campaign
-        scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
-        alone = plan(campaign, scene, ensemble)
+        alone = plan_of(planned.scenes[number].campaign)
         with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
-            Settlings.of(campaign, scene).checked()
-            if (estimated := estimate(alone, scene, ensemble)) is not None:
+            settlings_of(alone)[0].checked()
+            if (estimated := estimate(alone)) is not None:
                 found.append((estimated, len(alone)))
     if not found:
         return None

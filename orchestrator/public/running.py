@@ -3,8 +3,9 @@
 import os
 from collections.abc import Collection
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 from distributed import Client
@@ -38,12 +39,15 @@ class Planned:
         How far the rock settles with the friction with which it tilts most; None of many rocks.
     warnings : list of str
         Probable mistakes.
+    rocks : dict
+        Of many rocks `scenes`, what is known of each, and `left_out`, those that cannot be read.
     """
 
     campaign: Campaign
     plan: Plan
     settling: Settling | None
     warnings: list[str]
+    rocks: dict[str, Any] = field(default_factory=dict)
 
     @property
     def jobs(self) -> pa.Table:
@@ -70,7 +74,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
         entries = scene_entries(planned, settlings_of(planned))
         problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
         problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
-        return Planned(chosen, planned, None, problems)
+        return Planned(chosen, planned, None, problems, entries)
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
     settling = Settlings.of(chosen, scene).checked()
     warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)

@@ -226,22 +226,15 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
 
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
     from toppling.orchestrator.advice import shaking_warnings
-    from toppling.orchestrator.estimate import estimate, estimate_atlas, words_of
-    from toppling.orchestrator.plan import plan, plan_of
+    from toppling.orchestrator.estimate import estimate, words_of
+    from toppling.orchestrator.plan import plan_of
 
-    if campaign.sites:
-        planned = plan_of(campaign)
-        with Console(stderr=True).status("timing a few jobs of a few rocks"):
-            return words_of(estimate_atlas(planned), len(planned), workers)
     try:
-        scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
-        planned = plan(campaign, scene, ensemble)
+        planned = plan_of(campaign)
     except InputError:
         return ""  # the run itself will say so
-    for sentence in shaking_warnings(campaign, ensemble):
+    for sentence in [] if campaign.sites else shaking_warnings(campaign, Ensemble.load(campaign.ensemble)):
         click.echo(f"warning: {sentence}", err=True)
     with Console(stderr=True).status("timing a few jobs"):
-        expected = estimate(planned, scene, ensemble)
-    return words_of(expected, len(planned), workers)
+        return words_of(estimate(planned), len(planned), workers)

@@ -2,5 +2,5 @@
 
 __all__ = [
     "csv_text", "digest", "documents", "folder", "guarded", "lease", "mesh_files", "ply", "run_document",
-    "scene_document", "store_address", "stores", "tables",
+    "scene_document", "spreadsheet", "store_address", "stores", "tables",
 ]  # fmt: skip

@@ -26,9 +26,10 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import check_size
 from toppling.models.files.folder import write_text
+from toppling.models.files.spreadsheet import plain_table
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
-from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of
+from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
 from toppling.results.hazard.surfaces import Surface
 
 _LARGEST_BYTES = 20_000_000
@@ -97,6 +98,7 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     curves = _read(path, {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json})
     if not curves:
         raise _curve_error("holds no lognormal fragility", path)
+    curves = [_in_si(curve, path) for curve in curves]
     for curve in curves:
         if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
             raise _curve_error(f"median {curve.median}, beta {curve.beta} of {curve.measure}", path)
@@ -107,6 +109,21 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
             f"holds {', '.join(several)}: give each rock, and each limit state, its own file", path
         )
     return {curve.measure: curve for curve in curves}
+
+
+def _in_si(curve: Lognormal, path: Path) -> Lognormal:
+    """Curve over a column of the results, of one that a person wrote over PGA (g)."""
+    known = measure_with_unit(curve.measure)
+    if known is None or known[0] == curve.measure:
+        return curve
+    if measure_of(curve.measure):
+        raise InputError(
+            f"the measure {curve.measure!r} names no unit of its median",
+            where=str(path),
+            expected=f"a column of the results, such as {known[0]}, or a measure with its unit",
+            remedy=f"write {known[0]} with the median in SI, or {curve.measure} (g) or the like",
+        )
+    return replace(curve, measure=known[0], median=known[1] * curve.median, resampled=None)
 
 
 def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
@@ -226,7 +243,7 @@ def _csv(rows: list[dict[str, Any]], name: str) -> str:
 
 
 def _from_csv(text: str) -> list[Lognormal]:
-    rows = csv.DictReader(io.StringIO(text))
+    rows = csv.DictReader(plain_table(text.splitlines()))
     _refuse_absent(rows.fieldnames or ())
     return [_of_row(row) for row in rows if row["median"]]
 
@@ -240,7 +257,9 @@ def _json(rows: list[dict[str, Any]], name: str) -> str:
 
 
 def _surfaces_of_csv(text: str) -> list[Surface]:
-    return [_of_surface_row(row) for row in csv.DictReader(io.StringIO(text)) if row.get(_PLANE[0])]
+    return [
+        _of_surface_row(row) for row in csv.DictReader(plain_table(text.splitlines())) if row.get(_PLANE[0])
+    ]
 
 
 def _surfaces_of_json(text: str) -> list[Surface]:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import NoReturn
 
 from toppling.models.errors import InputError
+from toppling.models.files.spreadsheet import plain_table
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import measure_of
 from toppling.results.hazard.places import Place, distance_km, of_name
-from toppling.results.hazard.readers.spreadsheet import plain_table
 
 _EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "

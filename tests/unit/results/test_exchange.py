@@ -248,3 +248,28 @@ def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
     np.testing.assert_allclose(again.coefficients, drawn.coefficients, rtol=1e-5)
     assert again.fitted.tolist() == fitted.tolist()
     assert again.records == 30
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "measure;median;beta\npga_m_s2;4,5;0,5\n",
+        "measure\tmedian\tbeta\npga_m_s2\t4.5\t0.5\n",
+        ",measure,median,beta\n0,pga_m_s2,4.5,0.5\n",
+        "measure,median,beta\nPGA (cm/s2),450,0.5\n",
+        "measure,median,beta\nPGA (m/s2),4.5,0.5\n",
+    ],
+)
+def test_a_curve_is_the_same_however_a_person_or_a_spreadsheet_writes_it(text, tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text(text)
+    (curve,) = read_curves(path).values()
+    assert (curve.measure, curve.median, curve.beta) == ("pga_m_s2", pytest.approx(4.5), 0.5)
+
+
+def test_a_median_in_a_unit_that_nobody_names_is_refused(tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text("measure,median,beta\nPGA,0.4,0.5\n")
+    with pytest.raises(InputError, match="names no unit") as refused:
+        read_curves(path)
+    assert "pga_m_s2" in refused.value.remedy

@@ -15,7 +15,8 @@ OPEN_PER_HEIGHT = (0.006, 0.03)
 
 def true_hints(true: Scene) -> dict[str, Inspection]:
     """Inspections of a rock, by what they tell, survey coordinates."""
-    touching = _spread(support_polygon_m(true.rock, true.pedestal), TOUCHES) + true.origin_m
+    corners = support_polygon_m(true.rock, true.pedestal) + true.origin_m
+    touching = _spread(corners, TOUCHES)
     clearance = (true.rock.vertices_m - true.pedestal.point_m) @ true.pedestal.normal / true.rock.height_m
     low, high = OPEN_PER_HEIGHT
     free = _spread(true.rock.vertices_m[(clearance > low) & (clearance < high)], DAYLIGHTS)
@@ -24,7 +25,7 @@ def true_hints(true: Scene) -> dict[str, Inspection]:
     pulls = (_pull(true, 0.0), _pull(true, 90.0))
     return {
         "touches": Inspection(touching),
-        "touches and nowhere else": Inspection(touching, touch_only=True),
+        "touches and nowhere else": Inspection(corners, touch_only=True),
         "daylight": Inspection(open_m=free + true.origin_m),
         "a pull": Inspection(pulls=pulls[:1]),
         "touches, daylight and pulls": Inspection(touching, free + true.origin_m, pulls),

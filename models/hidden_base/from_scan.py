@@ -36,7 +36,7 @@ from toppling.models.shares import effective_number
 
 DRAWS = 48
 """Kept in the scene."""
-CANDIDATES = 81
+CANDIDATES = 162
 """Draws of each kind, shared by its priors, of which the likelier are kept."""
 MORE_ROUNDS, _ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""

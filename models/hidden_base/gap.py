@@ -60,13 +60,16 @@ class Relief:
     # way there: a base that is round within its own outline, however long that is.
     bowl_m: float = 0.0
     bowl_powers: tuple[float, ...] = (2.0, 4.0)
+    # Standard deviation of the slope of the whole base: a round rock turns until it stands.
+    slope: float = 0.0
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
         apart = cdist(places_m, places_m)
         shape = self.shape_m**2 * _matern(apart / self.shape_length_m)
-        paraboloid = 0.5 * self.curvature_per_m * ((places_m - places_m.mean(axis=0)) ** 2).sum(axis=1)
-        shape += np.outer(paraboloid, paraboloid)
+        off_m = places_m - places_m.mean(axis=0)
+        paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
+        shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
             bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T

@@ -32,6 +32,8 @@ _ROUNDED_PER_WIDTH = (
 )
 """What a rounded base has beside its bowl: relief and its length, over the root of its area; and the bowl's powers."""
 _ROUNDED_ROUGH_PER_WIDTH = 0.002
+_ROUNDED_SLOPE = 0.05
+"""Standard deviation of a rounded base's slope: where its weight is decided how it lies, and not its shape."""
 _CLOSED_STDS = 2.0
 """A rim that hangs by fewer standard deviations of its error may be closed."""
 
@@ -47,6 +49,7 @@ def bowls(width_m: float) -> list[Relief]:
             ROUGH_LENGTH_PER_WIDTH * width_m,
             bowl_m=_BOWL_PER_WIDTH * width_m,
             bowl_powers=powers,
+            slope=_ROUNDED_SLOPE,
         )
         for shape, length, powers in _ROUNDED_PER_WIDTH
     ]
@@ -103,8 +106,12 @@ def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
 
 
 def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array:
-    """Weights (n,) of candidates, of which each kind has its share; within it they are those of its priors."""
-    log_weight = np.array([gap.log_weight for gap in gaps])
+    """Weights (n,) of candidates, of which each kind has its share; within it they are those of its priors.
+
+    The rim tells priors of a kind from each other as little as it tells the kinds.
+    """
+    likelihood = np.array([gap.log_likelihood for gap in gaps])
+    log_weight = np.array([gap.log_weight for gap in gaps]) - (1.0 - _EVIDENCE_SHARE) * likelihood
     kind = np.array([gap.kind for gap in gaps])
     weight = np.zeros(len(gaps))
     for each, share in shares.items():

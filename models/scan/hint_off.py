@@ -6,9 +6,7 @@ from toppling.models.frames import slope_of_normal
 from toppling.models.scan.doubt import Doubt, direction_told
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.measure import ObservedRock
-
-_OFF_PER_HEIGHT = 0.015
-"""Of the rock's height: what a given interface may lie off what was seen, at the rock's foot."""
+from toppling.models.scan.pointed_at import OFF_PER_HEIGHT
 
 
 def off_what_was_seen(observed: ObservedRock, interface: Interface, origin_m: Array) -> Doubt | None:
@@ -25,7 +23,7 @@ def off_what_was_seen(observed: ObservedRock, interface: Interface, origin_m: Ar
     foot = interface.flat(observed.low_m) * [1.0, 1.0, 0.0]
     rises_m = -seen.flat(interface.scene(foot))[:, 2]
     low_m, high_m = float(rises_m.min()), float(rises_m.max())
-    if max(-low_m, high_m) < _OFF_PER_HEIGHT * observed.height_m:
+    if max(-low_m, high_m) < OFF_PER_HEIGHT * observed.height_m:
         return None
     dip_deg, toward_deg = slope_of_normal(seen.normal)
     x, y, z = seen.point_m + origin_m

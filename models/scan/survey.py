@@ -52,6 +52,7 @@ from toppling.models.scan.measure import (
 )
 from toppling.models.scan.overgrown import overgrown
 from toppling.models.scan.parts import as_labelled
+from toppling.models.scan.pointed_at import points_told, seen_about_points
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels
@@ -136,7 +137,7 @@ def work_out(
     hint = _placed(cloud, hint)
     progress("splitting rock from pedestal")
     try:
-        parts = _split(cloud, near, hint)
+        parts, hint, moved = _split_at(cloud, near, hint)
         progress("fitting the interface")
         judged = _classified(cloud, parts, hint)
     except InputError as error:
@@ -147,7 +148,7 @@ def work_out(
     check_size(observed.height_m, "units")
     with plants_named(cloud.points_m):
         _check_sense(observed, interface, inspection.moved(cloud.origin_m))
-        told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m)]
+        told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m), moved]
         progress("closing the rock")
         closed, core = close_standing(observed, interface)
         doubted = _checked_doubts(observed, interface, closed, cloud, label)
@@ -180,6 +181,17 @@ def _split(cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint |
     parts = as_labelled(cloud.points_m, cloud.label)
     check_upright(parts, cloud.origin_m)
     return parts
+
+
+def _split_at(
+    cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint | None
+) -> tuple[Segmentation, InterfaceHint | None, str]:
+    """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
+    parts = _split(cloud, near, hint)
+    seen = None if hint is None else seen_about_points(hint, parts)
+    if hint is None or seen is None:
+        return parts, hint, ""
+    return _split(cloud, near, seen), seen, points_told(hint, seen.interface)
 
 
 def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:

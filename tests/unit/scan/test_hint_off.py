@@ -7,6 +7,8 @@ from toppling.models.frames import plane_normal
 from toppling.models.scan.hint_off import off_what_was_seen
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.pointed_at import points_told, seen_about_points
+from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
 from toppling.models.scan.surfels import Surfels
 
 DIP_DEG, TOWARD_DEG, HEIGHT_M, RADIUS_M, PATCH_M = 4.0, 60.0, 2.0, 0.5, 0.02
@@ -18,16 +20,24 @@ def on_the_slope(x, y):
     return np.column_stack([x, y, -(NORMAL[0] * x + NORMAL[1] * y) / NORMAL[2]])
 
 
-def told(hint):
-    """What is told of a hint about a column on a slope, whose foot and pedestal were seen all around."""
+def column_on_the_slope(bumps_m=0.0):
+    """Patches of a column on a slope, whose foot and pedestal were seen all around, and which are the column's."""
     x, y = (each.ravel() for each in np.meshgrid(*[np.arange(-1.0, 1.0, PATCH_M)] * 2))
     ground = on_the_slope(x, y)[np.hypot(x, y) > RADIUS_M]
+    ground[:, 2] += bumps_m * np.random.default_rng(3).normal(size=len(ground))
     turn = np.arange(0.0, 2.0 * np.pi, PATCH_M / RADIUS_M)
     foot = on_the_slope(RADIUS_M * np.cos(turn), RADIUS_M * np.sin(turn))
-    side = np.vstack([foot + np.array([0.0, 0.0, rise]) for rise in np.arange(0.01, 0.3, PATCH_M)])
+    side = np.vstack([foot + np.array([0.0, 0.0, rise]) for rise in np.arange(0.01, HEIGHT_M, PATCH_M)])
     normals = np.vstack([np.broadcast_to(NORMAL, ground.shape), side * [2.0, 2.0, 0.0]])
     surfels = Surfels(np.vstack([ground, side]), normals, np.zeros(len(normals)), PATCH_M)
-    rock = np.arange(len(normals)) >= len(ground)
+    return surfels, np.arange(len(normals)) >= len(ground)
+
+
+def told(hint):
+    """What is told of a hint about it."""
+    surfels, rock = column_on_the_slope()
+    ground, side = surfels.points_m[~rock], surfels.points_m[rock]
+    side = side[side[:, 2] < 0.3]
     observed = ObservedRock(side, ground, side, ground, surfels, rock, HEIGHT_M, hint)
     interface = (
         InterfaceHint.plane(np.zeros(3), DIP_DEG, TOWARD_DEG).interface if hint is None else hint.interface
@@ -57,3 +67,47 @@ def test_how_far_a_wrong_one_lies_off_is_told_with_the_plane_that_was_seen(hint,
     assert (dip_deg, toward_deg) == (DIP_DEG, TOWARD_DEG)
     seen = InterfaceHint.plane(np.array([x, y, z]) - ORIGIN_M, dip_deg, toward_deg)
     assert told(seen) is None
+
+
+def pointed_at(off_m):
+    """Places around the column, so far above its pedestal."""
+    turn = np.deg2rad([20.0, 110.0, 200.0, 290.0])
+    places = on_the_slope(1.1 * RADIUS_M * np.cos(turn), 1.1 * RADIUS_M * np.sin(turn))
+    return InterfaceHint.points(places + np.outer(off_m, NORMAL))
+
+
+def seen_about(hint, bumps_m=0.0):
+    surfels, rock = column_on_the_slope(bumps_m)
+    label = np.where(rock, ROCK, PEDESTAL).astype(np.int8)
+    return seen_about_points(hint, Segmentation(label, surfels, label, 1.0, []))
+
+
+CLICKED_M = [0.06, -0.05, -0.04, 0.02]
+
+
+def test_places_clicked_some_centimetres_off_a_plane_pedestal_give_way_to_it():
+    hint = pointed_at(CLICKED_M)
+    assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(3.0))
+    seen = seen_about(hint)
+    assert seen.interface.normal == pytest.approx(NORMAL, abs=1e-6)
+    assert seen.interface.flat(on_the_slope(np.zeros(1), np.zeros(1)))[0, 2] == pytest.approx(0.0, abs=1e-6)
+    assert seen.kind == hint.kind
+    said = points_told(hint, seen.interface)
+    assert "-0.05 to +0.06 m" in said
+    assert "dips by 4.0 degrees toward azimuth 60" in said
+
+
+@pytest.mark.parametrize(
+    ("hint", "bumps_m"),
+    [
+        pytest.param(pointed_at([0.01, -0.01, 0.01, 0.02]), 0.0, id="what was seen agrees"),
+        pytest.param(pointed_at([0.2, 0.2, 0.2, 0.2]), 0.0, id="another pedestal is meant"),
+        pytest.param(pointed_at(CLICKED_M), 0.03, id="the pedestal is no plane"),
+        pytest.param(InterfaceHint.plane([0.0, 0.0, 0.05], 0.0, 0.0), 0.0, id="a measured plane"),
+        pytest.param(
+            InterfaceHint.points(pointed_at(CLICKED_M).anchors_m, "outline"), 0.0, id="a contact outline"
+        ),
+    ],
+)
+def test_a_word_on_the_interface_counts_as_given_otherwise(hint, bumps_m):
+    assert seen_about(hint, bumps_m) is None

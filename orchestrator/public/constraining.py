@@ -22,6 +22,7 @@ from toppling.orchestrator.public.felt import EventStatement, measures_asked
 from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
 from toppling.orchestrator.public.rocks import (
     Jobs,
+    apart_km,
     measures_shared,
     names_of,
     of_atlases,
@@ -269,6 +270,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     """What rocks say of a single event, of rates, or of curves of hazard."""
     paths, asked, dates = question.paths, question.asked, question.dates
     tree = read_tree(question.hazard, asked, measures_shared(paths)) if question.hazard else None
+    rocks_apart_km = apart_km(paths, tree)
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [
         standing_rock(name, path, over, jobs.get(path), ages, advance=advance)
@@ -284,6 +286,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     update = Update(standing, tree, question.confidence) if tree else None
     statement = Constraint(standing, question.confidence, update, question.dated)
     content = statement.summary(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
+    content["rocks_apart_km"] = rocks_apart_km
     if dates.together:
         content["ages_independent"] = False
     if bases := [

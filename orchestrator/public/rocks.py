@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,7 +25,9 @@ from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.completeness import Completeness
+from toppling.results.hazard.places import SITE_REACH_KM, distance_km
 from toppling.results.hazard.survival import Standing
+from toppling.results.hazard.tree import HazardTree
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, Weights, unweighed
 
@@ -61,6 +64,33 @@ def of_atlases(
         undated = ", ".join(path.name for path, age in found if age is None)
         click.echo(f"ages are left out: the atlas has none of {undated}; --age states one of each", err=True)
     return tuple(path for path, _ in found), ages or (stated if len(stated) == len(found) else ())
+
+
+def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
+    """Farthest that two of some rocks stand from each other, where an atlas knows their places; 0 where it does not.
+
+    Raises InputError if there is a hazard, which is that of one site, and they stand beyond the reach of one, or its
+    own site beyond that of a rock.
+    """
+    entries = [(str(path), open_run(path).entry) for path in paths if path.is_dir()]
+    places = {
+        name: (float(one["longitude"]), float(one["latitude"]))
+        for name, one in entries
+        if one.get("longitude") is not None and one.get("latitude") is not None
+    }
+    pairs = [(one, other, places[one], places[other]) for one, other in combinations(places, 2)]
+    if hazard and hazard.site:
+        pairs += [(name, "the hazard's site", place, hazard.site) for name, place in places.items()]
+    far = [(float(distance_km(*here, there)), one, other) for one, other, here, there in pairs]
+    widest, one, other = max(far, default=(0.0, "", ""))
+    if hazard and widest > SITE_REACH_KM:
+        raise InputError(
+            f"{one} and {other} lie {widest:,.0f} km apart",
+            where="--hazard",
+            expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
+            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites",
+        )
+    return max((km for km, _, name in far if name in places), default=0.0)
 
 
 def measures_shared(rocks: Sequence[Path]) -> list[str]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from toppling.models.files.documents import listed
 from toppling.results.drawing.style import printed_unit, short_name, unit_of
+from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
@@ -164,6 +165,8 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
         f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "
         f"{statement['unexceeded']:.3g} {unit} while {stood}."
     )
+    if (apart := statement.get("rocks_apart_km", 0.0)) > SITE_REACH_KM:
+        lines.append(f"  they stand up to {apart:,.0f} km apart, and are taken to have felt the same events")
     if statement["unexceeded_low"] is None:
         lines.append(
             "  its uncertainty from the choice of records is unknown: this needs a run with enough records"

@@ -87,14 +87,14 @@ def gallery_page(
 def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
     """What an atlas says, in a few sentences."""
     drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
-    found = [f"{len(rocks)} rocks, of which {len(drawn)} have a fragility over {short_name(measure)}."]
+    several, have = "s" if len(rocks) != 1 else "", "has" if len(drawn) == 1 else "have"
+    found = [f"Of {len(rocks)} rock{several} {len(drawn)} {have} a fragility over {short_name(measure)}."]
     if drawn:
         (least, weakest), (most, firmest) = drawn[0], drawn[-1]
         unit = printed_unit(measure)
-        found[0] += (
-            f" Half of the shakings topple {weakest.name}, the weakest, at {least.median:.2g} {unit}, and "
-            f"{firmest.name}, the firmest, at {most.median:.2g} {unit}."
-        )
+        first, last = (", the weakest,", ", the firmest,") if len(drawn) > 1 else ("", "")
+        found[0] += f" Half of the shakings topple {weakest.name}{first} at {least.median:.2g} {unit}"
+        found[0] += f", and {firmest.name}{last} at {most.median:.2g} {unit}." if last else "."
     found.append(shared.sentence)
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
         found.append(f"Without a fragility: {'; '.join(bare)}.")

@@ -1,6 +1,7 @@
 """Rocks beside each other: what they share, where they stand, and a page that shows each."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,37 @@ def atlas(tmp_path_factory):
 @pytest.fixture(scope="module")
 def compared(atlas):
     return beside_each_other(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
+
+
+def placed(atlas, copy, **places):
+    """A copy of the atlas whose rocks stand elsewhere."""
+    shutil.copytree(atlas, copy)
+    document = json.loads((copy / "run.json").read_text())
+    document.pop("digest")
+    for scene in document["scenes"]:
+        scene["longitude"], scene["latitude"] = places.get(scene["rock"], (None, None))
+    (copy / "run.json").write_text(json.dumps(document))
+    return copy
+
+
+@pytest.mark.parametrize(("weak", "site", "told"), [
+    ((178.02, -38.66), None, "scenes/weak lie 1"),
+    ((-117.4, 34.3), (-119.0, 34.3), "the hazard's site lie 1"),
+    ((-117.4, 34.3), (-117.5, 34.2), None),
+    ((-117.4, 34.3), None, None),
+])  # fmt: skip
+def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, weak, site, told):
+    run = placed(atlas, tmp_path / "run", firm=(-117.5, 34.25), weak=weak)
+    curve = {"imt": "PGA", "unit": "g", "level": [0.1, 0.3, 1.0], "annual_rate": [1e-2, 1e-3, 1e-5]}
+    curve |= {"lon": site[0], "lat": site[1]} if site else {}
+    (tmp_path / "hazard.json").write_text(json.dumps(curve))
+    asked = ["constrain", str(run), "--age", "20000", "--measure", "pga_m_s2"]
+    answer = CliRunner().invoke(cli, [*asked, "--hazard", str(tmp_path / "hazard.json")])
+    assert (answer.exit_code == 0) == (told is None)
+    if told:
+        assert told in str(answer.exception)
+    bare = CliRunner().invoke(cli, asked).output
+    assert ("km apart, and are taken to have felt the same events" in bare) == (weak[0] > 0)
 
 
 def test_each_rocks_median_is_found_within_its_interval_and_a_silent_rock_has_none(compared):

@@ -39,8 +39,10 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
     while client.status in ("running", "connecting"):
         try:
             if client.status == "running":
-                let_leave_in_order(client)
-                return check_workers(client, *run_keys)
+                check_workers(
+                    client, *run_keys
+                )  # first: it tells of a worker that cannot load what leaves in order
+                return let_leave_in_order(client)
         except (
             OSError
         ) as error:  # a worker that leaves while all are asked ends the call too: then the client runs on

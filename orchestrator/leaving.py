@@ -79,7 +79,7 @@ def leaving_in_order(client: Client) -> Iterator[None]:
     finally:
         _SERVED.discard(client.id)
         if client.status == "running":
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, KeyError, ValueError):  # who could not load it has none
                 client.unregister_worker_plugin(_PLUGIN)
 
 

@@ -11,8 +11,9 @@ import pytest
 from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.admission import check_workers
+from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.task import RunKey, versions
 
 PATIENCE_S = 60.0
@@ -62,8 +63,9 @@ def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planne
         try:
             client.wait_for_workers(1, timeout=PATIENCE_S)
             run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
-            with pytest.raises(InputError, match=r"workers are unfit.*No module named"):
-                check_workers(client, run_key)
+            refused = pytest.raises(InputError, match=r"workers are unfit.*No module named")
+            with refused, leaving_in_order(client):  # as a run does
+                make_ready(client, run_key)
         finally:
             worker.terminate()
             worker.wait(PATIENCE_S)

@@ -38,6 +38,9 @@ from toppling.models.support import TOPPLED_TILT_DEG
 _GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
 
+_OFTEN = 1.3
+"""Of the rock's extent from its centre of mass: ground in that box is looked at most of the time."""
+
 FOUND_WITHIN = 0.1
 """Of R: within it features are found."""
 
@@ -324,7 +327,8 @@ class GroundedBody:
         size = rock.half_diagonal_m
         reach, far = FOUND_WITHIN * size, _GROUND_REACH * size
         ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
-        ground = contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach)
+        around = com + _OFTEN * (body_m @ axes.T).min(axis=0), com + _OFTEN * (body_m @ axes.T).max(axis=0)
+        ground = contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach, often_m=around)
         mesh, patches = (smooth_mesh_of(rock), patches_of(rock)) if smooth else (None, None)
         faces, touching, rounded = rock.faces, None, NO_FACETS
         if mesh is not None and patches is not None:

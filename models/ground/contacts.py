@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, compiled, inner
+from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
@@ -19,7 +19,7 @@ from toppling.models.ground.pairs import (
     Pairs,
     PointRoom,
     between,
-    group_end,
+    least_m,
     look_again,
     nearest,
     refresh,
@@ -105,7 +105,7 @@ def _meet(p: Any, near: Any, mesh: ContactMesh, margin: float, vertices: bool, r
             continue
         way, total = minus(p, room.spots[k]), room.sums[k]
         far, size = math.sqrt(dot(way, way)), math.sqrt(dot(total, total))
-        outside = room.inside[k] > 0.0 and far > 1e-9 * mesh.cell_m
+        outside = room.inside[k] > 0.0 and far > 1e-9 * mesh.grid.cell_m
         for i in range(3):
             room.found[count, i] = way[i] / far if outside else total[i] / size
             room.found[count, 4 + i] = room.spots[k, i]
@@ -167,17 +167,40 @@ def _leads_out(mesh: ContactMesh, index: int, normal: Any, leaning: float) -> bo
 
 
 @inner
-def _near_a_plane(
-    p: Any, mesh: ContactMesh, triangles: Indices, apart_m: Array, way_m: float, margin_m: float
-) -> bool:
-    """Whether a point is as near to one of some triangles' planes as a contact must be; notes the way to each."""
-    near = False
+def _near_a_plane(p: Any, mesh: ContactMesh, near_it: Any, margin_m: float) -> bool:
+    """Whether a point is as near to one of some triangles' planes as a contact must be; notes the way to each.
+
+    Near are the triangles, the way that the rock goes before each can touch, and the way since.
+    """
+    (triangles, apart_m, way_m), near = near_it, False
     for place in range(len(triangles)):
+        if apart_m[place] >= margin_m + way_m:
+            continue
         t = triangles[place]
         off = abs(dot(mesh.normals[t], p) - mesh.offsets_m[t])
         near = near or off <= 1.001 * margin_m
         apart_m[place] = max(apart_m[place], way_m + off)
     return near
+
+
+@inner
+def _may_touch(pairs: Pairs, kind: int, group: int, p: Vector, margin_m: float) -> bool:
+    """Whether a group's point has come near since it was last looked at; if not, the way left to it is noted."""
+    seen_m, way_m = pairs.groups.seen_m[kind, group], pairs.lengths_m[WAY]
+    moved = minus(p, seen_m)
+    left_m = seen_m[3] - math.sqrt(dot(moved, moved))
+    if left_m < margin_m:
+        return True
+    pairs.groups.apart_m[kind, group] = way_m + left_m
+    return False
+
+
+@inner
+def _note(pairs: Pairs, kind: int, group: int, p: Vector, near_it: Any) -> None:
+    """Note where a group's point was looked at, and how far that is from what it may touch."""
+    apart_m, seen_m = least_m(near_it[1]), pairs.groups.seen_m[kind, group]
+    pairs.groups.apart_m[kind, group] = apart_m
+    seen_m[0], seen_m[1], seen_m[2], seen_m[3] = p[0], p[1], p[2], apart_m - near_it[2]
 
 
 @inner
@@ -199,60 +222,61 @@ def contacts_in(
     rotation_of(pose, turn)
     way_m = look_again(pairs, pose, margin_m)
     near_m = margin_m + way_m
-    found, end, near_pairs = room.found, 0, pairs.near
-    first, triangles, apart_m = near_pairs.rock_point, near_pairs.ground_triangle, near_pairs.apart_m[0]
-    listed = near_pairs.found[0]
-    while end < listed:
-        begin, index = end, first[end]
-        end, near = group_end(first, apart_m, begin, listed, near_m)
-        if not near:
+    groups, found, first, triangles = pairs.groups, room.found, pairs.rock_point, pairs.ground_triangle
+    for place in range(groups.near_found[0]):
+        group = groups.near[0, place]
+        if groups.apart_m[0, group] >= near_m:
             continue
+        begin, end = groups.begin[0, group], groups.begin[0, group + 1]
+        index, near_it = first[begin], (triangles[begin:end], pairs.apart_m[0, begin:end], way_m)
         p = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.points[index]]))
-        if not _near_a_plane(p, ground, triangles[begin:end], apart_m[begin:end], way_m, margin_m):
+        if not _may_touch(pairs, 0, group, p, margin_m):
             continue
-        near_it = triangles[begin:end], apart_m[begin:end], way_m
-        for i in range(_meet(p, near_it, ground, margin_m, True, room)):
-            if not _leads_out(rock, index, turned_back(turn, found[i]), leaning):
-                continue
-            count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
-    end = 0
-    first, triangles, apart_m = near_pairs.ground_point, near_pairs.rock_triangle, near_pairs.apart_m[1]
-    listed = near_pairs.found[1]
-    while end < listed:
-        begin, index = end, first[end]
-        end, near = group_end(first, apart_m, begin, listed, near_m)
-        if not near:
+        if _near_a_plane(p, ground, near_it, margin_m):
+            for i in range(_meet(p, near_it, ground, margin_m, True, room)):
+                if _leads_out(rock, index, turned_back(turn, found[i]), leaning):
+                    count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
+        _note(pairs, 0, group, p, near_it)
+    first, triangles = pairs.ground_point, pairs.rock_triangle
+    for place in range(groups.near_found[1]):
+        group = groups.near[1, place]
+        if groups.apart_m[1, group] >= near_m:
             continue
-        place = ground.vertices_m[ground.points[index]]
-        p = turned_back(turn, minus(place, pose))
-        if not _near_a_plane(p, rock, triangles[begin:end], apart_m[begin:end], way_m, margin_m):
+        begin, end = groups.begin[1, group], groups.begin[1, group + 1]
+        index, near_it = first[begin], (triangles[begin:end], pairs.apart_m[1, begin:end], way_m)
+        there = ground.vertices_m[ground.points[index]]
+        p = turned_back(turn, minus(there, pose))
+        if not _may_touch(pairs, 1, group, p, margin_m):
             continue
-        near_it = triangles[begin:end], apart_m[begin:end], way_m
-        for i in range(_meet(p, near_it, rock, margin_m, False, room)):
-            n = turned(turn, found[i])
-            if not _leads_out(ground, index, n, LEANING):
-                continue
-            count = add(
-                out, count, (1 << 60) + 8 * index + i, found[i, 3], (-n[0], -n[1], -n[2]), place, pose
-            )
+        if _near_a_plane(p, rock, near_it, margin_m):
+            for i in range(_meet(p, near_it, rock, margin_m, False, room)):
+                n = turned(turn, found[i])
+                if _leads_out(ground, index, n, LEANING):
+                    key = (1 << 60) + 8 * index + i
+                    count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pose)
+        _note(pairs, 1, group, p, near_it)
     return _edges_across((rock, ground), pairs, pose, margin_m, out, count)
 
 
 @inner
 def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: Any, count: int) -> int:
     """Add the contacts of pairs of edges, of rock and ground, that cross."""
-    (rock, ground), turn, way_m, near = bodies, pairs.turn, pairs.lengths_m[WAY], pairs.near
-    edge, a, b = -1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for k in range(near.found[2]):
-        if near.apart_m[2, k] >= margin_m + way_m:
+    (rock, ground), turn, way_m, groups = bodies, pairs.turn, pairs.lengths_m[WAY], pairs.groups
+    for place in range(groups.near_found[2]):
+        group = groups.near[2, place]
+        if groups.apart_m[2, group] >= margin_m + way_m:
             continue
-        if near.rock_edge[k] != edge:
-            edge = near.rock_edge[k]
-            a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
-            b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
-        placed = edge, a, minus(b, a), near.ground_edge[k]
-        count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
-        near.apart_m[2, k] = way_m + apart_m
+        begin, end = groups.begin[2, group], groups.begin[2, group + 1]
+        edge = pairs.rock_edge[begin]
+        a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
+        b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
+        for k in range(begin, end):
+            if pairs.apart_m[2, k] >= margin_m + way_m:
+                continue
+            placed = edge, a, minus(b, a), pairs.ground_edge[k]
+            count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
+            pairs.apart_m[2, k] = way_m + apart_m
+        groups.apart_m[2, group] = least_m(pairs.apart_m[2, begin:end])
     return count
 
 
@@ -275,19 +299,20 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(way, way) * dot(other, other))
     if size < 1e-4 * scale:
         return count, apart_m
-    n = (n[0] / size, n[1] / size, n[2] / size)
     own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
-    for _ in range(2):
-        out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
-        out_of_rock = -min(dot(n, own0), dot(n, own1))
-        if out_of_ground <= _ASIDE and out_of_rock <= _ASIDE:
-            place = plus(c, t, other)
-            gap = dot(n, minus(plus(a, s, way), place))
-            if -margin_m < gap < margin_m:
-                key = (2 << 60) + i * len(ground.edges) + j
-                return add(out, count, key, gap, n, place, pose), apart_m
-            return count, apart_m
-        n = (-n[0], -n[1], -n[2])
+    into = minus(plus(ground.inward[j, 0], 1.0, ground.inward[j, 1]), plus(own0, 1.0, own1))
+    # Of the two ways that lead out of edges which are nearly flat, the one that leads out of both bodies.
+    sign = -1.0 if dot(n, into) > 0.0 else 1.0
+    n = (sign * n[0] / size, sign * n[1] / size, sign * n[2] / size)
+    out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
+    out_of_rock = -min(dot(n, own0), dot(n, own1))
+    if out_of_ground > _ASIDE or out_of_rock > _ASIDE:
+        return count, apart_m
+    place = plus(c, t, other)
+    gap = dot(n, minus(plus(a, s, way), place))
+    if -margin_m < gap < margin_m:
+        key = (2 << 60) + i * len(ground.edges) + j
+        count = add(out, count, key, gap, n, place, pose)
     return count, apart_m
 
 

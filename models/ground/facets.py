@@ -16,8 +16,9 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.contacts import add, contacts_in
+from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
-from toppling.models.ground.pairs import Pairs, cell_of, moved_m, refresh
+from toppling.models.ground.pairs import Pairs, moved_m, refresh
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.joined import joined_parts
@@ -235,11 +236,12 @@ def _meet_creases(bodies: Any, facet: int, placed: Any, margin_m: float, out: An
 @inner
 def _lies_over(on: Facets, ground: ContactMesh, facet: int, place: Vector) -> bool:
     """Whether a place near a facet's plane lies over one of its triangles."""
-    cell = cell_of(ground, place)
+    grid = ground.grid
+    cell = cell_of(grid, place)
     if cell < 0:
         return False
-    for index in range(ground.first[cell], ground.first[cell + 1]):
-        t = ground.near[index]
+    for index in range(grid.first[cell], grid.first[cell + 1]):
+        t = grid.near[index]
         if on.facet_of[t] == facet and _over_triangle(ground, t, place):
             return True
     return False

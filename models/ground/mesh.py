@@ -1,26 +1,25 @@
-"""Triangle meshes prepared for contact: which edges and vertices stand out, and which triangles lie near a place."""
+"""Triangle meshes prepared for contact: which edges and vertices stand out."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.models.compiled import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.ground.vectors import cross, dot, minus, plus
+from toppling.models.ground.grid import NO_GRID, Grid, grid_of
 
-_CELLS = 40
-"""Cells of the grid along the longest side of what is looked up, or more, that none is longer than the reach."""
+FINE = 0.65
+"""Reach of the fine grid, over that of the other."""
 
 _FLAT_SHARE = 1e-6
 """Sine of the angle between two triangles up to which they are one face."""
 
 
 class ContactMesh(NamedTuple):
-    """A mesh, its features, and a grid of the triangles and edges near each cell. All compiled code reads it.
+    """A mesh, its features, and grids of the triangles and edges near each cell. All compiled code reads it.
 
     Parameters
     ----------
@@ -48,12 +47,10 @@ class ContactMesh(NamedTuple):
         Spheres around these.
     inward : (k, 2, 3) array
         For each of these, unit vectors in its triangles, away from it; of an edge of one triangle twice the same.
-    origin_m, cell_m, shape
-        The grid.
-    first, near : int arrays
-        Triangles near cell c: near[first[c]:first[c + 1]].
-    first_edge, near_edges : int arrays
-        The same of `edges`.
+    grid : Grid
+        Of all triangles and `edges`.
+    fine : Grid
+        The same in a smaller box, within a smaller reach: empty unless asked for.
     """
 
     vertices_m: Array
@@ -72,13 +69,8 @@ class ContactMesh(NamedTuple):
     edge_middles_m: Array
     edge_halves_m: Array
     inward: Array
-    origin_m: Array
-    cell_m: float
-    shape: Indices
-    first: Indices
-    near: Indices
-    first_edge: Indices
-    near_edges: Indices
+    grid: Grid
+    fine: Grid
 
 
 _NONE = np.zeros((0, 3), np.int64)
@@ -86,8 +78,7 @@ _NONE = np.zeros((0, 3), np.int64)
 NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
     _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(),
-    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), np.zeros(3), 1.0, np.ones(3, np.int64), np.zeros(2, np.int64),
-    _NONE[:, 0].copy(), np.zeros(2, np.int64), _NONE[:, 0].copy(),
+    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
 )  # fmt: skip
 """That of a body which touches with no mesh."""
 
@@ -99,6 +90,7 @@ def contact_mesh(
     high_m: Array,
     reach_m: float,
     touching: Flags | None = None,
+    often_m: tuple[Array, Array] | None = None,
 ) -> ContactMesh:
     """Prepare a mesh.
 
@@ -112,6 +104,8 @@ def contact_mesh(
         Triangles and edges so near a place are found there.
     touching : (n,) bool array, optional
         Vertices that may be points and ends of edges that touch: all unless given.
+    often_m : two (3,) arrays, optional
+        Box in which it is looked up often: there is the fine grid.
 
     Raises
     ------
@@ -131,22 +125,18 @@ def contact_mesh(
     stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
-    low, high = (
-        np.maximum(low_m, vertices.min(axis=0)) - reach_m,
-        np.minimum(high_m, vertices.max(axis=0)) + reach_m,
-    )
-    cell = min(float((high - low).max()) / _CELLS, reach_m)
-    shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)
-    first, near = _register(corners, low, cell, shape, reach_m)
     kept = ends[stands_out]
-    first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
+    features = corners, vertices[kept][:, [0, 1, 1]]
+    grid = grid_of(features, low_m, high_m, (reach_m, reach_m))
+    fine_m = FINE * reach_m, 0.5 * FINE * reach_m
+    fine = NO_GRID if often_m is None else grid_of(features, *often_m, fine_m)
     start, end = vertices[kept[:, 0]], vertices[kept[:, 1]]
     points = np.unique(kept)
     return ContactMesh(
         vertices, faces, normals, offsets, middles, radii, edge_of, shares,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
-        low, cell, shape, first, near, first_edge, near_edges,
+        grid, fine,
     )  # fmt: skip
 
 
@@ -224,60 +214,3 @@ def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Arr
     way = vertices[both[:, 1]] - vertices[both[:, 0]]
     first = np.searchsorted(number[both[:, 0]], np.arange(len(points) + 1))
     return first.astype(np.int64), way / np.linalg.norm(way, axis=1)[:, None]
-
-
-@compiled(allocates=True)
-def _register(
-    corners: Array, low: Array, cell: float, shape: Indices, reach_m: float
-) -> tuple[Indices, Indices]:
-    """For each cell the triangles (m, 3, 3) within a reach of it: by their boxes, and by their planes or lines."""
-    # Counted one cell further on, then summed: where each cell begins moves on as it is filled, to where it ends.
-    first = np.zeros(shape[0] * shape[1] * shape[2] + 2, np.int64)
-    near = np.zeros(0, np.int64)
-    begin, end = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    far_m = reach_m + 0.5 * math.sqrt(3.0) * cell
-    for fills in (False, True):
-        if fills:
-            for number in range(1, len(first)):
-                first[number] += first[number - 1]
-            near = np.zeros(first[-1], np.int64)
-        for owner in range(len(corners)):
-            of = corners[owner]
-            for k in range(3):
-                least, most = min(of[0, k], of[1, k], of[2, k]), max(of[0, k], of[1, k], of[2, k])
-                begin[k] = min(max(math.floor((least - reach_m - low[k]) / cell), 0), shape[k] - 1)
-                end[k] = min(max(math.floor((most + reach_m - low[k]) / cell), 0), shape[k] - 1)
-            for x in range(begin[0], end[0] + 1):
-                for y in range(begin[1], end[1] + 1):
-                    for z in range(begin[2], end[2] + 1):
-                        middle = (
-                            low[0] + (x + 0.5) * cell,
-                            low[1] + (y + 0.5) * cell,
-                            low[2] + (z + 0.5) * cell,
-                        )
-                        if not _is_near(of, middle, far_m):
-                            continue
-                        number = (x * shape[1] + y) * shape[2] + z
-                        if fills:
-                            near[first[number + 1]] = owner
-                            first[number + 1] += 1
-                        else:
-                            first[number + 2] += 1
-    return first[:-1].copy(), near
-
-
-@inner
-def _is_near(corners: Array, place: Vector, far_m: float) -> bool:
-    """Whether a place lies within a distance of a triangle's plane, or of its line where it is one."""
-    way, other, offset = (
-        minus(corners[1], corners[0]),
-        minus(corners[2], corners[0]),
-        minus(place, corners[0]),
-    )
-    normal = cross(way, other)
-    size = math.sqrt(dot(normal, normal))
-    if size > 0.0:
-        return abs(dot(offset, normal)) <= far_m * size
-    share = min(max(dot(offset, way) / dot(way, way), 0.0), 1.0)
-    aside = plus(offset, -share, way)
-    return dot(aside, aside) <= far_m * far_m

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, inner
+from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 
@@ -15,8 +16,14 @@ MOST_AT_A_POINT, FEATURES_AT_A_POINT = 8, 24
 """Contacts of one point, and edges and vertices that are nearest to it, at most."""
 
 
-RADIUS, REACH, WAY, NEAR = range(4)
+RADIUS, REACH, WAY, NEAR, WIDE_RADIUS, EMPTY = range(6)
 """Of `Pairs.lengths_m`."""
+
+_EXACT = 0.4
+"""Of the reach: the distance of a point that may be nearer to a triangle is computed, that of others bounded."""
+
+_PARTS = 4
+"""Of a cell: an edge is looked up in as long parts, by the middle of each."""
 
 _NEAR_MARGINS, _MOST_NEAR_MARGINS = 4.0, 12.0
 """Beyond the way since, a new list reaches so many margins; one that reaches more is longer than the steps need."""
@@ -33,8 +40,21 @@ class PointRoom(NamedTuple):
     inside: Array  # least distance over them
 
 
-class Listed(NamedTuple):
-    """Pairs of features, of each kind the first `found`."""
+class Groups(NamedTuple):
+    """The pairs of each kind, by their first feature, and those groups that may touch first; the first `found`."""
+
+    found: Indices  # (3,)
+    begin: Indices  # (3, room + 1): first pair of each, and the end of the last
+    apart_m: Array  # (3, room): way that the rock goes before one of its pairs can touch, at least
+    near_found: Indices  # (3,)
+    near: Indices  # (3, room): numbers of those that may touch first
+    # (2, room, 4): place, in the other body's axes, of the point of a group as it was last looked at, and how far that
+    # is from what it may touch, at least.
+    seen_m: Array
+
+
+class Pairs(NamedTuple):
+    """Features that may touch before the rock has moved by a slack; of each kind the first `found` pairs."""
 
     found: Indices  # (3,)
     rock_point: Indices  # rock's point, ground's triangle
@@ -43,21 +63,16 @@ class Listed(NamedTuple):
     rock_triangle: Indices
     rock_edge: Indices
     ground_edge: Indices
-    # (3, room): of each pair, by kind: the way that the rock goes before it can touch, at least; where it stands
-    # among all.
+    # (3, room): of each pair, by kind: the way that the rock goes before it can touch, at least.
     apart_m: Array
-    place: Indices
-
-
-class Pairs(NamedTuple):
-    """Features that may touch before the rock has moved by a slack, and those of them that may touch first."""
-
-    every: Listed
-    near: Listed
+    groups: Groups
     pose: Array  # (7,) in which they were found; the first NaN if never
     looked_at: Array  # (7,): the latest pose that was looked at
-    # From the centre of mass to the farthest vertex; the reach in which they were found; way since; that before which
-    # only those near can touch.
+    # (4, 3): middle of a ball around all places at which they may touch, in body axes and at the latest look; of one
+    # around all features that lie in occupied cells of the other body, in body axes and when they were found.
+    middle_m: Array
+    # Radius of the first ball; the reach in which they were found; way of that ball since; that before which only those
+    # near can touch; radius of the second ball; least distance of a feature outside of it when they were found.
     lengths_m: Array
     turn: Array  # (3, 3): rotation of the pose that is looked at
     point: PointRoom
@@ -65,19 +80,14 @@ class Pairs(NamedTuple):
 
 def no_pairs(room: int) -> Pairs:
     """Room for so many of each kind."""
-    features = FEATURES_AT_A_POINT
+    features, one = FEATURES_AT_A_POINT, np.zeros((6, room), np.int64)
     return Pairs(
-        _none_listed(room), _none_listed(room), np.full(7, np.nan), np.zeros(7), np.zeros(4), np.zeros((3, 3)),
+        np.zeros(3, np.int64), one[0], one[1], one[2], one[3], one[4], one[5], np.zeros((3, room)),
+        Groups(np.zeros(3, np.int64), np.zeros((3, room + 1), np.int64), np.zeros((3, room)), np.zeros(3, np.int64),
+               np.zeros((3, room), np.int64), np.zeros((2, room, 4))),
+        np.full(7, np.nan), np.zeros(7), np.zeros((4, 3)), np.zeros(6), np.zeros((3, 3)),
         PointRoom(np.zeros((MOST_AT_A_POINT, 7)), np.zeros(features, np.int64), np.zeros(features, np.int64),
                   np.zeros((features, 3)), np.zeros((features, 3)), np.zeros(features)),
-    )  # fmt: skip
-
-
-def _none_listed(room: int) -> Listed:
-    some = [np.zeros(room, np.int64) for _ in range(6)]
-    return Listed(
-        np.zeros(3, np.int64), some[0], some[1], some[2], some[3], some[4], some[5], np.zeros((3, room)),
-        np.zeros((3, room), np.int64),
     )  # fmt: skip
 
 
@@ -112,35 +122,32 @@ def nearest(p: Any, a: Any, b: Any, c: Any) -> tuple[int, tuple[float, float, fl
 
 
 @inner
-def cell_of(mesh: ContactMesh, p: Any) -> int:
-    """Cell of a place; -1 outside of the grid."""
-    number = 0
-    for k in range(3):
-        i = math.floor((p[k] - mesh.origin_m[k]) / mesh.cell_m)
-        if i < 0 or i >= mesh.shape[k]:
-            return -1
-        number = number * mesh.shape[k] + i
-    return number
+def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any, wide: Any) -> int:
+    """Pairs of points and triangles of a mesh within a reach, in the mesh's frame.
 
-
-@inner
-def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> int:
-    """Pairs of points and triangles of a mesh within a reach, in the mesh's frame."""
-    count = 0
+    wide: a box widened around what lies in any triangle's cells; the points in its axes; how far they go in these.
+    """
+    count, (box, places, slack) = 0, wide
     for index in range(len(points)):
         q = points[index]
-        cell = cell_of(mesh, q)
-        if cell < 0:
+        grid, cell = mesh.grid, cell_of(mesh.grid, q)
+        if cell < 0 or grid.first[cell] == grid.first[cell + 1]:
             continue
-        for place in range(mesh.first[cell], mesh.first[cell + 1]):
-            t = mesh.near[place]
+        _widen(box, places[index], slack)
+        if reach <= mesh.fine.reach_m and cell_of(mesh.fine, q) >= 0:
+            grid, cell = mesh.fine, cell_of(mesh.fine, q)
+        for place in range(grid.first[cell], grid.first[cell + 1]):
+            t = grid.near[place]
             aside, far = minus(q, mesh.middles_m[t]), reach + mesh.radii_m[t]
-            if dot(aside, aside) >= far * far or abs(dot(mesh.normals[t], q) - mesh.offsets_m[t]) >= reach:
+            off, squared = abs(dot(mesh.normals[t], q) - mesh.offsets_m[t]), dot(aside, aside)
+            if squared >= far * far or off >= reach:
                 continue
-            f = mesh.faces[t]
-            _, c = nearest(q, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
-            way = minus(q, c)
-            apart = math.sqrt(dot(way, way))
+            apart = max(off, math.sqrt(squared) - mesh.radii_m[t])
+            if apart < _EXACT * reach:
+                f = mesh.faces[t]
+                _, c = nearest(q, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
+                way = minus(q, c)
+                apart = math.sqrt(dot(way, way))
             if apart < reach and count < len(out[0]):
                 out[0][count], out[1][count], out[2][count] = index, t, apart
                 count += 1
@@ -148,23 +155,29 @@ def _list_points(points: Array, mesh: ContactMesh, reach: float, out: Any) -> in
 
 
 @inner
-def _list_edges(
-    of: tuple[Array, Indices], rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Listed
-) -> int:
-    """Pairs of edges within a reach, of the rock's vertices as they are placed, and a mark on each edge of ground."""
-    count, (placed, seen) = 0, of
+def _list_edges(of: Any, rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Pairs) -> int:
+    """Pairs of edges within a reach.
+
+    of: the rock's vertices as they are placed; a mark on each edge of the ground; a box widened around edges that lie
+    in the cells of any.
+    """
+    count, (placed, seen, box) = 0, of
     for i in range(len(rock.edges)):
         begin = count
         a, b = placed[rock.edges[i, 0]], placed[rock.edges[i, 1]]
         way = minus(b, a)
         length = math.sqrt(dot(way, way))
-        parts, middle = int(length / ground.cell_m) + 1, plus(a, 0.5, way)
+        parts, middle, wide = int(_PARTS * length / ground.grid.cell_m) + 1, plus(a, 0.5, way), False
         for part in range(parts):
-            cell = cell_of(ground, plus(a, (part + 0.5) / parts, way))
-            if cell < 0:
+            at = plus(a, (part + 0.5) / parts, way)
+            grid, cell = ground.grid, cell_of(ground.grid, at)
+            if cell < 0 or grid.first_edge[cell] == grid.first_edge[cell + 1]:
                 continue
-            for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):
-                j = ground.near_edges[place]
+            wide = True
+            if reach + 0.5 * length / parts <= ground.fine.reach_m and cell_of(ground.fine, at) >= 0:
+                grid, cell = ground.fine, cell_of(ground.fine, at)
+            for place in range(grid.first_edge[cell], grid.first_edge[cell + 1]):
+                j = grid.near_edges[place]
                 aside = minus(middle, ground.edge_middles_m[j])
                 within = 0.5 * length + ground.edge_halves_m[j] + reach
                 if dot(aside, aside) >= within * within or seen[j] == i or count >= len(pairs.rock_edge):
@@ -177,11 +190,14 @@ def _list_edges(
                 if squared < reach * reach:
                     _insert_edge(pairs, begin, count, (i, j), math.sqrt(squared))
                     count += 1
+        if wide:
+            _widen(box, rock.vertices_m[rock.edges[i, 0]], 0.0)
+            _widen(box, rock.vertices_m[rock.edges[i, 1]], 0.0)
     return count
 
 
 @inner
-def _insert_edge(pairs: Listed, begin: int, count: int, pair: tuple[int, int], apart_m: float) -> None:
+def _insert_edge(pairs: Pairs, begin: int, count: int, pair: tuple[int, int], apart_m: float) -> None:
     """Put a pair where it belongs among those of the same edge of the rock: their order depends on no pose."""
     k, (i, j) = count, pair
     while k > begin and pairs.ground_edge[k - 1] > j:
@@ -221,83 +237,160 @@ def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
     """Find the features that are within a reach of each other."""
     turn, seen = pairs.turn, np.full(len(ground.edges), -1)
     rotation_of(pose, turn)
-    placed, farthest = np.empty_like(rock.vertices_m), 0.0
+    placed, ours = np.empty_like(rock.vertices_m), rock.vertices_m[rock.points]
     for i in range(len(placed)):
-        vertex = rock.vertices_m[i]
-        placed[i, 0], placed[i, 1], placed[i, 2] = plus(pose, 1.0, turned(turn, vertex))
-        farthest = max(farthest, dot(vertex, vertex))
+        placed[i, 0], placed[i, 1], placed[i, 2] = plus(pose, 1.0, turned(turn, rock.vertices_m[i]))
     theirs = np.empty((len(ground.points), 3))
     for i in range(len(theirs)):
         there = minus(ground.vertices_m[ground.points[i]], pose)
         theirs[i, 0], theirs[i, 1], theirs[i, 2] = turned_back(turn, there)
-    every = pairs.every
-    near_ground = (every.rock_point, every.ground_triangle, every.apart_m[0])
-    near_rock = (every.ground_point, every.rock_triangle, every.apart_m[1])
+    found, box, near, lengths_m = pairs.found, _no_box(), _no_box(), pairs.lengths_m
+    near_ground = (pairs.rock_point, pairs.ground_triangle, pairs.apart_m[0])
+    near_rock = (pairs.ground_point, pairs.rock_triangle, pairs.apart_m[1])
     while True:
-        every.found[0] = _list_points(placed[rock.points], ground, reach, near_ground)
-        every.found[1] = _list_points(theirs, rock, reach, near_rock)
+        found[0] = _list_points(placed[rock.points], ground, reach, near_ground, (box, ours, 0.0))
+        found[1] = _list_points(theirs, rock, reach, near_rock, (box, theirs, reach))
         seen[:] = -1
-        every.found[2] = _list_edges((placed, seen), rock, ground, reach, every)
-        if every.found.max() < len(every.rock_point) or reach < 1e-6 * math.sqrt(farthest):
+        found[2] = _list_edges((placed, seen, box), rock, ground, reach, pairs)
+        if found.max() < len(pairs.rock_point) or reach < 1e-5 * ground.grid.cell_m:
             break
         reach *= 0.5  # of pairs that do not fit, none may be left out that can touch soon
+    _group(pairs, 0, pairs.rock_point)
+    _group(pairs, 1, pairs.ground_point)
+    _group(pairs, 2, pairs.rock_edge)
     copy(pose, pairs.pose)
     copy(pose, pairs.looked_at)
-    pairs.near.found[:] = 0
-    lengths_m = pairs.lengths_m
-    lengths_m[RADIUS], lengths_m[REACH] = math.sqrt(farthest), reach
-    lengths_m[WAY] = lengths_m[NEAR] = 0.0
+    _surround(near, (rock, ground), pose, pairs, theirs)
+    lengths_m[REACH], lengths_m[WAY], lengths_m[NEAR] = reach, 0.0, 0.0
+    lengths_m[EMPTY] = min(rock.grid.reach_m, ground.grid.reach_m - 0.5 * ground.grid.cell_m / _PARTS)
+    lengths_m[RADIUS] = _ball_around(near, (pose, turn), pairs.middle_m[0], pairs.middle_m[1])
+    lengths_m[WIDE_RADIUS] = _ball_around(box, (pose, turn), pairs.middle_m[2], pairs.middle_m[3])
+
+
+@inner(allocates=True)
+def _no_box() -> Array:
+    """Low and high corner (2, 3) of a box around nothing."""
+    box = np.full((2, 3), np.inf)
+    box[1, 0] = box[1, 1] = box[1, 2] = -np.inf
+    return box
+
+
+@inner
+def _widen(box: Array, place: Any, by_m: float) -> None:
+    """Widen a box so that a place lies in it, and what is so near."""
+    for k in range(3):
+        box[0, k], box[1, k] = min(box[0, k], place[k] - by_m), max(box[1, k], place[k] + by_m)
+
+
+@inner
+def _surround(box: Array, bodies: Any, pose: Array, pairs: Pairs, theirs: Array) -> None:
+    """Widen a box, in body axes, around all places at which the pairs may touch while they serve.
+
+    Rock and ground; the ground's points in body axes. Such a place is a point, or lies on the shorter of two edges;
+    points and edges of the ground move on the rock by the reach at most.
+    """
+    (rock, ground), slack = bodies, pairs.lengths_m[REACH]
+    for group in range(pairs.groups.found[0]):
+        point = rock.points[pairs.rock_point[pairs.groups.begin[0, group]]]
+        _widen(box, rock.vertices_m[point], 0.0)
+    for group in range(pairs.groups.found[1]):
+        _widen(box, theirs[pairs.ground_point[pairs.groups.begin[1, group]]], slack)
+    for k in range(pairs.found[2]):
+        i, j = pairs.rock_edge[k], pairs.ground_edge[k]
+        for end in range(2):
+            if rock.edge_halves_m[i] <= ground.edge_halves_m[j]:
+                _widen(box, rock.vertices_m[rock.edges[i, end]], 0.0)
+            else:
+                there = minus(ground.vertices_m[ground.edges[j, end]], pose)
+                _widen(box, turned_back(pairs.turn, there), slack)
+
+
+@inner
+def _ball_around(box: Array, placed: Any, middle_m: Array, place_m: Array) -> float:
+    """Set the middle of a ball around a box in body axes, and its place in a pose with its rotation; its radius."""
+    squared, (pose, turn) = 0.0, placed
+    for k in range(3):
+        middle_m[k] = 0.5 * (box[0, k] + box[1, k]) if box[0, k] <= box[1, k] else 0.0
+        squared += max(0.5 * (box[1, k] - box[0, k]), 0.0) ** 2
+    place_m[0], place_m[1], place_m[2] = plus(pose, 1.0, turned(turn, middle_m))
+    return math.sqrt(squared)
+
+
+@inner
+def serve(pairs: Pairs, pose: Array, margin_m: float, farthest_m: float) -> bool:
+    """Whether in a pose nothing else than the pairs that were found can be within a margin."""
+    if math.isnan(pairs.pose[0]):
+        return False
+    lengths_m, turn = pairs.lengths_m, pairs.turn
+    if moved_m(pairs.pose, pose, farthest_m) + margin_m >= lengths_m[EMPTY]:
+        return False
+    rotation_of(pose, turn)
+    way = minus(plus(pose, 1.0, turned(turn, pairs.middle_m[2])), pairs.middle_m[3])
+    moved = math.sqrt(dot(way, way)) + turned_m(pairs.pose, pose, lengths_m[WIDE_RADIUS])
+    return moved + margin_m < lengths_m[REACH]
+
+
+@inner
+def _group(pairs: Pairs, kind: int, first: Indices) -> None:
+    """Note where the pairs of each first feature begin, and how far the nearest of them is."""
+    groups, count = pairs.groups, 0
+    for k in range(pairs.found[kind]):
+        apart_m = pairs.apart_m[kind, k]
+        if k == 0 or first[k] != first[k - 1]:
+            groups.begin[kind, count], groups.apart_m[kind, count] = k, apart_m
+            if kind < 2:
+                groups.seen_m[kind, count, 3] = 0.0
+            count += 1
+        else:
+            groups.apart_m[kind, count - 1] = min(groups.apart_m[kind, count - 1], apart_m)
+    groups.begin[kind, count] = pairs.found[kind]
+    groups.found[kind], groups.near_found[kind] = count, 0
 
 
 @inner
 def look_again(pairs: Pairs, pose: Array, margin_m: float) -> float:
-    """Note the way to a pose, and list the pairs anew that can touch within a margin of it; the way since all were."""
-    lengths_m = pairs.lengths_m
-    lengths_m[WAY] += moved_m(pairs.looked_at, pose, lengths_m[RADIUS])
+    """Note the way to a pose, and list anew what can touch within a margin of it; the way since all was.
+
+    The pose is that whose rotation `pairs.turn` has.
+    """
+    lengths_m, groups = pairs.lengths_m, pairs.groups
+    place = plus(pose, 1.0, turned(pairs.turn, pairs.middle_m[0]))
+    way = minus(place, pairs.middle_m[1])
+    lengths_m[WAY] += math.sqrt(dot(way, way)) + turned_m(pairs.looked_at, pose, lengths_m[RADIUS])
+    pairs.middle_m[1, 0], pairs.middle_m[1, 1], pairs.middle_m[1, 2] = place
     copy(pose, pairs.looked_at)
     way_m, near_m = lengths_m[WAY], lengths_m[NEAR]
     if near_m < margin_m + way_m or near_m > _MOST_NEAR_MARGINS * margin_m + way_m:
         near_m = _NEAR_MARGINS * margin_m + way_m
-        e, n = pairs.every, pairs.near
-        _list_near(0, near_m, (e, e.rock_point, e.ground_triangle), (n, n.rock_point, n.ground_triangle))
-        _list_near(1, near_m, (e, e.ground_point, e.rock_triangle), (n, n.ground_point, n.rock_triangle))
-        _list_near(2, near_m, (e, e.rock_edge, e.ground_edge), (n, n.rock_edge, n.ground_edge))
+        for kind in range(3):
+            count = 0
+            for group in range(groups.found[kind]):
+                if groups.apart_m[kind, group] < near_m:
+                    groups.near[kind, count] = group
+                    count += 1
+            groups.near_found[kind] = count
         lengths_m[NEAR] = near_m
     return way_m
 
 
 @inner
-def _list_near(kind: int, near_m: float, of: Any, to: Any) -> None:
-    """Copy the pairs of a kind that touch before some way is gone; what is known of those listed before is kept.
-
-    of, to: a list, and its two features of that kind.
-    """
-    (every, one, other), (near, near_one, near_other) = of, to
-    apart_m, place, count = every.apart_m[kind], near.place[kind], 0
-    for k in range(near.found[kind]):
-        apart_m[place[k]] = near.apart_m[kind, k]
-    for k in range(every.found[kind]):
-        if apart_m[k] < near_m:
-            near_one[count], near_other[count], place[count] = one[k], other[k], k
-            near.apart_m[kind, count] = apart_m[k]
-            count += 1
-    near.found[kind] = count
-
-
-@inner
-def group_end(first: Indices, apart_m: Array, begin: int, found: int, near_m: float) -> tuple[int, bool]:
-    """End of the pairs of the point whose first pair is given, and whether one of them is nearer than that."""
-    k, near = begin, False
-    while k < found and first[k] == first[begin]:
-        near = near or apart_m[k] < near_m
-        k += 1
-    return k, near
+def least_m(apart_m: Array) -> float:
+    """The least of some ways."""
+    least = np.inf
+    for way_m in apart_m:
+        least = min(least, way_m)
+    return least
 
 
 @inner
 def moved_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of the point that moved most of those within a radius of the centre of mass, at most."""
-    cosine = abs(start[3] * end[3] + start[4] * end[4] + start[5] * end[5] + start[6] * end[6])
-    sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
     way = minus(end, start)
-    return math.sqrt(dot(way, way)) + 2.0 * sine * radius_m
+    return math.sqrt(dot(way, way)) + turned_m(start, end, radius_m)
+
+
+@inner
+def turned_m(start: Array, end: Array, radius_m: float) -> float:
+    """Way of a point at a radius from one that stays, as the attitude changes, at most."""
+    cosine = abs(start[3] * end[3] + start[4] * end[4] + start[5] * end[5] + start[6] * end[6])
+    return 2.0 * math.sqrt(max(1.0 - cosine * cosine, 0.0)) * radius_m

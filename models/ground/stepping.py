@@ -21,10 +21,10 @@ from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import REACH, Pairs, moved_m, refresh
+from toppling.models.ground.pairs import RADIUS, Pairs, refresh, serve
 from toppling.models.ground.rigid import invert, move, spin, square
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
-from toppling.models.ground.vectors import copy, cross, rotation_of
+from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
 
 _MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
@@ -33,7 +33,7 @@ TOUCHING_SHARE = 2e-6
 """Of R: a contact so near carries, and comes no nearer: small gaps that differ are none."""
 
 _MARGIN_SHARE = 1e-4
-"""Of R: contacts so near are looked at in a step, and those to which a point comes that is twice as fast as any."""
+"""Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
 
 _SLACK_SHARE = 0.05
 """Of R: way of the rock over which the features that may touch are kept."""
@@ -160,9 +160,7 @@ def advance(
     for k in range(3):
         free[k] = velocity[k] + increment[k]
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
-    fastest = max(_fastest_m_s(sim, velocity), _fastest_m_s(sim, free))
-    margin = _MARGIN_SHARE * sim.size_m + step_s * fastest
-    count = _contacts(sim, middle, margin)
+    count = _contacts(sim, middle, _margin_m(sim, step_s, velocity, free))
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
     sim.counts[4] += solve_cones(touching(sim, count, free))
@@ -268,10 +266,24 @@ def touching(sim: Grounded, count: int, velocity: Array) -> Touching:
 
 
 @inner
-def _fastest_m_s(sim: Grounded, velocity: Array) -> float:
-    """Speed of the rock's fastest point, at most."""
+def _margin_m(sim: Grounded, step_s: float, velocity: Array, free: Array) -> float:
+    """Gap up to which contacts are looked at in the pose of the middle of a step."""
+    near_m, whole = _MARGIN_SHARE * sim.size_m, ((0.0, 0.0, 0.0), sim.farthest_m)
+    margin = near_m + step_s * max(_fastest_m_s(velocity, whole), _fastest_m_s(free, whole))
+    if len(sim.rolling.corners) > 0 or len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
+        return margin
+    _look(sim, sim.work.middle, margin)
+    ball = turned(sim.work.turn, sim.pairs.middle_m[0]), sim.pairs.lengths_m[RADIUS]
+    return min(margin, near_m + step_s * max(_fastest_m_s(velocity, ball), _fastest_m_s(free, ball)))
+
+
+@inner
+def _fastest_m_s(velocity: Array, ball: tuple[Vector, float]) -> float:
+    """Speed of the fastest point in a ball at an arm from the centre of mass, at most."""
+    arm_m, radius_m = ball
     spin = (velocity[3], velocity[4], velocity[5])
-    return math.sqrt(square(velocity)) + math.sqrt(square(spin)) * sim.farthest_m
+    middle = plus(velocity, 1.0, cross(spin, arm_m))
+    return math.sqrt(square(middle)) + math.sqrt(square(spin)) * radius_m
 
 
 @inner
@@ -328,9 +340,8 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
 @inner
 def _look(sim: Grounded, pose: Array, margin: float) -> None:
     """Find the features that may touch, unless those found last still serve."""
-    slack, reach = _SLACK_SHARE * sim.size_m, sim.pairs.lengths_m[REACH]
-    if not moved_m(sim.pairs.pose, pose, sim.farthest_m) + margin < reach:  # nor before any was found
-        refresh(sim.rock, sim.ground, pose, max(slack, 2.0 * margin), sim.pairs)
+    if not serve(sim.pairs, pose, margin, sim.farthest_m):
+        refresh(sim.rock, sim.ground, pose, max(_SLACK_SHARE * sim.size_m, 2.0 * margin), sim.pairs)
 
 
 @inner

@@ -485,6 +485,19 @@ def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_
     assert (slid.outcome, slid.toppled) == ("moved", False)
 
 
+@pytest.mark.parametrize(("kerb_m", "slope_deg", "friction"), [(0.03, 25.0, 0.3), (0.02, 20.0, 0.2)])
+def test_a_stool_that_slides_down_to_a_kerb_at_its_foot_has_not_lodged(kerb_m, slope_deg, friction):
+    """The slope it comes to is steeper than its friction's angle: a low kerb holds its foot, nothing catches it."""
+    low_m = 1.6
+    down = low_m * math.tan(math.radians(slope_deg))
+    profile = [(-6.0, 0.0), (0.0, 0.0), (low_m, -down), (low_m, kerb_m - down), (6.0, kerb_m - down)]
+    stool = box(0.4, 0.4, 0.15).moved(np.eye(3), (-0.42, 0.0, 0.15))
+    scene = Scene.from_mesh((stool.vertices_m, stool.faces), pedestal=strips(profile), friction=friction)
+    slid = shake(as_surface(scene), pulse(-6.0, 0.8, after_s=6.0), "fast")
+    assert slid.slip_m > 1.0
+    assert (slid.outcome, slid.toppled) == ("moved", False)
+
+
 def test_a_rock_that_stands_on_two_levels_and_falls_against_a_wall_has_lodged():
     """Its right feet stand on a step of more than a quarter of its centre of mass's height: both feet carry it."""
     step_m, away_m, s = 0.14, 0.45, 6.0

@@ -253,21 +253,23 @@ class GroundShaking:
 
         Below are those that are not steep, and not far up a rock that lies against them.
         """
-        near, on_rock_m = self._carrying(pose)
-        at_first, first_m = self._carrying(self.sim.pose[0])
-        if len(near) == 0 or len(at_first) == 0:
+        near, on_rock_m = self._touching(pose)
+        at_first, first_m = self._touching(self.sim.pose[0])
+        up = self.body.scene_from_support[2]
+        flat, flat_at_first = near["normal"] @ up > _STEEP, at_first["normal"] @ up > _STEEP
+        if not flat.any() or not flat_at_first.any():
             return False
+        at_first, first_m = at_first[flat_at_first], first_m[flat_at_first]
         load, reach_m = self.body.load_m_s2()[None], TOPPLED_FALL * self._stood_m
         again = cKDTree(first_m).query(on_rock_m)[0] < reach_m
         if self.body.hold(near[again], load)[0]:
             return True
-        low = on_rock_m[:, 2] < _lowest_that_hold_m(self.body, at_first, first_m[:, 2]) + reach_m
+        low = flat & (on_rock_m[:, 2] < _lowest_that_hold_m(self.body, at_first, first_m[:, 2]) + reach_m)
         return bool(self.body.hold(near[low | again], load)[0])
 
-    def _carrying(self, pose: Array) -> tuple[np.ndarray, Array]:
-        """Contacts that are not steep, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
+    def _touching(self, pose: Array) -> tuple[np.ndarray, Array]:
+        """Contacts, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
         near = self.body.near_contacts(pose, TOUCHING_SHARE * self.body.size_m)
-        near = near[near["normal"] @ self.body.scene_from_support[2] > _STEEP]
         turned = self.body.scene_from_support @ quat.matrix(self.sim.pose[0, 3:]) @ quat.matrix(pose[3:]).T
         return near, near["arm_m"] @ turned.T
 

@@ -1,0 +1,137 @@
+"""Grids of a mesh: which triangles and edges lie near a place. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from toppling.models.compiled import Array, Indices, Vector, compiled, inner
+from toppling.models.ground.vectors import cross, dot, minus, plus
+
+_CELLS = 40
+"""Cells of a grid along the longest side of what is looked up, or more, that none is longer than asked."""
+
+
+class Grid(NamedTuple):
+    """Cells of a box.
+
+    Parameters
+    ----------
+    origin_m, cell_m, shape
+        Low corner, length of a cell's side, cells along each axis.
+    reach_m : float
+        A cell has all triangles and edges that are so near to any place in it.
+    first, near : int arrays
+        Triangles near cell c: near[first[c]:first[c + 1]].
+    first_edge, near_edges : int arrays
+        The same of the edges that can touch another body's edges.
+    """
+
+    origin_m: Array
+    cell_m: float
+    shape: Indices
+    reach_m: float
+    first: Indices
+    near: Indices
+    first_edge: Indices
+    near_edges: Indices
+
+
+NO_GRID = Grid(
+    np.zeros(3), 1.0, np.zeros(3, np.int64), 0.0, np.zeros(1, np.int64), np.zeros(0, np.int64),
+    np.zeros(1, np.int64), np.zeros(0, np.int64),
+)  # fmt: skip
+"""In which no place lies."""
+
+
+def grid_of(
+    features: tuple[Array, Array], low_m: Array, high_m: Array, lengths_m: tuple[float, float]
+) -> Grid:
+    """Grid of some triangles (m, 3, 3) and edges (k, 3, 3), whose last two corners are one, in a box.
+
+    lengths_m: the reach, and the longest side of a cell.
+    """
+    corners, edges = features
+    reach_m, longest_m = lengths_m
+    low = np.maximum(low_m, corners.min(axis=(0, 1))) - reach_m
+    high = np.minimum(high_m, corners.max(axis=(0, 1))) + reach_m
+    cell = min(float((high - low).max()) / _CELLS, longest_m)
+    if not cell > 0.0:
+        return NO_GRID
+    shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)
+    registered = (
+        *_register(corners, low, cell, shape, reach_m),
+        *_register(edges, low, cell, shape, reach_m),
+    )
+    return Grid(low, cell, shape, float(reach_m), *registered)
+
+
+@inner
+def cell_of(grid: Grid, p: Any) -> int:
+    """Cell of a place; -1 outside of the grid."""
+    number = 0
+    for k in range(3):
+        i = math.floor((p[k] - grid.origin_m[k]) / grid.cell_m)
+        if i < 0 or i >= grid.shape[k]:
+            return -1
+        number = number * grid.shape[k] + i
+    return number
+
+
+@compiled(allocates=True)
+def _register(
+    corners: Array, low: Array, cell: float, shape: Indices, reach_m: float
+) -> tuple[Indices, Indices]:
+    """For each cell the triangles (m, 3, 3) within a reach of it: by their boxes, and by their planes or lines."""
+    # Counted one cell further on, then summed: where each cell begins moves on as it is filled, to where it ends.
+    first = np.zeros(shape[0] * shape[1] * shape[2] + 2, np.int64)
+    near = np.zeros(0, np.int64)
+    begin, end = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    far_m = reach_m + 0.5 * math.sqrt(3.0) * cell
+    for fills in (False, True):
+        if fills:
+            for number in range(1, len(first)):
+                first[number] += first[number - 1]
+            near = np.zeros(first[-1], np.int64)
+        for owner in range(len(corners)):
+            of = corners[owner]
+            for k in range(3):
+                least, most = min(of[0, k], of[1, k], of[2, k]), max(of[0, k], of[1, k], of[2, k])
+                begin[k] = min(max(math.floor((least - reach_m - low[k]) / cell), 0), shape[k] - 1)
+                end[k] = min(max(math.floor((most + reach_m - low[k]) / cell), 0), shape[k] - 1)
+            for x in range(begin[0], end[0] + 1):
+                for y in range(begin[1], end[1] + 1):
+                    for z in range(begin[2], end[2] + 1):
+                        middle = (
+                            low[0] + (x + 0.5) * cell,
+                            low[1] + (y + 0.5) * cell,
+                            low[2] + (z + 0.5) * cell,
+                        )
+                        if not _is_near(of, middle, far_m):
+                            continue
+                        number = (x * shape[1] + y) * shape[2] + z
+                        if fills:
+                            near[first[number + 1]] = owner
+                            first[number + 1] += 1
+                        else:
+                            first[number + 2] += 1
+    return first[:-1].copy(), near
+
+
+@inner
+def _is_near(corners: Array, place: Vector, far_m: float) -> bool:
+    """Whether a place lies within a distance of a triangle's plane, or of its line where it is one."""
+    way, other, offset = (
+        minus(corners[1], corners[0]),
+        minus(corners[2], corners[0]),
+        minus(place, corners[0]),
+    )
+    normal = cross(way, other)
+    size = math.sqrt(dot(normal, normal))
+    if size > 0.0:
+        return abs(dot(offset, normal)) <= far_m * size
+    share = min(max(dot(offset, way) / dot(way, way), 0.0), 1.0)
+    aside = plus(offset, -share, way)
+    return dot(aside, aside) <= far_m * far_m

@@ -326,7 +326,7 @@ def serve(pairs: Pairs, pose: Array, margin_m: float, farthest_m: float) -> bool
         return False
     rotation_of(pose, turn)
     way = minus(plus(pose, 1.0, turned(turn, pairs.middle_m[2])), pairs.middle_m[3])
-    moved = math.sqrt(dot(way, way)) + turned_m(pairs.pose, pose, lengths_m[WIDE_RADIUS])
+    moved = math.sqrt(dot(way, way)) + _turned_m(pairs.pose, pose, lengths_m[WIDE_RADIUS])
     return moved + margin_m < lengths_m[REACH]
 
 
@@ -356,7 +356,7 @@ def look_again(pairs: Pairs, pose: Array, margin_m: float) -> float:
     lengths_m, groups = pairs.lengths_m, pairs.groups
     place = plus(pose, 1.0, turned(pairs.turn, pairs.middle_m[0]))
     way = minus(place, pairs.middle_m[1])
-    lengths_m[WAY] += math.sqrt(dot(way, way)) + turned_m(pairs.looked_at, pose, lengths_m[RADIUS])
+    lengths_m[WAY] += math.sqrt(dot(way, way)) + _turned_m(pairs.looked_at, pose, lengths_m[RADIUS])
     pairs.middle_m[1, 0], pairs.middle_m[1, 1], pairs.middle_m[1, 2] = place
     copy(pose, pairs.looked_at)
     way_m, near_m = lengths_m[WAY], lengths_m[NEAR]
@@ -386,11 +386,11 @@ def least_m(apart_m: Array) -> float:
 def moved_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of the point that moved most of those within a radius of the centre of mass, at most."""
     way = minus(end, start)
-    return math.sqrt(dot(way, way)) + turned_m(start, end, radius_m)
+    return math.sqrt(dot(way, way)) + _turned_m(start, end, radius_m)
 
 
 @inner
-def turned_m(start: Array, end: Array, radius_m: float) -> float:
+def _turned_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of a point at a radius from one that stays, as the attitude changes, at most."""
     cosine = abs(start[3] * end[3] + start[4] * end[4] + start[5] * end[5] + start[6] * end[6])
     return 2.0 * math.sqrt(max(1.0 - cosine * cosine, 0.0)) * radius_m

@@ -90,6 +90,7 @@ def report(
         If the folder is no run, a hazard cannot be read, or it is given without an age.
     """
     from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
+    from toppling.orchestrator.public.rocks import apart_km
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS
     from toppling.results.drawing.report.write import report_page, write_pdf
@@ -99,6 +100,7 @@ def report(
     opened = _opened(run)
     target = Path(out) if out else place_in(opened.path, "report.html")
     tree = read_tree(tuple(hazard), HazardQuestion(site)) if hazard else None
+    apart_km([opened.path], tree)
     if opened.rocks:
         advance(0, total=2 * len(opened.rocks))
         text = _of_many(opened, target, samples, advance)

@@ -140,7 +140,9 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
         table,
         "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
         f"multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "
-        "brackets." + more,
+        "brackets."
+        + more
+        + "".join(f" {sentence}" for sentence in statement.get("hazard", {}).get("assumed", ())),
     )
 
 

@@ -62,9 +62,15 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
 
     Raises InputError if the folder is of another campaign, of other versions, or no run.
     """
-    if run.exists() or run.is_symlink():
-        _check(run, plan, versions)
-        return
+    if not (run.exists() or run.is_symlink()):
+        with contextlib.suppress(FileExistsError):  # another session was first: its lock tells of it
+            _begin(run, plan, versions)
+            return
+    _check(run, plan, versions)
+
+
+def _begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+    """Make the folder of a run."""
     settlings = settlings_of(plan)
     entries, sites, without_stand = scene_entries(plan, settlings), "", []
     if plan.campaign.sites:

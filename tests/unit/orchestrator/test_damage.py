@@ -15,6 +15,7 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
+from toppling.orchestrator import run_folder
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, last, tell
@@ -181,3 +182,17 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
             prepare(run, planned, dict(versions()))
         path.write_bytes(content)
     prepare(run, planned, dict(versions()))
+
+
+def test_a_folder_that_another_session_began_meanwhile_is_gone_on_with(runs, tmp_path, monkeypatch):
+    campaign = Campaign.read(runs / "campaign.toml")
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    begin = run_folder._begin
+
+    def late(run, *arguments):
+        begin(run, *arguments)  # by the other session, between this one's look and its own beginning
+        begin(run, *arguments)
+
+    monkeypatch.setattr(run_folder, "_begin", late)
+    prepare(tmp_path / "run", planned, dict(versions()))
+    assert state_of(tmp_path / "run")["jobs"] == len(planned)

@@ -72,6 +72,8 @@ _SHOWN_SHARE = 0.5
 _NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
+_LIT_IN_FRONT = 0.1
+"""The same for daylight beside it: one sees it in front of the crevice, where the rock's side has risen already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,14 +310,16 @@ def _check_under_the_rock(
     inspection: Inspection, interface: Interface, places: Array, height_m: float
 ) -> None:
     """Refuse a place of an inspection that is none of the base."""
-    inspected = interface.over(inspection.places_m)[:, :2]
-    if (
-        len(inspected)
-        and (away := cKDTree(places).query(inspected)[0]).max() > _NOT_UNDER_THE_ROCK * height_m
-    ):
+    if not len(inspection.places_m):
+        return
+    away_m = cKDTree(places).query(interface.over(inspection.places_m)[:, :2])[0]
+    counts = len(inspection.touching_m), len(inspection.open_m)
+    beyond_m = away_m - height_m * np.repeat([_NOT_UNDER_THE_ROCK, _LIT_IN_FRONT], counts)
+    if beyond_m.max() > 0.0:
+        number = int(beyond_m.argmax())
         raise inspection.misplaced(
-            int(away.argmax()),
-            f"the place lies {away.max():.3g} m from the hidden base and its rim",
+            number,
+            f"the place lies {away_m[number]:.3g} m from the hidden base and its rim",
             "places below the rock, where it may touch its pedestal",
             "give them in the coordinates of the clouds, in metres",
         )

@@ -22,6 +22,7 @@ from toppling.models.scan.doubt import (
 )
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.joints import weakest_joint
+from toppling.models.scan.level_frame import tilted_frame
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.stacked import OF_JOINT, stacked
@@ -131,6 +132,7 @@ def doubts(
         _two(observed, interface, separated),
         stacked(observed, interface, points_m[at_most(np.flatnonzero(label == ROCK), OF_JOINT)]),
         _hemmed_in(observed, points_m[at_most(np.flatnonzero(label == PEDESTAL), _OTHERS)], closed),
+        tilted_frame(observed.surfels, observed.patches),
     ]
     return [each for each in found if each is not None]
 

@@ -216,6 +216,15 @@ def test_a_contact_beside_the_base_is_refused_with_file_and_line(column):
     assert refused.value.where == "looked.csv, line 7"
 
 
+def test_daylight_is_shown_farther_in_front_of_the_crevice_than_a_touch(column):
+    """A side that has risen by 3 % of the height there lets light through, and touches nothing."""
+    near, far = (np.array([[RADIUS_M + share * HEIGHT_M, 0.0, 0.0]]) for share in (0.08, 0.15))
+    check_inspection(column[0], LEVEL, Inspection(open_m=near))
+    for refused in (Inspection(near), Inspection(open_m=far)):
+        with pytest.raises(InputError, match="from the hidden base"):
+            check_inspection(column[0], LEVEL, refused)
+
+
 FEET_M = np.array([[0.3, 0.0, 0.0], [-0.2, 0.25, 0.0], [-0.2, -0.25, 0.0]])
 
 

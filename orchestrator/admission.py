@@ -39,13 +39,11 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
     while client.status in ("running", "connecting"):
         try:
             if client.status == "running":
-                check_workers(
-                    client, *run_keys
-                )  # first: it tells of a worker that cannot load what leaves in order
+                # First: it tells of a worker that cannot load what leaves in order.
+                check_workers(client, *run_keys)
                 return let_leave_in_order(client)
-        except (
-            OSError
-        ) as error:  # a worker that leaves while all are asked ends the call too: then the client runs on
+        except OSError as error:
+            # A worker that leaves while all are asked ends the call too: then the client runs on.
             log.debug("%s", error)
         if client.cluster is not None and client.status != "running":  # ours is not started again
             raise RunError(LOST)

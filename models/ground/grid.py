@@ -99,8 +99,9 @@ def _register(
             of = corners[owner]
             for k in range(3):
                 least, most = min(of[0, k], of[1, k], of[2, k]), max(of[0, k], of[1, k], of[2, k])
-                begin[k] = min(max(math.floor((least - reach_m - low[k]) / cell), 0), shape[k] - 1)
-                end[k] = min(max(math.floor((most + reach_m - low[k]) / cell), 0), shape[k] - 1)
+                # Of what lies beyond the box the last cell comes before the first: it is registered nowhere.
+                begin[k] = max(math.floor((least - reach_m - low[k]) / cell), 0)
+                end[k] = min(math.floor((most + reach_m - low[k]) / cell), shape[k] - 1)
             for x in range(begin[0], end[0] + 1):
                 for y in range(begin[1], end[1] + 1):
                     for z in range(begin[2], end[2] + 1):

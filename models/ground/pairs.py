@@ -260,8 +260,8 @@ def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
     _group(pairs, 2, pairs.rock_edge)
     copy(pose, pairs.pose)
     copy(pose, pairs.looked_at)
-    _surround(near, (rock, ground), pose, pairs, theirs)
     lengths_m[REACH], lengths_m[WAY], lengths_m[NEAR] = reach, 0.0, 0.0
+    _surround(near, (rock, ground), pose, pairs, theirs)  # by the reach
     lengths_m[EMPTY] = min(rock.grid.reach_m, ground.grid.reach_m - 0.5 * ground.grid.cell_m / _PARTS)
     lengths_m[RADIUS] = _ball_around(near, (pose, turn), pairs.middle_m[0], pairs.middle_m[1])
     lengths_m[WIDE_RADIUS] = _ball_around(box, (pose, turn), pairs.middle_m[2], pairs.middle_m[3])

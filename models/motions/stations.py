@@ -12,9 +12,9 @@ from toppling.models.motions.formats.component import DOWN, UP, Component, beari
 from toppling.models.motions.motion import Motion
 
 _LEAST_ANGLE_DEG = 30.0
+"""Two horizontals closer than this to one line cannot be resolved into x and y."""
 _TOLD_OFF_DEG = 10.0
 """Off a right angle: instruments have their horizontals across each other, and an azimuth in a table is mistyped."""
-"""Two horizontals closer than this to one line cannot be resolved into x and y."""
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 _STEP_TOLERANCE = 1e-3

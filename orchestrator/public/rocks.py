@@ -159,7 +159,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.run import carry_out
     from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
 
     if own:

@@ -39,12 +39,9 @@ class esm:  # noqa: N801  (a reader, as the modules are)
         }
         if header.get("DATA_TYPE", "").upper() != "ACCELERATION":
             refuse(
-                f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}",
-                path,
-                1,
-                expected="ACCELERATION",
+                f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}", path, 1, expected="ACCELERATION",
                 remedy="give the file of acceleration",
-            )
+            )  # fmt: skip
         unit = acceleration_m_s2(header.get("UNITS", ""))
         if unit is None:
             refuse(f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2")

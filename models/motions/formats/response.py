@@ -169,7 +169,8 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
         raise _no_response(
             f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path
         )
-    placed = [c for c in coded if c.location_code == location_of(stats, inventory)]
+    location = location_of(stats, inventory)
+    placed = [c for c in coded if c.location_code == location]
     if not placed:
         at = _some([repr(c.location_code) for c in coded])
         raise _no_response(

@@ -24,7 +24,7 @@ from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
 from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
-from toppling.models.rounded.statics import RollingBody
+from toppling.models.rounded.rolling_body import RollingBody
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 
@@ -225,7 +225,7 @@ class Scene:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
 
         On one plane without slip (:mod:`toppling.models.statics`, of a rounded base
-        :mod:`toppling.models.rounded.statics`); on a surface the largest with an equilibrium of
+        :mod:`toppling.models.rounded.rolling_body`); on a surface the largest with an equilibrium of
         friction cones, in the pose in which the rock rests or one that it tips into without gathering speed. 0 where
         the rock does not stand by itself.
 

@@ -22,7 +22,7 @@ from toppling.orchestrator.interrupt import Uninterrupted, kept_from_children
 from toppling.orchestrator.leaving import BACK_WITHIN_S
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
-from toppling.workers.compiled import compile_apart
+from toppling.workers.compile_once import compile_apart
 
 log = logging.getLogger(__name__)
 

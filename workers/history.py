@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from toppling.models.compiled import Array, compiled
 from toppling.models.ground.excitation import excitation
-from toppling.workers.contact.candidates import REACH_DEG
+from toppling.workers.contact.contact_points import REACH_DEG
 from toppling.workers.contact.gaps import lowest_gap_m
 from toppling.workers.contact.offset import set_normal_offset
 from toppling.workers.problem import Problem

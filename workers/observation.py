@@ -12,7 +12,7 @@ from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between

@@ -12,7 +12,7 @@ from toppling.models.frames import azimuth_deg
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
-from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG, ContactModel
+from toppling.workers.contact.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Displacement
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced

@@ -12,7 +12,7 @@ from toppling.models.compiled import Flags
 from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.contact.candidates import ContactModel, contact_of
+from toppling.workers.contact.contact_points import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
 from toppling.workers.start import Array, State, start_of
 

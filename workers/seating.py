@@ -17,7 +17,7 @@ from toppling.models.statics import (
     polygon,
 )
 from toppling.workers import quaternion as quat
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.engines import DEFAULT, ENGINES, Pool
 from toppling.workers.options import PRESETS
 from toppling.workers.termination import friction_that_stops

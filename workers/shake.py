@@ -17,8 +17,8 @@ from toppling.models.ground.curved import tipped_over_m
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.compiled import ensure_compiled
-from toppling.workers.contact.rest import Rest
+from toppling.workers.compile_once import ensure_compiled
+from toppling.workers.contact.resting_contact import Rest
 from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
 from toppling.workers.ground.rolling import rolled_back
 from toppling.workers.ground.shaking import shake_on_ground

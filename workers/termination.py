@@ -13,7 +13,7 @@ import numpy as np
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers.barrier import least_overturning_j_kg
-from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
+from toppling.workers.contact.contact_points import LARGEST_OPEN_TILT_DEG
 from toppling.workers.observation import Body, Displacement, Observation, Watch
 from toppling.workers.problem import Problem
 

@@ -11,9 +11,9 @@ from toppling.models.compiled import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.mesh import SmoothMesh
 from toppling.models.rounded.patches import Patches, patches_of, patches_of_mesh, smooth_mesh_of
-from toppling.models.rounded.statics import RollingBody
+from toppling.models.rounded.rolling_body import RollingBody
+from toppling.models.rounded.smooth_mesh import SmoothMesh
 from toppling.models.statics import quasi_static_toppling_m_s2
 
 _CHANGE_SHARE = 0.02

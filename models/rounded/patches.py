@@ -16,7 +16,7 @@ from toppling.models.compiled import Array, Flags, Indices
 from toppling.models.joined import joined_parts
 from toppling.models.kept import kept
 from toppling.models.rock import Rock
-from toppling.models.rounded.mesh import FALLEN_DEG, SmoothMesh
+from toppling.models.rounded.smooth_mesh import FALLEN_DEG, SmoothMesh
 
 _LARGEST_TURN_DEG = 4.0
 """Patches that turn by more from one to the next are halved."""

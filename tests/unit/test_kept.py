@@ -8,7 +8,7 @@ import numpy as np
 
 from toppling.models.kept import _MOST, kept
 from toppling.models.scene import Scene
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 
 
 @kept

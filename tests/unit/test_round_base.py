@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.rock import Rock
 from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
-from toppling.models.rounded.mesh import SmoothMesh
 from toppling.models.rounded.patches import patches_of
-from toppling.models.rounded.statics import RollingBody
+from toppling.models.rounded.rolling_body import RollingBody
+from toppling.models.rounded.smooth_mesh import SmoothMesh
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
 

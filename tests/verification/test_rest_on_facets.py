@@ -13,7 +13,7 @@ from toppling.models.ground.holding import held_until
 from toppling.models.ground.stepping import TOUCHING_SHARE
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.ground.shaking import GroundShaking
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem

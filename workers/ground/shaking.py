@@ -20,7 +20,7 @@ from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
-from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
+from toppling.workers.contact.contact_points import LARGEST_OPEN_TILT_DEG
 from toppling.workers.engines.protocol import Engine, GroundSteps
 from toppling.workers.ground.rest import TOUCHING_SHARE, energy_j_kg, holds, least_overturning_j_kg, let_down
 from toppling.workers.ground.stepping import GroundWatch, steps_at_once

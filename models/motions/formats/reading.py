@@ -10,8 +10,8 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import Component, check_time_step, refuse
+from toppling.models.motions.formats.decoding import HEAD_BYTES, text_of
 from toppling.models.motions.formats.key_value import cwb, esm, unam
-from toppling.models.motions.formats.text import HEAD_BYTES, text_of
 
 
 class Reader(Protocol):

@@ -14,9 +14,9 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.formats.numbers import exactly
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
-from toppling.models.motions.formats.text import text_of
 
 _NAME = "ObsPy"
 FORMATS = (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
-from toppling.models.motions.formats.pairs import evenly
+from toppling.models.motions.formats.timed_samples import evenly
 
 NAME = "USGS SMC"
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10

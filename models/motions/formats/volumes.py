@@ -12,7 +12,7 @@ from pathlib import Path
 from toppling.models.motions.formats.component import Component, bearing, positive, refuse
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.numbers import Counted, column_width, counted, numbers_in
-from toppling.models.motions.formats.pairs import evenly
+from toppling.models.motions.formats.timed_samples import evenly
 from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"

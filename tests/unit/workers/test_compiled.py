@@ -263,7 +263,7 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
 
 
 def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypatch):
-    from toppling.workers import compiled as room
+    from toppling.workers import compile_once as room
 
     monkeypatch.setattr(room, "FOLDER", tmp_path)
     monkeypatch.setattr(room, "_ENSURED", set())

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from toppling.models.scene import Scene
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.contact.friction import best_axes_rad, point_mobilities
 
 ALLOWED_RAD = 1e-3

@@ -16,7 +16,7 @@ from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.workers.barrier import least_overturning_j_kg
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.engines.bullet.pool import EnginePool
 from toppling.workers.options import PRESETS

@@ -9,7 +9,7 @@ import numpy as np
 from toppling.models.compiled import Array, compiled
 from toppling.models.contact import ContactProperties
 from toppling.models.scene import Scene
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.engines.bullet.pool import EnginePool, configure_for
 from toppling.workers.observation import travel_m

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from toppling.models.compiled import Array
 from toppling.models.contact import ContactProperties
-from toppling.workers.contact.candidates import ContactModel
+from toppling.workers.contact.contact_points import ContactModel
 from toppling.workers.engines.bullet import binding
 from toppling.workers.engines.bullet.world import COLD_ITERATIONS, WORLD
 from toppling.workers.options import SolverOptions

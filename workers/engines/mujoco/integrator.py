@@ -18,8 +18,8 @@ from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
-from toppling.workers.contact.candidates import contact_of
-from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
+from toppling.workers.contact.contact_points import contact_of
+from toppling.workers.engines.mujoco.free_body import Stepper, forces_in, forces_m_s2, hull, touch, world
 from toppling.workers.engines.mujoco.surface import ground_steps
 from toppling.workers.history import ROOM, StateHistory
 from toppling.workers.observation import Watch, travel_m

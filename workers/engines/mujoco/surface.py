@@ -11,8 +11,8 @@ from toppling.models.ground.kind import FLAT_SHARE
 from toppling.models.ground.stepping import Grounded
 from toppling.models.kept import kept
 from toppling.models.scene import Scene
+from toppling.workers.engines.mujoco.free_body import Stepper, forces_in, forces_m_s2, hull, touch, world
 from toppling.workers.engines.mujoco.pieces import ground_pieces, hollow_m, rock_pieces
-from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
 from toppling.workers.engines.protocol import GroundSteps
 from toppling.workers.ground.stepping import GroundWatch
 from toppling.workers.problem import Problem

@@ -9,7 +9,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m, height_below
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.seating import settled
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -126,6 +126,44 @@ def explaining_units(height_m: float) -> str:
     return ", ".join(readings)
 
 
+def metres_in(unit: str) -> float:
+    """Metres of one of a unit, by any name of it.
+
+    Raises InputError if it names none.
+
+    Examples
+    --------
+    >>> metres_in("mm"), metres_in("centimetres")
+    (0.001, 0.01)
+    """
+    known = _unit_called(str(unit))
+    if known is None:
+        raise InputError(
+            f"{unit!r} is no unit of length",
+            where="units",
+            expected=f"one of {', '.join(METRES)}",
+            remedy="leave it out for metres",
+        )
+    return METRES[known]
+
+
+def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str:
+    """What to say of a rock larger than any precarious one that is known; empty for others.
+
+    option: by which the user says the unit.
+    """
+    told = []
+    if height_m > _ROCK_M[1]:
+        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {_ROCK_M[1]:.0f} m")
+    if volume_m3 > _LARGEST_M3:
+        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {_LARGEST_M3:,.0f} m³")
+    if not told:
+        return ""
+    readings = explaining_units(height_m)
+    would = f"; if the coordinates are in {readings}, say so by {option}" if readings else ""
+    return f"the rock is {', and it is '.join(told)}{would}"
+
+
 def size_note(height_m: float, volume_m3: float = 0.0) -> str:
     """What to say of a height or a volume that no known precarious rock has; empty for others.
 
@@ -134,20 +172,14 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
     >>> size_note(14.05, 583.0)
     ''
     """
-    told = []
-    if height_m > _ROCK_M[1]:
-        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {_ROCK_M[1]:.0f} m")
-    if volume_m3 > _LARGEST_M3:
-        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {_LARGEST_M3:,.0f} m³")
+    told = [too_large(height_m, volume_m3)]
     cubes = volume_m3 / height_m**3
     if volume_m3 and not _CUBES_OF_HEIGHT[0] <= cubes <= _CUBES_OF_HEIGHT[1]:
         shape = "thinner" if cubes < _CUBES_OF_HEIGHT[0] else "flatter"
-        told.append(f"{shape} than any precarious rock: are heights in the unit of the other coordinates?")
-    if not told:
-        return ""
-    readings = explaining_units(height_m) if height_m > _ROCK_M[1] else ""
-    would = f"; if the coordinates are in {readings}, give --units" if readings else ""
-    return f"the rock is {', and it is '.join(told)}{would}"
+        told.append(
+            f"the rock is {shape} than any precarious rock: are heights in the unit of the other coordinates?"
+        )
+    return "; ".join(filter(None, told))
 
 
 def in_degrees(what: str, where: str) -> InputError:

@@ -172,9 +172,10 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
         )
 
 
-def check_size(height_m: float, where: str) -> None:
+def check_size(height_m: float, where: str, option: str = "--units") -> None:
     """Refuse a rock that is not in metres.
 
+    option: by which the user says the unit.
     Raises InputError if its height is none of a rock that is worth shaking.
     """
     least, most = _ROCK_HEIGHTS_M
@@ -183,7 +184,7 @@ def check_size(height_m: float, where: str) -> None:
             f"the rock is {height_m:.4g} m high",
             where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
-            remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by --units"
+            remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by {option}"
             if (readings := explaining_units(height_m))
             else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
         )

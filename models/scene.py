@@ -17,12 +17,13 @@ from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import local, new_folder
-from toppling.models.files.mesh_files import MeshLike, read_triangles, triangles_of, write_ply
+from toppling.models.files.mesh_files import MeshLike, read_triangles, write_ply
 from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, rotation_between
+from toppling.models.given_meshes import on_surface, rock_of, seated
 from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
+from toppling.models.rock import Rock
 from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
 from toppling.models.rounded.rolling_body import RollingBody
 from toppling.models.shapes import box
@@ -120,6 +121,7 @@ class Scene:
         gravity: float = STANDARD_GRAVITY_M_S2,
         pedestal: MeshLike | None = None,
         refine: bool = False,
+        units: str | None = None,
     ) -> "Scene":
         """A closed mesh on a plane, or on a surface of its own.
 
@@ -129,19 +131,22 @@ class Scene:
 
         Parameters
         ----------
-        mesh : path, pair of (n, 3) vertices in metres and (m, 3) triangles, or trimesh.Trimesh
+        mesh : path, pair of (n, 3) vertices and (m, 3) triangles, or trimesh.Trimesh
         friction, restitution, gravity
             As for :meth:`block`.
         slope_deg : float
             Slope of the plane, 0 to below 90 degrees.
         slope_azimuth_deg : float
             Azimuth toward which the plane falls.
-        pedestal : path, pair of (n, 3) vertices in metres and (m, 3) triangles, or trimesh.Trimesh, optional
+        pedestal : as mesh, optional
             The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
             the plumb line to where it touches.
         refine : bool
             Whether the triangles of a rounded base are refined. By default it touches with the smooth surface that its
             vertices stand for, whatever their number, unless it is curved in one direction only.
+        units : str, optional
+            Of the coordinates: m, mm, cm, ft, ... If not given, what remarks in the file state, else metres; then a
+            rock larger than any precarious one that is known gets a UserWarning.
 
         Raises
         ------
@@ -150,20 +155,13 @@ class Scene:
             is none, or the rock does not stand at the surface.
         """
         plane = Pedestal.sloping(slope_deg, slope_azimuth_deg)
-        vertices, faces, where = triangles_of(mesh, "rock mesh")
-        rock = Rock.from_triangles(vertices, faces, where=where)
-        check_size(rock.height_m, where)
-        origin = origin_beside_m(rock.vertices_m)
-        rock = rock.moved(np.eye(3), -origin) if origin.any() else rock
+        rock, origin = rock_of(mesh, units)
         rock = refined(rock) if refine else rock
         contact = ContactProperties.of(friction, restitution)
-        if pedestal is not None:
-            placed = _on_surface(rock, pedestal, origin, contact, _gravity(gravity))
-            return cls(*placed, contact, gravity, origin)
-        turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
-        lowest = float((turned.vertices_m @ plane.normal).min())
-        seated = turned.moved(np.eye(3), -lowest * plane.normal)
-        return cls(seated, plane, contact, _gravity(gravity), origin)
+        if pedestal is None:
+            return cls(seated(rock, plane), plane, contact, _gravity(gravity), origin)
+        placed = on_surface(rock, pedestal, units, origin, _gravity(gravity), contact.friction_static)
+        return cls(*placed, contact, gravity, origin)
 
     def with_contact(self, contact: ContactProperties) -> "Scene":
         """The same scene with other contact properties."""
@@ -372,24 +370,6 @@ class Scene:
         turn = rotation_between((0.0, 0.0, 1.0), self.pedestal.normal)
         square = reach * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
         return square @ turn.T + self.pedestal.point_m, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
-
-
-def _on_surface(
-    rock: Rock,
-    pedestal: MeshLike,
-    origin_m: NDArray[np.float64],
-    contact: ContactProperties,
-    gravity_m_s2: float,
-) -> tuple[Rock, Pedestal]:
-    """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
-    from toppling.models.ground.interface import surface_below
-
-    vertices, faces, where = triangles_of(pedestal, "pedestal mesh")
-    check_triangles(vertices, faces, where)
-    at_origin = np.asarray(vertices, float) - origin_m
-    return surface_below(
-        rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, contact.friction_static, where
-    )
 
 
 def _gravity(gravity: float) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.guarded import read_guarded
-from toppling.models.files.ply import read_mesh
+from toppling.models.files.ply import read_header, read_mesh
 from toppling.models.rock import check_triangles
 
 
@@ -35,6 +35,8 @@ MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 
 _COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
 """A face of an OBJ by negative numbers."""
+
+_COMMENT_BYTES = 65_536
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -74,6 +76,18 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     return vertices, faces
+
+
+def remarks_of(path: Path) -> tuple[str, ...]:
+    """Comments at the beginning of a mesh's file."""
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        return read_header(path).remarks
+    if suffix != ".obj":
+        return ()
+    with path.open("rb") as file:
+        head = file.read(_COMMENT_BYTES).decode("latin-1")
+    return tuple(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
 
 
 def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:

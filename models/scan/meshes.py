@@ -28,7 +28,6 @@ _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
 _TURNED_OVER = 0.5
 """A surface of ground and rock that faces downward by more than this, cosine to up, is turned over."""
-_COMMENT_BYTES = 65_536
 
 
 def is_mesh(path: Path) -> bool:
@@ -52,18 +51,6 @@ def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
     if path.suffix.lower() in UPWARD_Y:
         vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
     return vertices, faces
-
-
-def remarks_of(path: Path) -> tuple[str, ...]:
-    """Comments at the beginning of a mesh's file."""
-    suffix = path.suffix.lower()
-    if suffix == ".ply":
-        return read_header(path).remarks
-    if suffix != ".obj":
-        return ()
-    with path.open("rb") as file:
-        head = file.read(_COMMENT_BYTES).decode("latin-1")
-    return tuple(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
 
 
 def check_frame(

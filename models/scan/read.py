@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import bounds_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
-from toppling.models.files.mesh_files import MESH_FORMATS
+from toppling.models.files.mesh_files import MESH_FORMATS, remarks_of
 from toppling.models.files.ply import read_header, read_vertices
 from toppling.models.lengths import METRES, NAMES, unit_of_remarks
 from toppling.models.scan.buried import exposed
@@ -24,7 +24,6 @@ from toppling.models.scan.meshes import (
     mesh_as_in_file,
     outward,
     points_on,
-    remarks_of,
 )
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.plausible import check_axes, check_points, check_returns

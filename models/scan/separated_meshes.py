@@ -32,7 +32,7 @@ class SeparatedMeshes:
     def scene(self) -> Scene | None:
         """The two as they are; None where they are no rock at rest."""
         try:
-            return Scene.from_mesh(self.body, pedestal=self.surface)
+            return Scene.from_mesh(self.body, pedestal=self.surface, units="m")
         except InputError:
             return None
 

@@ -1,9 +1,13 @@
 """Laws of a rock's mass properties, and meshes that are none of a rock."""
 
+import warnings
+
 import numpy as np
 import pytest
+import trimesh
 
 from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import write_ply
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
@@ -109,3 +113,32 @@ def test_a_scene_whose_pedestal_is_elsewhere_is_refused_too():
     pedestal = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), far, np.array([[0, 1, 2], [0, 2, 3]]))
     with pytest.raises(InputError, match="does not touch the ground"):
         _ = Scene(ROCK, pedestal).ground
+
+
+def test_a_mesh_is_a_rock_in_metres_by_the_unit_that_somebody_states(tmp_path):
+    ply = tmp_path / "rock.ply"
+    write_ply(ply, 100.0 * ROCK.vertices_m, ROCK.faces)
+    ply.write_bytes(ply.read_bytes().replace(b"\nelement", b"\ncomment units: cm\nelement", 1))
+    known = trimesh.Trimesh(100.0 * ROCK.vertices_m, ROCK.faces, process=False)
+    known.units = "centimeters"
+    with warnings.catch_warnings(action="error"):
+        scenes = [Scene.from_mesh((100.0 * ROCK.vertices_m, ROCK.faces), units="cm")]
+        scenes += [Scene.from_mesh(ply), Scene.from_mesh(known)]
+    for scene in scenes:
+        assert scene.rock.height_m == pytest.approx(ROCK.height_m, rel=1e-6)
+    ground = (1000.0 * np.array([[-2, -2, -0.6], [2, -2, -0.6], [0, 2, -0.6]]), np.array([[0, 1, 2]]))
+    block = box(0.2, 0.2, 0.6)
+    on_ground = Scene.from_mesh((1000.0 * block.vertices_m, block.faces), pedestal=ground, units="mm")
+    ((_, least),) = on_ground.quasi_static_toppling_m_s2([0.0])
+    assert least == pytest.approx(9.81 / 3.0)
+    with pytest.raises(InputError, match="no unit of length"):
+        Scene.from_mesh(known, units="cubits")
+
+
+def test_a_rock_larger_than_any_is_doubted_where_nothing_states_its_unit():
+    as_metres = (50.0 * ROCK.vertices_m, ROCK.faces)
+    with pytest.warns(UserWarning, match=r"90 m high.*centimetres \(0.9 m\).*say so by units"):
+        assert Scene.from_mesh(as_metres).rock.height_m == pytest.approx(90.0)
+    with warnings.catch_warnings(action="error"):
+        Scene.from_mesh(as_metres, units="m")
+        Scene.from_mesh((ROCK.vertices_m, ROCK.faces))

@@ -1,0 +1,77 @@
+"""Meshes that a person gives: a rock in metres whatever their unit, seated on a plane or on a surface."""
+
+import contextlib
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from toppling.models.files.mesh_files import MeshLike, remarks_of, triangles_of
+from toppling.models.frames import rotation_between
+from toppling.models.lengths import metres_in, too_large, unit_of_remarks
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
+
+
+def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, NDArray[np.float64]]:
+    """Rock of a mesh, moved to an origin (3,) beside it where it lies far from its own.
+
+    units: of the coordinates; None for what the mesh states, else metres, with a warning if these make it larger than
+    any precarious rock.
+    Raises InputError if the mesh is none of one closed body, or not of a rock's height.
+    """
+    vertices, faces, where, stated = _in_metres(mesh, units, "rock mesh")
+    rock = Rock.from_triangles(vertices, faces, where=where)
+    check_size(rock.height_m, where, "units")
+    doubt = "" if stated else too_large(rock.height_m, rock.volume_m3, "units")
+    if doubt:
+        warnings.warn(f"{where}: {doubt}. If they are in metres, units='m' says so.", stacklevel=3)
+    origin = origin_beside_m(rock.vertices_m)
+    return (rock.moved(np.eye(3), -origin) if origin.any() else rock), origin
+
+
+def seated(rock: Rock, plane: Pedestal) -> Rock:
+    """Rock whose own level lies in a plane that it touches with its lowest point."""
+    turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
+    lowest = float((turned.vertices_m @ plane.normal).min())
+    return turned.moved(np.eye(3), -lowest * plane.normal)
+
+
+def on_surface(
+    rock: Rock,
+    pedestal: MeshLike,
+    units: str | None,
+    origin_m: NDArray[np.float64],
+    gravity_m_s2: float,
+    friction: float,
+) -> tuple[Rock, Pedestal]:
+    """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
+    from toppling.models.ground.interface import surface_below
+
+    vertices, faces, where, _ = _in_metres(pedestal, units, "pedestal mesh")
+    check_triangles(vertices, faces, where)
+    at_origin = np.asarray(vertices, float) - origin_m
+    return surface_below(rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, friction, where)
+
+
+def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike, ArrayLike, str, str | None]:
+    """Vertices in metres and triangles of a mesh, its name in errors, and its unit where anybody states it."""
+    vertices, faces, where = triangles_of(mesh, what)
+    stated = units or _stated_unit(mesh)
+    if stated:
+        factor = metres_in(stated)
+        with contextlib.suppress(
+            TypeError, ValueError
+        ):  # what is no array is refused with the rest of the mesh
+            vertices = factor * np.asarray(vertices, float)
+    return vertices, faces, where, stated
+
+
+def _stated_unit(mesh: MeshLike) -> str | None:
+    """Unit of a file by its remarks, or of an object that knows one, as trimesh's do of some formats."""
+    if isinstance(mesh, str | os.PathLike):
+        return unit_of_remarks(remarks_of(Path(mesh)), str(mesh))
+    stated = getattr(mesh, "units", None)
+    return stated if isinstance(stated, str) else None

@@ -95,7 +95,7 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     InputError
         If the file is absent, of another kind, or holds no lognormal curve, or several over one measure.
     """
-    curves = _read(path, {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json})
+    curves = _read(path, _from_nrml, _curves)
     if not curves:
         raise _curve_error("holds no lognormal fragility", path)
     curves = [_in_si(curve, path) for curve in curves]
@@ -134,23 +134,25 @@ def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
     InputError
         If the file is absent, of another kind, or states one that cannot be read, or several.
     """
-    found = _read(path, {".xml": lambda _: [], ".csv": _surfaces_of_csv, ".json": _surfaces_of_json})
+    found = _read(path, lambda _: [], _surfaces)
     found = [surface for surface in found if surface.measures == measures]
     if len(found) > 1:
         raise _curve_error(f"holds {len(found)} surfaces over {' and '.join(measures)}", path)
     return found[0] if found else None
 
 
-def _read(path: Path, readers: Mapping[str, Callable[[str], list[Any]]]) -> list[Any]:
-    """What the reader of a file's suffix finds in it."""
-    if path.suffix not in readers:
+def _read(
+    path: Path, of_nrml: Callable[[str], list[Any]], of_rows: Callable[[list[dict[str, Any]]], list[Any]]
+) -> list[Any]:
+    """What is found in a file: in the text of NRML, or in the rows of CSV or JSON."""
+    if path.suffix not in (".xml", *_ROWS):
         raise _suffix_error(path)
     check_size(path, _LARGEST_BYTES, "curves")
     try:
         text = path.read_text(encoding="utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
             raise _curve_error("declares entities", path)
-        return readers[path.suffix](text)
+        return of_nrml(text) if path.suffix == ".xml" else of_rows(_ROWS[path.suffix](text))
     except InputError:
         raise
     except FileNotFoundError:
@@ -242,10 +244,8 @@ def _csv(rows: list[dict[str, Any]], name: str) -> str:
     return text.getvalue()
 
 
-def _from_csv(text: str) -> list[Lognormal]:
-    rows = csv.DictReader(plain_table(text.splitlines()))
-    _refuse_absent(rows.fieldnames or ())
-    return [_of_row(row) for row in rows if row["median"]]
+def _rows_of_csv(text: str) -> list[dict[str, Any]]:
+    return [row for row in csv.DictReader(plain_table(text.splitlines())) if any(row.values())]
 
 
 def _json(rows: list[dict[str, Any]], name: str) -> str:
@@ -256,14 +256,16 @@ def _json(rows: list[dict[str, Any]], name: str) -> str:
     return json.dumps({"rock": name} | {key: part for key, part in parts.items() if part}, indent=1) + "\n"
 
 
-def _surfaces_of_csv(text: str) -> list[Surface]:
-    return [
-        _of_surface_row(row) for row in csv.DictReader(plain_table(text.splitlines())) if row.get(_PLANE[0])
-    ]
+def _rows_of_json(text: str) -> list[dict[str, Any]]:
+    document = json.loads(text)
+    return [*document.get("curves", ()), *document.get("surfaces", ())]
 
 
-def _surfaces_of_json(text: str) -> list[Surface]:
-    return [_of_surface_row(row) for row in json.loads(text).get("surfaces", ())]
+_ROWS = {".csv": _rows_of_csv, ".json": _rows_of_json}
+
+
+def _surfaces(rows: Iterable[Mapping[str, Any]]) -> list[Surface]:
+    return [_of_surface_row(row) for row in rows if _stated(row, _PLANE[:1])]
 
 
 def _surface_row(surface: Surface) -> dict[str, Any]:
@@ -289,17 +291,19 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
     return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, reflected=True))
 
 
-def _from_json(text: str) -> list[Lognormal]:
-    rows = json.loads(text)["curves"]
+def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
+    """Curves of rows that are of no surface.
+
+    Raises ValueError for one without a column that a curve needs.
+    """
+    found = []
     for row in rows:
-        _refuse_absent(row)
-    return [_of_row(row) for row in rows]
-
-
-def _refuse_absent(names: Iterable[str]) -> None:
-    """Refuse a table without a column that a curve needs."""
-    if absent := [name for name in _FIELDS if name not in set(names)]:
-        raise ValueError(f"it has no column {' and '.join(absent)}")
+        if _stated(row, _PLANE[:1]):
+            continue
+        if absent := [name for name in _FIELDS if name not in row]:
+            raise ValueError(f"it has no column {' and '.join(absent)}")
+        found.append(_of_row(row))
+    return found
 
 
 def _row(curve: Lognormal) -> dict[str, Any]:

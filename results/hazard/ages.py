@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import separator_of
+from toppling.models.files.spreadsheet import plain_table
 
 _AGE_SAMPLES = 400
 
@@ -217,12 +217,14 @@ def exposure(ages: NDArray[np.float64], since: Sequence[Since | None] | None = N
 
 _SPELLINGS = (
     (r"±|\+ ?/ ?-", "+-"),
-    (r"[\u2013\u2014]", "-"),
-    (r"(?<=\d)\s*-\s*(?=\d)", ".."),
-    (r"(?<![\d.])(\d{1,3}),(?=\d{3}(?:\D|$))", r"\1"),
+    (r"[\u2013\u2014]| to ", "-"),
+    (r"(?<!\d)(?<!\d\.)(\d{1,3})[, '\u2019\u00a0\u202f](?=\d{3}(?:\D|$))", r"\1"),
     (r"(?<=\d),(?=\d)", "."),
+    (r"(?<=\d)\s*-\s*(?=\d)", ".."),
 )
 """Signs that people write, and what they stand for; a minus between two numbers is a range, behind 'e' it is not."""
+_WIDEST = 500.0
+"""Ratio of a range's ends from which on one is in thousands: 15-30,000."""
 _UNIT = re.compile(r"\s*(ka|kyrs?|ky|a|yrs?|years?)\s*$")
 
 
@@ -231,6 +233,8 @@ def _of_words(text: str) -> NDArray[np.float64]:
     text = text.strip().lower()
     unit = _UNIT.search(text)
     plain = _UNIT.sub("", text)
+    if unit:
+        plain = re.sub(rf"(?<=\d)\s*{unit[1]}(?=[^\w])", "", plain)  # 15 ka - 30 ka
     for pattern, sign in _SPELLINGS:
         plain = re.sub(pattern, sign, plain)
     return _years(plain, 1000.0 if unit and unit[1].startswith("k") else 1.0)
@@ -248,7 +252,8 @@ def _years(text: str, unit: float = 1.0) -> NDArray[np.float64]:
         )
     if ".." in text:
         low, high = (unit * float(part) for part in text.split(".."))
-        return low + levels * (high - low) if high >= low else np.array([math.nan])
+        alike = low <= high < _WIDEST * low or low == 0.0
+        return low + levels * (high - low) if alike else np.array([math.nan])
     return np.array([unit * float(text)])
 
 
@@ -275,15 +280,11 @@ def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Years and weights of a file, weights of one where it has none."""
     try:
         # A byte order mark would hide that the first line is a number.
-        text = path.read_text(encoding="utf-8-sig")
+        lines = plain_table(path.read_text(encoding="utf-8-sig").splitlines())
     except UnicodeDecodeError as error:
         raise _file_error(path, "it is no text in UTF-8") from error
     try:
-        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-        sign = separator_of(lines[0] if lines else "")
-        rows = [
-            [cell.replace(",", ".") for cell in row] for row in csv.reader(lines, delimiter=sign) if any(row)
-        ]
+        rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if any(row)]
     except csv.Error as error:
         raise _file_error(path, f"it is no CSV ({error})") from error
     names = (

@@ -14,7 +14,7 @@ _SA = re.compile(
 )
 """Spectral acceleration at a period, or at a frequency."""
 _WORDS = (
-    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION"), "PGA"),
+    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION|^A_?G$"), "PGA"),
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
     (re.compile(r"\b(?:PSEUDO[- ])?SPECTRAL ACCELERATION|\bPSA\b"), "SA"),
 )

@@ -26,14 +26,8 @@ from toppling.results.hazard.readers.stated import (
     wanted_rows,
     years_of_values,
 )
-from toppling.results.hazard.readers.text_columns import (
-    COMMENTS,
-    cells_of,
-    says_value,
-    upright,
-    values_of,
-    with_usual_unit,
-)
+from toppling.results.hazard.readers.text_columns import cells_of, is_comment, upright, with_usual_unit
+from toppling.results.hazard.readers.value_columns import says_value, values_of
 
 _ROLES = {
     "lon": {"lon", "longitude", "long"}, "lat": {"lat", "latitude"},
@@ -121,9 +115,7 @@ def matches(file: HazardFile) -> bool:
 
 def _header_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names the columns."""
-    places = [
-        n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip() and not line.startswith(COMMENTS)
-    ]
+    places = [n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip() and not is_comment(line)]
     for n, below in zip_longest(places, places[1:]):
         header = [name.strip(' "') for name in _split(lines[n])]
         if len(header) > _MOST_COLUMNS or max(map(len, header)) > LONGEST_NAME:

@@ -1,13 +1,16 @@
 """Hazard curves of OpenSHA's applications: `Info:` in words, then two columns, in g (velocity cm/s).
 
-The words hold the parameters of the calculation: `IMT = SA; SA Period = 1.0`, `Duration = 50.0`, the site.
+The words hold the parameters of the calculation: `IMT = SA; SA Period = 1.0`, `Duration = 50.0`, the site. Where these
+are left out, titles and labels of axes may name the measure and its values.
 """
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.curves import curve_of
+from toppling.results.hazard.measure_names import imt_of, measure_with_unit
 from toppling.results.hazard.readers.stated import (
     HazardFile,
     Hints,
@@ -17,17 +20,21 @@ from toppling.results.hazard.readers.stated import (
     refuse,
     years_of_values,
 )
+from toppling.results.hazard.readers.value_columns import says_value, values_of
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")
+_COUNT = re.compile(r"^\W*Num(?:ber of)? Points *[:=]|^\W*DATASET #", re.IGNORECASE | re.MULTILINE)
+_PHRASES = re.compile(r"[:;,=#\n\t]")
 _DURATION = re.compile(r"\bDuration = ([\d.]+)")
 _PLACE = {axis: re.compile(rf"\b{axis} = (-?[\d.]+)") for axis in ("Longitude", "Latitude")}
 _RATES = re.compile(r"annuali[sz]ed rates?", re.IGNORECASE)
 
 
 def matches(file: HazardFile) -> bool:
-    """Whether words above two columns name a calculation's intensity measure as OpenSHA does."""
-    return _IMT.search("\n".join(_words(file.lines))) is not None
+    """Whether words above two columns name a calculation's intensity measure as OpenSHA does, or count its points."""
+    words = "\n".join(_words(file.lines))
+    return _IMT.search(words) is not None or _COUNT.search(words) is not None
 
 
 def _words(lines: Sequence[str]) -> list[str]:
@@ -54,19 +61,36 @@ def read(file: HazardFile, hints: Hints) -> list[Statement]:
     last = points[-1][0] - len(words) if points else 0
     if not points or any(line.strip() for line in rest[: last - 1] if not _is_point(line)):
         refuse(path, "holds several curves" if points else "holds no curve", "save one curve in a file")
-    period = _PERIOD.search(about)
-    named = _IMT.findall(about)[0]
-    imt = f"SA({period[1]})" if named == "SA" and period else named
-    measure, unit = measure_named(path, imt)
+    phrases = [phrase.strip() for phrase in _PHRASES.split(about) if phrase.strip()]
+    measure, unit = _measure(path, about, phrases, hints)
     duration = _DURATION.search(about)
-    stated = 0.0 if _RATES.search(about) else number(path, 1, duration[1]) if duration else None
-    lacks = "states no Duration that its probabilities are over"
-    years = years_of_values(path, stated, hints, lacks, "give --values 50")
+    named = next(filter(says_value, phrases), "")
+    rates = _RATES.search(about)
+    if named and not (duration or rates):
+        years, convert = values_of(path, named, hints, about.lower())
+    else:
+        stated = 0.0 if rates else number(path, 1, duration[1]) if duration else None
+        lacks = "states no Duration that its probabilities are over"
+        years, convert = years_of_values(path, stated, hints, lacks, "give --values 50"), float
     place = [found[1] for found in (pattern.search(about) for pattern in _PLACE.values()) if found]
     site = {"site": tuple(number(path, 1, degrees) for degrees in place)} if len(place) == 2 else {}
     x, y = zip(
         *([number(path, n, cell) for cell in line.replace(",", " ").split()] for n, line in points),
         strict=True,
     )
-    levels = [level * unit for level in x]
-    return [Statement(curve_of(path.stem, measure, levels, y, years, source=str(path), **site))]
+    levels, values = [level * unit for level in x], list(map(convert, y))
+    return [Statement(curve_of(path.stem, measure, levels, values, years, source=str(path), **site))]
+
+
+def _measure(path: Path, about: str, phrases: Sequence[str], hints: Hints) -> tuple[str, float]:
+    """Column of the measure that words name, or the user, and its unit in SI."""
+    period, named = _PERIOD.search(about), _IMT.search(about)
+    if named:
+        return measure_named(path, f"SA({period[1]})" if named[1] == "SA" and period else named[1])
+    found = set(filter(None, map(measure_with_unit, phrases)))
+    if hints.measure:
+        found = {(hints.measure, 1.0 / imt_of(hints.measure)[1])}
+    if len(found) != 1:
+        refuse(path, f"names {len(found) or 'no'} measures above its points",
+               "put IMT = PGA (or IMT = SA; SA Period = 1.0) above them, or give --measure")  # fmt: skip
+    return found.pop()

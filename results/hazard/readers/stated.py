@@ -104,13 +104,13 @@ def rows_of(path: Path, lines: Sequence[str], first: int = 1) -> Iterator[tuple[
             yield first + reader.line_num - 1, [cell.strip() for cell in row]
 
 
-def number(path: Path, line: int, text: str) -> float:
-    """Number of a cell, finite; 1D-3 is Fortran's 1e-3."""
+def number(path: Path, line: int, text: str, *, endless: bool = False) -> float:
+    """Number of a cell, finite unless it may be endless; 1D-3 is Fortran's 1e-3."""
     try:
         value = float(text.lower().replace("d", "e"))
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not (math.isfinite(value) or (endless and value > 0)):
         refuse(path, f"line {line}: {text[:40]!r} is no number")
     return value
 

@@ -3,12 +3,11 @@
 import csv
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from math import isclose
-from operator import mul
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -16,46 +15,28 @@ from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
-from toppling.results.hazard.readers.stated import (
-    HazardFile,
-    Hints,
-    Statement,
-    number,
-    refuse,
-    rows_of,
-    years_of_values,
-)
+from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, number, refuse, rows_of
+from toppling.results.hazard.readers.value_columns import is_probability, is_share, says_value, values_of
 
-_RATE = re.compile(
-    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|(?:mean )?m?afe|m?are|"
-    r"(?:mean )?(?:exceedance )?(?:rate|frequency|hazard|lambda|λ)(?: of exceedance)? per (?P<unit>year|kyr)|"
-    r"exceedances per (?P<each>year|kyr)"
-)
-_ANNUAL = re.compile(r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|apo?e")
-_PROBABILITY = re.compile(
-    r"(?:poe|probability(?: of (?P<non>non ?)?exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
-)
-_PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent\b|(?<=\))%")
-"""Of a column's values; a percentage behind a number is that of a hazard level."""
-_RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri|rp|tr")
-_TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
-_YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka)[)\]]$")
 _LOGARITHM = re.compile(
     r"(?P<log>ln|log[ _]?10)[ _]*(?:\((?P<inside>[^()]+(?:\([^()]*\))?[^()]*)\)|(?P<bare>[^( ][^(\[]*))(?P<rest>.*)",
     re.IGNORECASE,
 )
 """Of the name of a column; `log` alone does not say to which base."""
-COMMENTS = ("#", "%", "//")
+_COMMENTS = ("#", "%", "//")
+_WITH_UNIT = re.compile(
+    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?) ?([^\d\s.,;+-][^\d]{0,9}\d?|1/[a-z]+)", re.IGNORECASE
+)
+"""A cell that states the unit of its number."""
 _MOST_NAMES = 50
 """Of a header, that are looked at for a measure."""
 _STATED_UNIT = re.compile(
     r"(?:\bin |\bunits?\b ?(?:is |are |of |in |[:=])? ?|[(\[=])\s*([a-z%][a-z0-9%/^*²-]*(?: s\^?-2)?)"
 )
-_STATED_YEARS = re.compile(
-    r"(?:investigation[_ ]time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
-)
 _MOST_G, _LEAST_CM_S = 10.0, 5.0
 """Levels of a whole curve: beyond in g, or below in cm/s, they are in another unit than its name implies."""
+_RARE, _ROUNDED = 0.02, 0.05
+"""Rates up to the first are compared between columns, and may differ by this share."""
 _RETURN_YEARS = 475.0
 _MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
 """No published hazard is as strong once in so many years."""
@@ -83,29 +64,57 @@ def read(file: HazardFile, hints: Hints) -> list[Statement]:
     before = " ".join(lines[:at]).lower()
     body = [
         _uncommented(lines[at]),
-        *("" if line.lstrip().startswith(COMMENTS) else line for line in lines[at + 1 :]),
+        *("" if is_comment(line) else line for line in lines[at + 1 :]),
     ]
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
         (0, [])
     ]
     header, rows = _raised(path, *upright(*_with_units(header, rows)))
-    levels, values = _columns(path, lines[at], header)
-    column, factor = measure_with_unit(header[levels]) or ("", 0.0)
-    years, rate_of = values_of(path, header[values], hints, before)
-    x, y = [], []
+    while rows and [is_numeral(cell) for cell in rows[-1][1] if cell] == [False]:
+        rows.pop()  # a footnote
     for line, row in rows:
         if len(row) != len(header):
             refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
-        x.append(number(path, line, row[levels]) * factor)
-        y.append(rate_of(number(path, line, row[values])))
+    curve, *again = (
+        _curve(path, header, rows, pair, hints, before) for pair in _columns(path, lines[at], header)
+    )
+    if not all(_same(curve, other) for other in again):
+        _refuse_columns(path, header)
+    return [Statement(curve)]
+
+
+def _curve(
+    path: Path,
+    header: Sequence[str],
+    rows: Sequence[tuple[int, list[str]]],
+    pair: tuple[int, int],
+    hints: Hints,
+    before: str,
+) -> HazardCurve:
+    """Curve of a column of levels and one of values."""
+    levels, values = pair
+    column, factor = measure_with_unit(header[levels]) or ("", 0.0)
+    years, rate_of = values_of(path, header[values], hints, before)
+    endless = rate_of(math.inf) == 0.0  # a return period
+    x = [number(path, line, row[levels]) * factor for line, row in rows]
+    y = [rate_of(number(path, line, row[values], endless=endless)) for line, row in rows]
     curve = curve_of(path.stem, column, x, y, years, source=str(path))
     bare = measure_of(header[levels])
-    return [Statement(with_usual_unit(path, header[levels], curve, before) if bare else curve)]
+    return with_usual_unit(path, header[levels], curve, before) if bare else curve
+
+
+def _same(one: HazardCurve, other: HazardCurve) -> bool:
+    """Whether two columns say one thing, as a rate and its return period do; frequent ones are left to rounding."""
+    if one.measure != other.measure:
+        return False
+    rare = one.annual_rate <= _RARE
+    rates = np.interp(np.log(one.intensity[rare]), np.log(other.intensity), np.log(other.annual_rate))
+    return bool(np.allclose(rates, np.log(one.annual_rate[rare]), rtol=0.0, atol=_ROUNDED))
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names a measure, below a title perhaps or in a comment, else of the first of a table."""
-    comment = [line.lstrip().startswith(COMMENTS) for line in lines]
+    comment = list(map(is_comment, lines))
     table = [place for place, line in enumerate(lines) if line.strip() and not comment[place]]
     first_row = next((n for n in table if is_numeral(re.split(r"[\s,;]+", lines[n].strip())[0])), len(lines))
     bare = map(_uncommented, lines[: first_row + 1])
@@ -120,9 +129,14 @@ def _header_line(lines: Sequence[str]) -> int | None:
     return next(iter(table), None)
 
 
+def is_comment(line: str) -> bool:
+    """Whether a line is a remark; `% in 50 years` is the name of a column."""
+    return line.lstrip().startswith(_COMMENTS) and not is_share(line.lstrip())
+
+
 def _uncommented(line: str) -> str:
     """Line without the signs of a comment at its beginning."""
-    return line.lstrip("".join(COMMENTS) + " ")
+    return line.lstrip("".join(_COMMENTS) + " ") if is_comment(line) else line.lstrip()
 
 
 def _names(line: str) -> list[str]:
@@ -181,15 +195,27 @@ def _with_units(
 def upright(
     header: list[str], rows: list[tuple[int, list[str]]]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Table whose names stand above its columns, of one whose names stand before its rows."""
-    if (
-        len(header) < 3
-        or not all(map(is_numeral, header[1:]))
-        or any(len(row) != len(header) for _, row in rows)
-    ):
-        return header, rows
-    names, *columns = zip(header, *(row for _, row in rows), strict=True)
-    return list(names), [(rows[0][0] if rows else 1, list(column)) for column in columns]
+    """Table with its names above its columns, of one with names before its rows, and units of cells in the names."""
+    whole = all(len(row) == len(header) for _, row in rows)
+    if whole and len(header) > 2 and all(map(is_numeral, header[1:])):
+        names, *columns = zip(header, *(row for _, row in rows), strict=True)
+        first = rows[0][0] if rows else 1
+        header, rows = list(names), [(first, list(column)) for column in columns]
+    for place, name in enumerate(header if whole else ()):
+        found = [_WITH_UNIT.fullmatch(row[place]) for _, row in rows]
+        units = {cell and cell[2].strip() for cell in found}
+        if len(units) != 1 or None in units:
+            continue
+        (unit,) = units
+        named = name if name.endswith((f"({unit})", f"[{unit}]")) else f"{name} ({unit})"
+        if measure_with_unit(named) or says_value(named):
+            header = [*header[:place], named, *header[place + 1 :]]
+            numbers = [cell[1] for cell in found if cell]
+            rows = [
+                (line, [*row[:place], cell, *row[place + 1 :]])
+                for (line, row), cell in zip(rows, numbers, strict=True)
+            ]
+    return header, rows
 
 
 def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> HazardCurve:
@@ -238,8 +264,8 @@ def _once_in(years: float, curve: HazardCurve) -> float:
     return float(np.exp(np.interp(math.log(years), -np.log(rate), np.log(curve.intensity))))
 
 
-def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
-    """Numbers of the columns of levels and of values; others, where a header says what these two are, are left."""
+def _columns(path: Path, line: str, header: Sequence[str]) -> list[tuple[int, int]]:
+    """Numbers of the columns of levels and of values, all pairs of them, rates first; others are left."""
     if len(header) < 2:
         refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
     if is_numeral(header[0]):
@@ -254,7 +280,7 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
     measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
     values = [index for index, name in enumerate(header) if says_value(name)]
     if len(header) == 2 and len(measures) == 1:
-        return measures[0], 1 - measures[0]
+        return [(measures[0], 1 - measures[0])]
     if not measures:
         first = next(
             name for index, name in enumerate(header) if index not in values or len(values) == len(header)
@@ -265,13 +291,22 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
             f"is over {first!r}" if len(header) == 2 else f"has the columns {', '.join(header)[:200]}",
             remedy,
         )
-    if len(measures) != 1 or len(values) != 1:
-        refuse(
-            path,
-            f"has the columns {', '.join(header)[:200]}",
-            "give one measure and one column of its values",
-        )
-    return measures[0], values[0]
+    if not values:
+        _refuse_columns(path, header)
+    return [
+        (level, value)
+        for value in sorted(values, key=lambda n: is_probability(header[n]))
+        for level in measures
+    ]
+
+
+def _refuse_columns(path: Path, header: Sequence[str]) -> NoReturn:
+    """Refuse a table that may say several things."""
+    refuse(
+        path,
+        f"has the columns {', '.join(header)[:200]}",
+        "give one measure and one column of its values, or several that say the same",
+    )
 
 
 def cells_of(lines: Sequence[str]) -> list[list[str]]:
@@ -279,60 +314,3 @@ def cells_of(lines: Sequence[str]) -> list[list[str]]:
     if "," in lines[0]:
         return [[line] for line in lines]
     return [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
-
-
-def _plain(name: str) -> str:
-    """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per kyr`."""
-    plain = re.sub(r"[ _-]+", " ", _PERCENT.sub("", name.lower())).strip()
-    if not (found := _TIMES.search(plain)):
-        return _YEARS.sub("", plain).strip()
-    time = " per kyr" if found["time"][0] in "k1" else " per year"
-    bare = plain[: found.start()].strip()
-    return bare if bare.startswith(("annual", "mean annual")) and time == " per year" else bare + time
-
-
-def says_value(name: str) -> bool:
-    """Whether a column's name says that it holds rates, probabilities or return periods."""
-    if len(name) > LONGEST_NAME:
-        return False
-    plain = _plain(name)
-    return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN, _PROBABILITY))
-
-
-def values_of(path: Path, name: str, hints: Hints, before: str) -> tuple[float, Callable[[float], float]]:
-    """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either.
-
-    Raises InputError if neither its name, nor the lines before in lower case, nor the user says so.
-    """
-    plain = _plain(name) if len(name) <= LONGEST_NAME else ""
-    stated: float | None = None
-    scale = 0.01 if plain and _PERCENT.search(name.lower()) else 1.0
-    convert: Callable[[float], float] = partial(mul, scale)
-    if rate := _RATE.fullmatch(plain):
-        stated = 0.0
-        if "kyr" in (rate["unit"], rate["each"]):
-            convert = partial(mul, scale / 1000.0)
-    elif _RETURN.fullmatch(plain):
-        kyr = (time := _YEARS.search(name.lower())) and time["time"].startswith("k")
-        stated, convert = 0.0, partial(_rate_of_return, 1000.0 if kyr else 1.0)
-    elif _ANNUAL.fullmatch(plain):
-        stated = 1.0
-    elif found := _PROBABILITY.fullmatch(plain):
-        above = set(_STATED_YEARS.findall(before))
-        text = found["years"] or (above.pop() if len(above) == 1 else None)
-        stated = float(text) if text else None
-        if found["non"]:
-            convert = partial(_exceedance, scale)
-        if not (hints.years if stated is None else stated):
-            remedy = "call the column after it, such as probability_50_years, or give --values 50"
-            refuse(path, f"states no time that its {name!r} is over", remedy)
-    remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
-    return years_of_values(path, stated, hints, f"has the column {name!r}", remedy), convert
-
-
-def _rate_of_return(unit_years: float, period: float) -> float:
-    return 1.0 / (unit_years * period) if period > 0 else math.nan
-
-
-def _exceedance(scale: float, non_exceedance: float) -> float:
-    return 1.0 - scale * non_exceedance

@@ -19,7 +19,7 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
     one = tmp_path / "one.csv"
     one.write_text("\ufeffyears,weight\n1000,2\n")
     assert set(parse_age(str(one))) == {1000.0}
-    for nonsense in ("old", "-5", "0..10x", "1+-", "8000+-0", "8000+--300"):
+    for nonsense in ("old", "-5", "0..10x", "1+-", "8000+-0", "8000+--300", "15-30,000"):
         with pytest.raises(InputError, match="no age"):
             parse_age(nonsense)
 
@@ -30,6 +30,9 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
         ("20 ka", "20000"), ("12,5 kyr", "12500"), ("15,000", "15000"), ("20000 years", "20000"),
         ("15000-30000", "15000..30000"), ("15–30 ka", "15000..30000"), ("15..30ka", "15000..30000"),
         ("20±3 ka", "20000+-3000"), ("20000 +/- 3000 yr", "20000+-3000"), ("20*/1.2 ka", "20000*/1.2"),
+        ("15,000 - 30,000", "15000..30000"), ("15,000..30,000", "15000..30000"), ("15 000 – 30 000", "15000..30000"),
+        ("15 ka - 30 ka", "15000..30000"), ("15 to 30 ka", "15000..30000"), ("15 ka ± 2 ka", "15000+-2000"),
+        ("1,234,567", "1234567"),
     ],
 )  # fmt: skip
 def test_ages_are_read_as_people_write_them(text, meant):
@@ -57,7 +60,8 @@ def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
 @pytest.mark.parametrize(
     "text",
     ["ka,weight\n1.5,1\n3,3\n", "Age (ka);Weight\n1,5;1\n3,0;3\n", "# of a model\nage_ka\tweight\n1.5\t1\n3\t3\n",
-     "Age [yr],weight\n1500,1\n3000,3\n"],
+     "Age [yr],weight\n1500,1\n3000,3\n", 'years,weight\n"1,500",1\n"3,000",3\n',
+     "years;weight\n1.500;0,25\n3.000;0,75\n", "| years | weight |\n|---|---|\n| 1500 | 1 |\n| 3000 | 3 |\n"],
 )  # fmt: skip
 def test_draws_of_an_age_are_read_whatever_their_signs_and_the_spelling_of_their_header(text, tmp_path):
     (tmp_path / "ages.csv").write_text(text)

@@ -78,6 +78,24 @@ SAME = {
         }
     ),
     "OpenSHA": table(OPENSHA, LEVELS_G, POES, "{:g}\t{:.8E}"),
+    "Markdown": table("Text.\n\n| PGA (g) | annual_rate |\n|---|---:|", LEVELS_G, RATES, "| {:.6g} | {:.6g} |"),
+    "a terminal's table": table(" pga_g | afoe\n-------+-----", LEVELS_G, RATES, " {:.6g} | {:.6g} ") + "\n(6 rows)",
+    "units in cells": table("PGA,annual rate", [100 * level for level in LEVELS_G], RATES, "{:g} %g,{:g} /yr"),
+    "per cent in cells": table("PGA (g),poe_50", LEVELS_G, [100 * poe for poe in POES], "{:g},{:.8g} %"),
+    "per cent first": table("% in 50 years,PGA (g)", [100 * poe for poe in POES], LEVELS_G),
+    "a slash for in": table("PGA (g),%/50 yr", LEVELS_G, [100 * poe for poe in POES]),
+    "never exceeded": table("PGA (g),return_period", [*LEVELS_G, 3], [*(1 / r for r in RATES), math.inf]),
+    "powers of ten": table("PGA (g);rate (a⁻¹)", LEVELS_G, [1e6 * rate for rate in RATES], "{:g};{:g}×10⁻⁶"),
+    "lambda": table("PGA (g),λ(a)", LEVELS_G, RATES),
+    "as an Italian code": table("TR [anni];ag [g]", [1 / r for r in RATES], LEVELS_G, "{:g};{:g}"),
+    "a rate and its return period": "PGA (m/s2),PGA (g),rate p.a.,ARI (yr)\n"
+    + "\n".join(f"{9.80665 * x:.7g},{x},{y},{1 / y:.3g}" for x, y in zip(LEVELS_G, RATES, strict=True)),
+    "OpenSHA's labels": table(
+        "Num Points: 6\nX-Axis Label: PGA (g)\nY-Axis Label: Probability of Exceedance in 50 years",
+        LEVELS_G,
+        POES,
+        "{:g} {:.8E}",
+    ),
     "OpenSHA as rates": table(OPENSHA + " Annualized Rates", LEVELS_G, RATES, "{:g} {:.8E}"),
 }  # fmt: skip
 
@@ -93,6 +111,23 @@ def test_a_curve_is_the_same_however_it_was_saved(way, tmp_path):
     np.testing.assert_allclose(curve.annual_rate, RATES, rtol=1e-4)
     if "-118" in SAME[way].replace(",", "."):
         assert curve.site == (-118.1, 34.2)
+
+
+def test_columns_that_contradict_each_other_are_refused(tmp_path):
+    path = tmp_path / "curve.csv"
+    rows = [f"{x},{y},{0.5 / y:.3g}" for x, y in zip(LEVELS_G, RATES, strict=True)]
+    path.write_text("\n".join(["PGA (g),annual rate,return period (yr)", *rows]))
+    with pytest.raises(InputError, match="several that say the same"):
+        read_hazard(path)
+
+
+def test_opensha_without_the_name_of_its_measure_is_refused_until_told(tmp_path):
+    path = tmp_path / "curve.txt"
+    path.write_text(table("Num Points: 6\nInfo: Duration = 50.0", LEVELS_G, POES, "{:g}\t{:.8E}"))
+    with pytest.raises(InputError, match="--measure"):
+        read_hazard(path)
+    (tree,) = read_hazard(path, None, Hints(measure="pga_m_s2"))
+    np.testing.assert_allclose(tree.curves[0].annual_rate, RATES, rtol=1e-4)
 
 
 def test_a_lost_first_line_leaves_the_measure_of_the_name(tmp_path):

@@ -11,7 +11,7 @@ from toppling.models.files.csv_text import separator_of
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.files.folder import named_beside
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
-from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
+from toppling.models.motions.formats.units import counted_unit, known_names
 
 _COLUMNS = {
     "record_id": ("record_id", "rec_id"),
@@ -50,10 +50,6 @@ _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|\s*km$")
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of a file's name, and of its path: file systems have no longer ones."""
-_FACTORS = (1e-15, 1e6)
-"""Of one count in a unit: below the least of any digitiser."""
-_FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
-_PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -180,20 +176,6 @@ def _by_names(row: dict[str, str]) -> dict[str, str]:
     return {_name(name): cell for name, cell in row.items()}
 
 
-def _unit_m_s2(text: str) -> float | None:
-    """One unit in m/s2, from its name or a factor and a name ('4.7e-06 m/s2', a count); None if not known."""
-    factor, name = _factor_and_name(text)
-    unit = acceleration_m_s2(name)
-    return factor * unit if unit is not None and _FACTORS[0] <= factor <= _FACTORS[1] else None
-
-
-def _factor_and_name(text: str) -> tuple[float, str]:
-    """Factor before a unit's name, 1 where there is none, and the name without 'per count'."""
-    name = _PER_COUNT.sub("", text.strip())
-    match = _FACTOR.match(name)
-    return (float(match[1]), match[2]) if match else (1.0, name)
-
-
 def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> Entry:
     where = f"{table}:{line}"
     text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in _COLUMNS.items()}
@@ -214,11 +196,11 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
                 expected=f"a path of names of at most {_LONGEST_NAME} bytes",
                 remedy="correct the table",
             )
-    unit = _unit_m_s2(text["unit"]) if text["unit"] else None
+    found = counted_unit(text["unit"])
+    unit = found.factor if found and found.quantity == "acceleration" else None
     if text["unit"] and unit is None:
-        other = unit_of(_factor_and_name(text["unit"])[1])
         raise InputError(
-            f"unit {shown(text['unit'])}" + (f" is one of {other.quantity}" if other else ""),
+            f"unit {shown(text['unit'])}" + (f" is one of {found.quantity}" if found else ""),
             where=where,
             expected=f"acceleration in one of {known_names()}, or a factor and one of them",
             remedy="name the unit of the samples",

@@ -11,13 +11,14 @@ from toppling.models.motions.formats.units import unit_of
 
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(
-    r"(.*?[^\W_])_((?:[cmu]?m_s\^?2)|m?gal|mg|g|ms|us|s|sec|seconds|milliseconds)$", re.IGNORECASE
+    r"(.*?[^\W_])_((?:[cmu]?m_s\^?2)|m?gal|mg|g|ms|us|ns|s|sec|seconds|milliseconds)$", re.IGNORECASE
 )
 """A unit at the end of a name, as this program's own columns have it: time_s, ns_m_s2."""
 _LONGEST = 200
 """Characters of a cell of a header that are looked at."""
 _TIME = re.compile(
-    r"(?:t|times?|timestamp|zeit|tiempo|temps|tempo|s|m?secs?|(?:milli)?seconds?)(?![a-z])", re.IGNORECASE
+    r"(?:t|times?|timestamp|zeit|tiempo|temps|tempo|zaman|时间|時間|時刻|s|m?secs?|(?:milli)?seconds?)(?![a-z])",
+    re.IGNORECASE,
 )
 _NUMBERS = {
     "",
@@ -43,10 +44,13 @@ _ACCELERATION = re.compile(
 )
 _DERIVED = re.compile(
     r"v(?:el(?:ocity)?)?|d(?:isp(?:lacement)?)?|velocidad|desplazamiento|"
-    r"vector(?: sum)?|srss|(?:absolute|abs|total|resultant)(?:[ _]acc\w*)?",
+    r"(?:gyr|mag)\w*|temp(?:erature)?|battery|vector(?: sum)?|srss|(?:absolute|abs|total|resultant)(?:[ _]acc\w*)?",
     re.IGNORECASE,
 )
-"""What is worked out from accelerations."""
+"""What is worked out from accelerations, or is of other sensors beside them."""
+_OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|volts?|%", re.IGNORECASE)
+_QUOTIENT = re.compile(r"(.+?)\s+/\s+(.+)")
+"""A quantity over its unit: a_E / m s^-2."""
 _FILLING = {
     "ACC",
     "ACCEL",
@@ -71,9 +75,12 @@ _WORDS = {
     "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
     "TRANSVERSE": "T", "TRANSVERSAL": "T", "TRAN": "T", "LON": "L", "VERTIKAL": "UP", "RADIAL": "H1", "R": "H1",
     "EO": "EW", "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
-    "ESTOUEST": "EW",
+    "ESTOUEST": "EW", "VERTICALE": "UP", "东西": "EW", "南北": "NS", "東西": "EW",
+    "竖向": "UD", "竖直": "UD", "垂直": "UD", "上下": "UD",
 }  # fmt: skip
 """Words and letters that people write for directions, beside those that every format knows."""
+_GLUED = re.compile(r"ACC(?:EL|ELERATION)?(?=(?:[XYZENUV123]|EW|NS|UD)$)")
+"""Before a direction without anything between: AccX."""
 _CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
 """SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
 _HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
@@ -102,6 +109,8 @@ def column_of(part: str) -> Column:
     part = part[:_LONGEST]
     match = _BRACKETS.search(part)
     name, unit = _BRACKETS.sub("", part).strip(" \"'_:."), match[1].strip() if match else ""
+    if not unit and (found := _QUOTIENT.fullmatch(name)) and is_unit(found[2]):
+        return Column(found[1], found[2])
     if not unit and (ending := _ENDING.fullmatch(name)):
         return Column(ending[1], ending[2].replace("_", "/"))
     if not unit and unit_of(name) and not bearing(name) and _label(name) == "" and not _TIME.match(name):
@@ -133,7 +142,12 @@ def roles_of(columns: list[Column]) -> Roles | None:
     for place in range(first if time is None else first + 1, len(columns)):
         each = columns[place]
         unit, label = unit_of(each.unit) if each.unit else None, _label(each.name)
-        if (unit and unit.quantity != "acceleration") or (not label and _DERIVED.fullmatch(each.name)):
+        foreign = unit is None and _OTHER_UNIT.fullmatch(each.unit) is not None
+        if (
+            foreign
+            or (unit and unit.quantity != "acceleration")
+            or (not label and _DERIVED.fullmatch(each.name))
+        ):
             others[place] = label
         elif label or _ACCELERATION.fullmatch(each.name):
             labels[place] = label
@@ -165,7 +179,7 @@ def refuse_names(columns: list[Column], width: int, path: Path, line: int) -> No
 
 def _label(name: str) -> str:
     """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
-    bare = name.upper().strip()
+    bare = _GLUED.sub("", name.upper().strip())
     if known := _known_label(bare):
         return known
     words = [word for word in re.split(r"[\W_]+", bare) if word and word not in _FILLING]

@@ -11,8 +11,11 @@ from toppling.models.motions.formats.component import positive, refuse
 UNITS_S = {
     "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
     "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
+    "ns": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
 }  # fmt: skip
 """Units of a column of times in seconds."""
+_EPOCHS = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}
+"""Times since 1970 of our days, from which on they are in units of so many seconds."""
 _CLOCK = re.compile(
     r"(?:\b\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,;\t]\s*)?(?<!\d)(\d{1,2}):(\d\d):(\d\d)(\.\d+)?(?:Z|[-+]\d\d:\d\d)?\b",
     re.ASCII,
@@ -34,6 +37,12 @@ def as_seconds(line: str) -> str:
         return line
     seconds = 3600 * int(match[1]) + 60 * int(match[2]) + int(match[3])
     return f"{line[: match.start()]}{seconds}{match[4] or ''}{line[match.end() :]}"
+
+
+def unit_of_times_s(unit: str, first: float) -> float:
+    """Seconds of one unit of times, by its name, else by the first if it counts from 1970."""
+    since_1970 = next((factor for least, factor in _EPOCHS.items() if first >= least), 1.0)
+    return UNITS_S[unit] if unit else since_1970
 
 
 def past_midnight(time_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -25,11 +25,22 @@ from toppling.models.motions.formats.column_names import (
     refuse_names,
     roles_of,
 )
-from toppling.models.motions.formats.column_times import UNITS_S, as_seconds, past_midnight, time_step
+from toppling.models.motions.formats.column_times import (
+    UNITS_S,
+    as_seconds,
+    past_midnight,
+    time_step,
+    unit_of_times_s,
+)
 from toppling.models.motions.formats.component import Component, code_direction, refuse
-from toppling.models.motions.formats.header_text import stated_step_s, stated_unit
+from toppling.models.motions.formats.header_text import (
+    check_stated,
+    stated_peak_m_s2,
+    stated_step_s,
+    stated_unit,
+)
 from toppling.models.motions.formats.numbers import numbers_in, parted
-from toppling.models.motions.formats.units import known_names, unit_of
+from toppling.models.motions.formats.units import counted_unit, known_names
 
 NAME = "plain columns"
 _COMMENT = ("#", "%", "!", "//", ";")
@@ -189,15 +200,20 @@ def read(path: Path, text: str) -> list[Component]:
     if roles.left_out:
         warnings = (*warnings, f"{path.name}: columns left out: {', '.join(roles.left_out)}")
     named = layout.columns if len(layout.columns) == width else (Column("", ""),) * width
-    above = stated_unit(
-        [line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns]
-    )
-    return [
-        replace(
-            _component(values[:, place], step, label, named[place], path, first + 1, above), warnings=warnings
-        )
+    told = [line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns]
+    check_stated(told, step, (len(values), len(roles.components)), path)
+    above = stated_unit(told)
+    found = [
+        _component(values[:, place], step, label, named[place], path, first + 1, above)
         for place, label in roles.components.items()
     ]
+    found = [replace(each, warnings=warnings) for each in found]
+    peak = stated_peak_m_s2(told)
+    if peak:  # of whichever it is nearest to
+        off = [abs(math.log(max(float(np.abs(each.acceleration_m_s2).max()), 1e-9) / peak)) for each in found]
+        nearest = off.index(min(off))
+        found[nearest] = replace(found[nearest], stated_peak_m_s2=peak)
+    return found
 
 
 def _end(lines: Sequence[str], layout: _Layout, path: Path) -> tuple[int, tuple[str, ...]]:
@@ -242,7 +258,9 @@ def _step(
         )
     printed = [row.split()[roles.time] for row in rows if row.strip()]
     time = past_midnight(values[:, roles.time]) if clock else values[:, roles.time]
-    return time_step(time, printed, path, layout.first + 1) * (1.0 if clock else UNITS_S[unit])
+    return time_step(time, printed, path, layout.first + 1) * (
+        1.0 if clock else unit_of_times_s(unit, float(time[0]))
+    )
 
 
 def _refuse_columns(layout: _Layout, path: Path) -> NoReturn:
@@ -284,7 +302,7 @@ def _component(
     above: float | None,
 ) -> Component:
     """One channel; its unit is its column's, else that of the text above."""
-    unit, no_unit = unit_of(column.unit) if column.unit else None, None
+    unit, no_unit = counted_unit(column.unit), None
     if unit is not None and unit.quantity != "acceleration":
         refuse(
             f"the column {column.name!r} is in {column.unit!r}, a unit of {unit.quantity}",
@@ -292,6 +310,14 @@ def _component(
             line,
             expected="acceleration",
             remedy="differentiate it to acceleration first",
+        )
+    if unit is not None and above is not None and not math.isclose(unit.factor, above):
+        refuse(
+            f"the column {column.name!r} is in {column.unit!r}, and the text above names another unit",
+            path,
+            line,
+            expected="one unit of acceleration",
+            remedy="correct the text, or the names of the columns",
         )
     if unit is None and column.unit:
         no_unit = InputError(

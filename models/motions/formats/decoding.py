@@ -11,6 +11,8 @@ _FILLED_UP = b"\0\x1a \t\r\n"
 _LINE_END = re.compile(r"\r*\n|\r")
 _NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029", " "))
 """Where Python splits lines and no file of numbers does: form feeds of listings, bytes of other encodings."""
+_AS_ASCII = str.maketrans({"\u2212": "-", "\u00a0": " "})
+"""A minus and a blank of word processors."""
 _UTF_16_SHARE = 0.9
 
 
@@ -32,7 +34,7 @@ def text_of(content: bytes) -> str | None:
         if b"\0" in content[:HEAD_BYTES]:
             return None
         text = _decoded(content)
-    return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS) + "\n"
+    return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
 
 
 def _decoded(content: bytes) -> str:

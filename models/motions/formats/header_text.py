@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
+from toppling.models.motions.formats.component import refuse
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -13,7 +15,8 @@ _UNIT = re.compile(
     re.IGNORECASE,
 )
 _RATE = re.compile(
-    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfreq\w* *(?:of|de) *sampl\w*|tasa de muestreo|frecuencia de muestreo)"
+    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfs(?= *[:=])|\bfreq\w* *(?:of|de) *sampl\w*|"
+    rf"tasa de muestreo|frecuencia de muestreo)"
     rf"[^0-9]{{0,20}}{_NUMBER}",
     re.IGNORECASE,
 )
@@ -22,12 +25,19 @@ _STEP = re.compile(
     rf"intervalo de muestreo)([^0-9]{{0,20}}?){_NUMBER} *(ms|msec|milliseconds)?\b",
     re.IGNORECASE,
 )
+_COUNT = re.compile(
+    r"(?:\bnpts|\bn(?:umber|o\.?|um\.?) *(?:of *)?(?:samples|points|data(?: *points)?)|numero de (?:datos|muestras))"
+    r" *[:=] *(\d+)\b",
+    re.IGNORECASE,
+)
 _COUNT_AND_STEP = re.compile(r"\s*(\d+)[\s,]+(\d*\.\d+(?:[eE][-+]?\d+)?)\s*$")
 _PEAK = re.compile(
-    rf"(?P<raw>uncor\w*\s+)?\b(?:max|(?:acceleration:\s*)?peak)(?:\s+acceleration)?\s*=?\s*{_NUMBER}\s*"
+    rf"(?P<raw>uncor\w*\s+)?\b(?:max|pga|(?:acceleration:\s*)?peak)(?:\s+acceleration)?\s*[=:]?\s*{_NUMBER}\s*"
     r"(?P<unit>[a-z][a-z0-9/*^]*)",
     re.IGNORECASE,
 )
+_STEP_OFF, _ROWS_OFF, _COUNT_OFF = 0.02, 2, 0.01
+"""Shares, and rows, by which text and samples may differ, as of rounding or of a program's mistake."""
 _MOST_LINES, _LONGEST = 200, 300
 
 
@@ -64,6 +74,34 @@ def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
         found.add(float(pair[2]))
     found = {round(step, 9) for step in found if step > 0}
     return found.pop() if len(found) == 1 else None
+
+
+def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
+    """Refuse samples that are not those that the lines above them tell of.
+
+    shape: of the samples, rows and columns.
+    Raises InputError if the lines state another time step, or another number of samples.
+    """
+    stated = stated_step_s(lines, shape[0])
+    if stated is not None and abs(stated - step_s) > _STEP_OFF * step_s:
+        refuse(
+            f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above",
+            path,
+            expected="one time step",
+            remedy="correct the text, or the times",
+        )
+    counts = {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
+    near = [
+        count for count in counts for n in (shape[0], shape[0] * shape[1])
+        if abs(count - n) <= max(_ROWS_OFF, _COUNT_OFF * n)
+    ]  # fmt: skip
+    if len(counts) == 1 and not near:
+        refuse(
+            f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above",
+            path,
+            expected="as many samples as stated",
+            remedy="fetch the file again if it is cut, or correct the text",
+        )
 
 
 def stated_peak_m_s2(lines: Sequence[str]) -> float | None:

@@ -36,6 +36,14 @@ UNITS: dict[str, Unit] = {
 }
 """The closed list: a name that is not here after folding is no unit."""
 _LONGEST = 100
+_FACTORS = (1e-15, 1e6)
+"""Of one count in a unit: below the least of any digitiser."""
+_FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
+_POWER = re.compile(
+    r"[x\u00d7*]?\s*10(?:\^|\*\*)?\(?([-+]?\d{1,2}|[\u207a\u207b]?[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+)\)?\s*"
+)
+"""A power of ten before a unit: 10^-2 m/s2, x10**-3 g, \u00d710\u207b\u00b3 g."""
+_PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
 _DESCRIBED = re.compile(r"\s+-\s+[A-Za-z].*$", re.DOTALL)
 """A description behind a name: 'M/S**2 - Acceleration in Meters Per Second Per Second'."""
 _WORDS = (
@@ -90,6 +98,25 @@ def unit_of(name: str) -> Unit | None:
 def acceleration_m_s2(name: str) -> float | None:
     """One unit of acceleration in m/s2; None if the name is that of none."""
     return UNITS_M_S2.get(_folded(name))
+
+
+def counted_unit(text: str) -> Unit | None:
+    """Unit of a name, or of a factor and a name ('4.7e-06 m/s2', a count); None if not known.
+
+    Examples
+    --------
+    >>> counted_unit("10^-2 m/s2"), counted_unit("4.7e-06 m/s2/count"), counted_unit("furlongs")
+    (Unit(quantity='acceleration', factor=0.01), Unit(quantity='acceleration', factor=4.7e-06), None)
+    """
+    name = _PER_COUNT.sub("", text.strip()[:_LONGEST])
+    if power := _POWER.match(name):
+        name = f"1e{unicodedata.normalize('NFKC', power[1]).replace(chr(0x2212), '-')} {name[power.end() :]}"
+    match = _FACTOR.match(name)
+    factor, name = (float(match[1]), match[2]) if match else (1.0, name)
+    unit = unit_of(name)
+    return (
+        Unit(unit.quantity, factor * unit.factor) if unit and _FACTORS[0] <= factor <= _FACTORS[1] else None
+    )
 
 
 def known_names() -> str:

@@ -83,7 +83,7 @@ def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_
     "header",
     [
         "time,first,second,third",
-        "time,UD,NS,temperature",
+        "time,UD,NS,humidity",
         "UD,NS,EW,time",
         "time,NS,NS,UD",
         "recorded at night",
@@ -100,7 +100,17 @@ def test_names_that_are_no_components_are_refused_with_their_line(header, tmp_pa
     assert "delete this line" in error.value.remedy
 
 
-@pytest.mark.parametrize(("unit", "one_m_s2"), [("g", 9.80665), ("cm/s²", 0.01), ("m/s^2", 1.0)])
+@pytest.mark.parametrize(
+    ("unit", "one_m_s2"),
+    [
+        ("g", 9.80665),
+        ("cm/s²", 0.01),
+        ("m/s^2", 1.0),
+        ("10^-2 m/s2", 0.01),
+        ("×10⁻³ g", 9.80665e-3),
+        ("2e-3 g", 0.01961330),
+    ],
+)
 def test_a_unit_in_the_names_needs_no_table(unit, one_m_s2, tmp_path):
     a = shaking()
     path = table_of(tmp_path, f"t,E ({unit}),N ({unit}),UP ({unit})", a / one_m_s2)
@@ -291,6 +301,9 @@ def test_a_resultant_is_no_component_and_two_stations_are_refused_by_their_names
         "Zeit (s),Beschleunigung Ost (m/s2),Beschleunigung Nord (m/s2),Beschleunigung Vertikal (m/s2)",
         "Tiempo (s),Aceleración E-O (m/s2),Aceleración N-S (m/s2),Aceleración V (m/s2)",
         "t (s),Este-Oeste (m/s2),Norte-Sur (m/s2),Vertical (m/s2)",
+        "Tempo (s),Est (m/s2),Nord (m/s2),Verticale (m/s2)",
+        "时间(s),东西(m/s2),南北(m/s2),竖向(m/s2)",
+        "t / s,a_E / m s^-2,a_N / m s^-2,a_Z / m s^-2",
     ],
 )
 def test_directions_are_read_in_other_languages(header, tmp_path):
@@ -318,3 +331,40 @@ def test_a_clocks_zone_is_no_matter_of_the_step(zone, tmp_path):
     path.write_text("\n".join(["time,E (m/s2),N (m/s2),Z (m/s2)", *lines]))
     (record,) = import_records([path]).records
     assert record.motion.time_step_s == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# Sampling rate: 200 Hz", "by 0.005 s by the text above"),
+        ("# fs = 50 Hz", "by 0.02 s by the text above"),
+        ("# NPTS = 8000", "8000 samples by the text above"),
+        ("# acceleration in g", "the text above names another unit"),
+    ],
+)
+def test_columns_that_contradict_the_text_above_are_refused(text, said, tmp_path):
+    path = table_of(tmp_path, f"{text}\nt (s),E (m/s2),N (m/s2),Z (m/s2)", shaking())
+    with pytest.raises(InputError, match=said):
+        read_file(path)
+
+
+def test_a_peak_in_the_text_above_is_that_of_a_component(tmp_path):
+    peaks = np.abs(shaking()).max(axis=0)
+    for stated, right in ((peaks.max(), True), (peaks.min(), True), (0.01 * peaks.max(), False)):
+        header = f"# PGA = {stated:.4f} m/s2\n# NPTS: {len(shaking())}\nt (s),E (m/s2),N (m/s2),Z (m/s2)"
+        done = import_records([table_of(tmp_path, header, shaking())], options=AS_IT_IS)
+        assert len(done.records) == right
+        assert right or "by the file's header" in done.refusals[0].reason.what
+
+
+@pytest.mark.parametrize(("name", "since_1970"), [("timestamp", 1.7e12), ("t_ns", 1.7e18), ("time", 1.7e18)])
+def test_times_since_1970_go_on_by_the_step_whatever_their_unit(name, since_1970, tmp_path):
+    ticks = round(STEP_S * (1e9 if since_1970 > 1e15 else 1e3))
+    path = tmp_path / "rec.csv"
+    path.write_text(
+        f"{name},AccX (m/s2),AccY (m/s2),AccZ (m/s2),GyrX (rad/s),Temp (C)\n"
+        + rows_of(np.hstack([shaking(), shaking()[:, :2]]), lambda n: f"{int(since_1970) + ticks * n},")
+    )
+    (record,) = import_records([path], options=AS_IT_IS).records
+    assert record.motion.time_step_s == pytest.approx(STEP_S)
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)

@@ -33,6 +33,7 @@ MOST_JOBS = 10_000_000
 """Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
 _OTHER_LEVELS = {
     "pga_g": "give pga_m_s2 in m/s2: 0.3 g is 2.94",
+    **dict.fromkeys(("gravity", "gravity_m_s2"), "gravity is the scene's: give it where the scene is made"),
     **dict.fromkeys(
         (name for name in LEVEL_MEASURES if name != "pga_m_s2"),
         "records are scaled to levels of PGA, pga_m_s2; 'toppling fragility RUN --fit' has curves over others",
@@ -44,6 +45,7 @@ _HIGHEST_BAND_HZ = 1000.0
 
 
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
+    given = [given] if is_number(given) else given
     if not isinstance(given, list) or not given:
         raise place.wrong(shown(given), remedy="at least one is needed, such as [0.8]")
     pairs = []

@@ -99,7 +99,9 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
     def read(given: Any, place: Place) -> Any:
         right = is_number(given) if kind is float else type(given) is kind
         if not right or not fits(given):
-            raise place.wrong(shown(given))
+            text = str(given).strip().removesuffix(".0")
+            meant = kind is int and type(given) in (str, float) and text.isascii() and text.isdigit()
+            raise place.wrong(shown(given), remedy=f"did you mean {text}?" if meant else "")
         return kind(given)
 
     return read
@@ -148,7 +150,9 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
     def read(given: Any, place: Place) -> tuple[float, ...]:
         if instead is not None and given == instead:
             return ()
-        numbers = _of_range(given, place) if isinstance(given, dict) else given
+        numbers = (
+            _of_range(given, place) if isinstance(given, dict) else [given] if is_number(given) else given
+        )
         if not isinstance(numbers, list) or not numbers:
             raise place.wrong(shown(numbers), remedy="at least one value is needed to have a job")
         if strange := [one for one in numbers if not is_number(one) or not fits(one)]:

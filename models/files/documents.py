@@ -104,6 +104,8 @@ def _toml_remedy(error: str) -> str:
         return "write paths with / or between single quotes: 'C:\\rocks'"
     if "Invalid value" in error:
         return "put text between quotes, and write decimal points"
+    if "codec" in error:
+        return "save it as text in UTF-8"
     if "overwrite" in error:
         return "state each key once"
     return _CORRECT

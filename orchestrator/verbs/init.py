@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +80,7 @@ def init(
     records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
     folder = out.absolute().parent
     starter = _CampaignTemplate(
-        name=str(out), scene=os.path.relpath(scene.absolute(), folder),
+        name=shlex.quote(str(out)), scene=os.path.relpath(scene.absolute(), folder),
         ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, pilot=pilot,
         levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
         bases=0 if rock.unseen is None else len(rock.unseen),
@@ -90,7 +91,7 @@ def init(
         f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "
         f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
     )
-    click.echo(f"next: toppling plan {out}")
+    click.echo(f"next: toppling plan {shlex.quote(str(out))}")
 
 
 def _check_least(least_m_s2: float, scene: Path) -> None:

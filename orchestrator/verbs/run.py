@@ -185,7 +185,7 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
             f"{progress.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
         if state["failed"]:
-            click.echo(f"why some failed: toppling status {named(folder)}")
+            click.echo(f"why some failed: toppling status {shlex.quote(named(folder))}")
         for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
         if unphysical:
@@ -194,7 +194,7 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         for sentence in advice:
             click.echo(sentence)
-        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {named(folder)}")
+        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {shlex.quote(named(folder))}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)
 

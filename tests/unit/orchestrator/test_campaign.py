@@ -54,6 +54,16 @@ def test_a_range_includes_its_stop():
     assert campaign(pga_m_s2={"start": 0.1, "stop": 0.3, "step": 0.1}).pga_m_s2 == (0.1, 0.2, 0.3)
 
 
+def test_one_value_needs_no_list():
+    one = campaign(pga_m_s2=5, azimuth_deg=90, friction=0.8)
+    assert one == campaign(pga_m_s2=[5], azimuth_deg=[90], friction=[0.8])
+
+
+def test_a_tilde_is_the_users_folder(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/me")
+    assert campaign(ensemble="~/quakes").ensemble == Path("/home/me/quakes")
+
+
 def test_one_coefficient_of_friction_serves_as_both():
     assert campaign().friction == ((1.0, 1.0), (0.8, 0.6))
 
@@ -87,7 +97,10 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
         ({"friction": [-0.1]}, "friction_static is -0.1"),
         ({"friction": [[0.5, 0.9]]}, "did you mean [0.9, 0.5]?"),
         ({"friction": []}, "friction"),
-        ({"friction": 0.8}, "friction"),
+        ({"friction": "0.8"}, "friction"),
+        ({"realisations": 4.0}, "did you mean 4?"),
+        ({"realisations": "4"}, "did you mean 4?"),
+        ({"gravity": 1.6}, "gravity is the scene's"),
         ({"friction": [True]}, "friction"),
         ({"pga_m_s2": []}, "pga_m_s2"),
         ({"pga_m_s2": [0]}, "pga_m_s2"),

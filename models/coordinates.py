@@ -4,8 +4,8 @@ import re
 
 _PARTS = re.compile(
     r"(?P<before>[NSEW]?)\s*(?P<sign>[-+\u2212]?)\s*(?P<degrees>\d{1,3}(?:[.,]\d+)?)\s*(?:°|º|deg\.?|d)?"
-    r"(?:[\s:]*(?P<minutes>\d{1,2}(?:[.,]\d+)?)\s*(?:['\u2032\u2019m])?)?"
-    r"(?:[\s:]*(?P<seconds>\d{1,2}(?:[.,]\d+)?)\s*(?:[\"\u2033\u201ds]|'')?)?\s*(?P<after>[NSEW]?)",
+    r"(?:[\s:]*(?<![\d.,])(?P<minutes>\d{1,2}(?:[.,]\d+)?)\s*(?:['\u2032\u2019m])?)?"
+    r"(?:[\s:]*(?<![\d.,])(?P<seconds>\d{1,2}(?:[.,]\d+)?)\s*(?:[\"\u2033\u201ds]|'')?)?\s*(?P<after>[NSEW]?)",
     re.IGNORECASE,
 )
 _LETTERS = {"longitude": "EW", "latitude": "NS"}
@@ -25,7 +25,7 @@ def degrees_of(text: str, axis: str) -> float | None:
 
     Examples
     --------
-    >>> [degrees_of(text, "longitude") for text in ("-118.92", "118.92 W", "118°55'12\\"W", "34.08N", "west")]
+    >>> [degrees_of(text, "longitude") for text in ("-118.92", "118.92 W", "118°55'12\\"W", "34.08N", "11855")]
     [-118.92, -118.92, -118.92, None, None]
     """
     match = _PARTS.fullmatch(text.strip()[:_LONGEST])

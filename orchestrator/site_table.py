@@ -31,7 +31,11 @@ from toppling.results.hazard.ages import parse_age
 
 _SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
-_AGE = re.compile(r"[\d.,eE+*/ ±\u2013-]+(?:ka|kyr|ky|a|yrs?|years?)?", re.IGNORECASE)
+_AGE = re.compile(
+    r"(?:[\d.,eE+*/ ±\u2013-]|(?<=[\d ])(?:ka|kyr|ky|a|yrs?|years?|to)(?![a-z]))+", re.IGNORECASE
+)
+_AGE_IN = re.compile(r"age[ _]*[(\[]?(?P<unit>ka|kyr|ky|a|yrs?|years?)[)\]]?")
+"""Name of a column of ages in a unit."""
 _PLACE = ("longitude", "latitude")
 _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
 """Names of columns that people write shorter."""
@@ -146,6 +150,15 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
     ]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
     names = {column: _SHORT.get(name, name) for column, name in written.items()}
+    in_unit = {column: found["unit"] for column, name in names.items() if (found := _AGE_IN.fullmatch(name))}
+    names |= dict.fromkeys(in_unit, "age")
+    if "scene" not in names.values():
+        header = shown(", ".join(written.values()))
+        raise Place(str(given)).wrong(
+            f"no column 'scene' in its first line, {header}",
+            "a header such as scene,site,age",
+            "put it above the rocks",
+        )
     if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
         raise Place(str(given)).wrong(f"the column {shown(twice[0])} twice", "each column once", "remove one")
     for count, row in enumerate(cells[1:], 1):
@@ -155,11 +168,17 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
                 f"{shown(beyond[0])} in a column without a name", "a cell for each column", remedy
             )
     return [
-        {names[column]: _of_cell(names[column], cell) for column, cell in row.items()} for row in cells[1:]
+        {
+            names[column]: _of_cell(names[column], cell, in_unit.get(column, ""))
+            for column, cell in row.items()
+        }
+        for row in cells[1:]
     ]
 
 
-def _of_cell(name: str, text: str) -> Any:
+def _of_cell(name: str, text: str, unit: str) -> Any:
+    if unit and not text[-1].isalpha():
+        return f"{text} {unit}"
     if name in _PLACE:
         return text if (degrees := degrees_of(text, name)) is None else degrees
     try:  # no friction reaches a thousand: a comma is a decimal one

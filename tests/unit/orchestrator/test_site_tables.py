@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.site_table import read_sites
+from toppling.results.hazard.ages import parse_age
 
 PLAIN = "scene,site,longitude,latitude\nrock,Zürich,-117.5,34.25\n"
 SEMICOLONS = PLAIN.replace(",", ";").replace(".", ",")
@@ -45,6 +46,7 @@ def test_a_table_says_the_same_however_a_spreadsheet_writes_it(content, tmp_path
         "scene,colour\nrock,red\n",
         "scene,Scene\nrock,other\n",
         "scene\nrock\nrock\n",
+        "scene,longitude,latitude\nrock,11855,34\n",  # no degrees and minutes
         "scene\n",
         "",
         "PK\0\0",
@@ -106,3 +108,18 @@ def test_a_place_that_is_none_is_refused_with_what_may_be_meant(cells, told, tmp
     with pytest.raises(InputError, match="rock 1: l") as error:
         read_sites(tmp_path / "rocks.csv")
     assert told in str(error.value)
+
+
+@pytest.mark.parametrize("table", ["age (ka)\n15-30", "Age [kyr]\n15-30", "age_ka\n15-30 ka", "age\n15 ka - 30 ka",
+                                   'age\n"15,000 - 30,000"', "age (yr)\n15-30 ka"])  # fmt: skip
+def test_an_age_is_in_the_unit_of_its_column_or_its_own(table, tmp_path):
+    header, age = table.split("\n")
+    (tmp_path / "rocks.csv").write_text(f"scene,{header}\nrock,{age}\n")
+    (site,) = read_sites(tmp_path / "rocks.csv")
+    assert parse_age(site.age) == pytest.approx(parse_age("15000..30000"))
+
+
+def test_a_table_without_names_is_refused_by_the_header_that_is_expected(tmp_path):
+    (tmp_path / "rocks.csv").write_text("scenes/rock,Echo,-118,34\n")
+    with pytest.raises(InputError, match="no column 'scene' in its first line"):
+        read_sites(tmp_path / "rocks.csv")

@@ -131,9 +131,15 @@ def call() -> None:
     except (InputError, FileExistsError, FileNotFoundError) as error:
         click.echo(f"toppling: {error}", err=True)
         sys.exit(1)
+    except ValueError as error:  # as Dask is imported
+        if not str(error).startswith("A dask config file"):
+            raise
+        click.echo(f"toppling: {error}\n  remedy: correct the file, or move it away", err=True)
+        sys.exit(1)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            of = f" of {Path(error.filename)}" if error.filename else ""
+            written = error.filename2 or error.filename  # a copy names its source first
+            of = f" of {Path(written)}" if written else ""
             click.echo(
                 f"toppling: the disk{of} is full: make room, then give the same command again; what is stored stays",
                 err=True,

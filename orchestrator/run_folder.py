@@ -8,7 +8,7 @@ import shutil
 import socket
 import time
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
@@ -137,7 +137,7 @@ def describe(run: Path) -> dict[str, Any]:
             raise digest.unopened(run / "run.json", error) from None
         raise _error(
             run,
-            f"is not a run's folder ({error})",
+            "is not a run's folder: there is no run.json",
             expected="a folder that 'toppling run' made",
             remedy="give the folder named with --out, or another name for a new run",
         ) from None
@@ -268,7 +268,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     _refuse_links(run, [*(run / name for name in written), *below])
     check_files(run)
     # A changed campaign is told first: its versions may differ just because its engine does.
-    difference = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
+    difference = _campaign_differs(run, plan, content) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
     differing = [
         f"{name} {there.get(name)}, now {version}"
@@ -332,8 +332,8 @@ def _copy_hazard(target: TargetSpec | None, staging: Path) -> str | None:
     return name
 
 
-def _campaign_differs(run: Path, plan: Plan) -> str:
-    """In which values a campaign differs from the run's; empty where in none, or the run's cannot be read."""
+def _campaign_differs(run: Path, plan: Plan, described: Mapping[str, Any]) -> str:
+    """In what a campaign differs from the run's; empty where in nothing, or the run's cannot be read."""
     try:
         there = read_toml(run / "campaign.toml")
     except (OSError, InputError):
@@ -346,7 +346,10 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
     values = [
         ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing
     ]
-    return "".join(f"; its {name}: {value}" for name, value in zip(differing, values, strict=True))
+    content = {"scene": plan.scene_id, "ensemble": plan.ensemble_id}
+    other = [name for name, own in content.items() if described.get(f"{name}_id", own) != own]
+    changed = f"; its {' and '.join(other)} had another content" if other else ""
+    return "".join(f"; its {name}: {value}" for name, value in zip(differing, values, strict=True)) + changed
 
 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:

@@ -1,5 +1,6 @@
 """The table of verbs, which is listed without importing any of them."""
 
+import errno
 import shlex
 import subprocess
 import sys
@@ -53,15 +54,29 @@ def test_an_unknown_verb_is_wrong_usage():
     assert CliRunner().invoke(cli, ["shake"]).exit_code == 2
 
 
-def test_an_error_of_the_system_without_a_number_is_told_in_its_own_words(monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError("Corrupt data page"), "toppling: Corrupt data page"),
+        (
+            OSError(errno.ENOSPC, "full", "quakes/motions.parquet", None, "run/motions.parquet"),
+            "disk of run/motions",
+        ),
+        (
+            ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"),
+            "correct the file, or move it away",
+        ),
+    ],
+)
+def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error, told, monkeypatch, capsys):
     def fails(**_: str) -> None:
-        raise OSError("Corrupt data page")
+        raise error
 
     monkeypatch.setattr(cli, "main", fails)
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 1
-    assert "toppling: Corrupt data page" in capsys.readouterr().err
+    assert told in capsys.readouterr().err
 
 
 def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():

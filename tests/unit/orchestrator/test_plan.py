@@ -186,6 +186,9 @@ def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(ca
     assert "begun with" not in str(refused.value)
     with pytest.raises(InputError, match=r"its records: 'not given', here \['P1'\]"):
         prepare(tmp_path / "run", planned(campaign, records=("P1",)), VERSIONS)
+    other = plan(campaign, Scene.block(0.15, 0.2, 0.7), Ensemble.load(campaign.ensemble))
+    with pytest.raises(InputError, match="its scene had another content"):
+        prepare(tmp_path / "run", other, VERSIONS)
     assert (tmp_path / "run" / "run.json").read_bytes() == before
 
 

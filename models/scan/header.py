@@ -12,7 +12,7 @@ TEXT = "utf-8-sig"
 _AXES = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
-    "z": ("z", "elevation", "elev", "height", "up"),
+    "z": ("z", "elevation", "elev", "height", "up", "altitude", "alt", "h"),
 }
 """What headers call east, north and up, in lower case."""
 _AXIS_OF = {word: axis for axis, words in _AXES.items() for word in words}

@@ -19,8 +19,11 @@ _EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
 _NORTHINGS_BELOW_M = 1e7
 _HEAD_LINES, _LOOKED_AT = 20, 2000
+_NUMBERED = 100
+"""So many whole numbers that rise from point to point are numbers of points, and no coordinates."""
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
+_BETWEEN_CELLS = ",;\t\r\n "
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -109,6 +112,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
         counts.clear()
         points = _loaded_again(load, lines_from(counts), path)
     if named is None:
+        _check_not_numbered(points, path)
         _check_easting_first(points, path)
     note = (
         "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
@@ -141,11 +145,13 @@ def _points_alone(lines: Iterable[str], skip: int, counts: list[int]) -> Iterato
 def _loaded_again(
     load: Callable[[Iterable[str]], NDArray], rows: Iterator[str], path: Path
 ) -> NDArray[np.float64]:
-    """Points of a text with numbers that Python does not know: of Fortran, and not finite ones of Windows.
+    """Points of a text with numbers that Python does not know, of Fortran or Windows, or with lines of empty cells.
 
     Raises InputError: at the first line that cannot be read.
     """
-    kept = [_FORTRAN.sub(r"\1E\2", _NOT_FINITE.sub("nan", line)) for line in rows]
+    kept = [
+        _FORTRAN.sub(r"\1E\2", _NOT_FINITE.sub("nan", line)) for line in rows if line.strip(_BETWEEN_CELLS)
+    ]
     try:
         return load(kept)
     except ValueError as error:
@@ -278,6 +284,19 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return "_" not in word
+
+
+def _check_not_numbered(points: NDArray[np.float64], path: Path) -> None:
+    """Refuse points that are numbered in front: number, x, y would be taken for x, y, z."""
+    number = points[:, 0]
+    if len(points) < _NUMBERED or (number % 1.0).any() or not (np.diff(number) > 0.0).all():
+        return
+    raise InputError(
+        f"the first column, {number[0]:.0f}, {number[1]:.0f}, {number[2]:.0f} ..., numbers the points",
+        where=str(path),
+        expected="x (east), y (north), z in this order, or a header line that names them",
+        remedy="put a line with the columns' names before the first point, such as id,x,y,z or id,y,x,z",
+    )
 
 
 def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:

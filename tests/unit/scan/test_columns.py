@@ -81,6 +81,19 @@ def test_northing_before_easting_without_a_header_is_refused(tmp_path, points):
     )
 
 
+@pytest.mark.parametrize("first", [0, 1, 5001])
+def test_numbers_of_points_are_not_taken_for_a_coordinate(tmp_path, points, first):
+    rows = np.hstack([np.arange(first, first + len(points))[:, None], points])
+    body = "\n".join("{:.0f},{:.3f},{:.3f},{:.3f}".format(*row) for row in rows)
+    path = tmp_path / "cloud.csv"
+    path.write_text(body)
+    with pytest.raises(InputError, match="numbers the points") as error:
+        read_clouds([path])
+    assert "id,x,y,z" in error.value.remedy
+    path.write_text(f"id,x,y,z\n{body}")
+    np.testing.assert_allclose(read(path), points, atol=1e-3)
+
+
 def test_counts_between_the_scans_of_a_pts_file_are_no_points(tmp_path, points):
     scans = [
         f"{len(each)}\n" + "\n".join(" ".join(f"{c:.3f}" for c in row) + " -12 90 90 90" for row in each)
@@ -100,6 +113,8 @@ def test_counts_between_the_scans_of_a_pts_file_are_no_points(tmp_path, points):
         ("Y (North),X (East),Z (Up)", (1, 0, 2)),
         ("N (m GDA94),E (m GDA94),Height (m a.s.l.)", (1, 0, 2)),
         ("Y_m,X_metres,height meters", (1, 0, 2)),
+        ("N,E,H", (1, 0, 2)),
+        ("Easting,Northing,Altitude (m)", (0, 1, 2)),
         ("Y in m,X in m,Z in m", (1, 0, 2)),
         ("y_utm,x_utm,z_utm,intensity (dB)", (1, 0, 2, 3)),
         ("y,x,z\n# exported at noon by car", (1, 0, 2)),

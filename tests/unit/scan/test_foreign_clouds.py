@@ -285,6 +285,15 @@ def test_what_windows_writes_for_no_number_is_left_out_and_counted(tmp_path, odd
     assert cloud.sources[0].left_out == 2
 
 
+@pytest.mark.parametrize("sign", [",", ";", "\t"])
+def test_lines_of_empty_cells_as_spreadsheets_save_them_are_no_points(tmp_path, sign):
+    path = tmp_path / "cloud.csv"
+    rows = text(f"{{}}{sign}{{}}{sign}{{}}{sign}\n", ".").splitlines()
+    empty = sign * 3
+    path.write_text("\n".join([*rows[:700], empty, *rows[700:], empty, empty]))
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
 def test_exponents_of_fortran_are_read(tmp_path):
     path = tmp_path / "cloud.xyz"
     np.savetxt(path, POINTS_M, fmt="%.12E")

@@ -87,7 +87,10 @@ def upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
     """What a level top within a thing carries, where that is most of its height: a statue, and not its plinth with it.
 
     surfels: of the whole cloud.
+    chosen: None is told of one that was cut off along no line, as the largest of many boulders.
     """
+    if not len(chosen.loop_m):
+        return None
     own = cKDTree(chosen.surfels.points_m[chosen.rock])
     reach_m = _BESIDE_VOXELS * max(surfels.voxel_m, chosen.surfels.voxel_m)
     foot_m = np.median(chosen.loop_m[:, 2]) + _WITHIN * chosen.height_m

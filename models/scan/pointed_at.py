@@ -14,7 +14,9 @@ from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import ROCK, Segmentation
 
 OFF_PER_HEIGHT = 0.015
-"""Of the rock's height: what a given interface may lie off what was seen."""
+"""Of the rock's height: what a measured interface may lie off what was seen."""
+_AGREES_PER_HEIGHT = 0.002
+"""Of the rock's height: what a place that was pointed at may lie off what was seen and still agree with it."""
 _POINTED_PER_HEIGHT = 0.05
 """Of the rock's height: what a place that was pointed at may be off; farther away another pedestal was meant."""
 _PLANE_PER_OFF = 1.0 / 3.0
@@ -47,7 +49,7 @@ def seen_about_points(hint: InterfaceHint, parts: Segmentation) -> InterfaceHint
         return None
     height_m = float(np.ptp(parts.surfels.points_m[rock, 2]))
     off_m = float(np.abs(seen.flat(hint.anchors_m)[:, 2]).max())
-    if not OFF_PER_HEIGHT < off_m / height_m < _POINTED_PER_HEIGHT:
+    if not _AGREES_PER_HEIGHT < off_m / height_m < _POINTED_PER_HEIGHT:
         return None
     if seen.roughness_m > _PLANE_PER_OFF * off_m:
         return None

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -415,6 +416,15 @@ def test_of_what_planes_carry_the_upper_of_a_stack_is_meant(half_m, foot_m, is_t
     foot = np.array([(0.6, 0.0, foot_m), (-0.6, 0.0, foot_m), (0.0, 0.6, foot_m)])
     both = Candidate(1.7, np.zeros(3), surfels, points[:, 2] > 0.03, 1.0, foot)
     assert (upper_of(surfels, both) is not None) == is_two
+
+
+def test_what_was_cut_off_along_no_line_carries_nothing_and_warns_of_nothing():
+    points, normals = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.7))
+    surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+    alone = Candidate(1.7, np.zeros(3), surfels, points[:, 2] > 0.03, 1.0, np.empty((0, 3)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert upper_of(surfels, alone) is None
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no ../shared/data/scans/real")

@@ -85,22 +85,24 @@ def seen_about(hint, bumps_m=0.0):
 CLICKED_M = [0.06, -0.05, -0.04, 0.02]
 
 
-def test_places_clicked_some_centimetres_off_a_plane_pedestal_give_way_to_it():
-    hint = pointed_at(CLICKED_M)
-    assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(3.0))
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(share):
+    hint = pointed_at(share * np.array(CLICKED_M))
+    assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(3.0 * share))
     seen = seen_about(hint)
     assert seen.interface.normal == pytest.approx(NORMAL, abs=1e-6)
     assert seen.interface.flat(on_the_slope(np.zeros(1), np.zeros(1)))[0, 2] == pytest.approx(0.0, abs=1e-6)
     assert seen.kind == hint.kind
     said = points_told(hint, seen.interface)
-    assert "-0.05 to +0.06 m" in said
+    assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in said
     assert "dips by 4.0 degrees toward azimuth 60" in said
 
 
 @pytest.mark.parametrize(
     ("hint", "bumps_m"),
     [
-        pytest.param(pointed_at([0.01, -0.01, 0.01, 0.02]), 0.0, id="what was seen agrees"),
+        pytest.param(pointed_at([0.002, -0.003, 0.001, 0.003]), 0.0, id="what was seen agrees"),
+        pytest.param(pointed_at([0.01, -0.01, 0.01, 0.02]), 0.01, id="what was seen is as uneven"),
         pytest.param(pointed_at([0.2, 0.2, 0.2, 0.2]), 0.0, id="another pedestal is meant"),
         pytest.param(pointed_at(CLICKED_M), 0.03, id="the pedestal is no plane"),
         pytest.param(InterfaceHint.plane([0.0, 0.0, 0.05], 0.0, 0.0), 0.0, id="a measured plane"),

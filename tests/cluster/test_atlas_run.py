@@ -115,6 +115,7 @@ def test_a_file_of_another_atlas_is_refused_by_name(client, folder, tmp_path):
         open_run(tmp_path / "atlas")
 
 
+@pytest.mark.thorough
 def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     for number in range(48):
         Scene.block(0.15 + 0.005 * number, 0.25, 0.8).save(tmp_path / "scenes" / f"block{number:02d}")
@@ -135,6 +136,7 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     assert max(alive[12:]) == max(alive[:12]) < 48
 
 
+@pytest.mark.thorough
 def test_an_atlas_audits_itself_rock_by_rock_and_takes_no_precision(client, folder, tmp_path):
     text = (folder / "atlas.toml").read_text().replace("[2, 4, 8]", "[2, 3, 4, 5, 6, 7, 8]")
     (folder / "audited.toml").write_text(text + "audit = 60\n")

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from contextlib import nullcontext
 
+import pytest
 from answers import sorted_answers
 from click.testing import CliRunner
 
@@ -23,6 +24,7 @@ def silent(progress):
     """Watch nothing."""
 
 
+@pytest.mark.thorough
 def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
     audited = dataclasses.replace(campaign, audit=24)
     folder = tmp_path / "run"

@@ -196,6 +196,7 @@ def test_failed_jobs_make_exit_code_three(inputs, planned, tmp_path, faults):
     assert "1 failed" in done.stdout
 
 
+@pytest.mark.thorough
 def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned, finished):
     run = finished({3: ("crashed", 4)})
     again = within(*command(inputs, run))

@@ -112,6 +112,7 @@ def host_folders():
         yield Path(folder)
 
 
+@pytest.mark.thorough
 def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
     scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
 ):
@@ -148,6 +149,7 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
         assert Scene.load(place).id == planned.scene_id
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_address(
     campaign, inputs, undisturbed, tmp_path, host_folders
 ):

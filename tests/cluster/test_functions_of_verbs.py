@@ -48,6 +48,7 @@ def test_constrain_states_what_it_writes(done, tmp_path):
         toppling.constrain([done.folder], hazard=["curve.csv"])
 
 
+@pytest.mark.thorough
 def test_a_report_is_one_page(done, tmp_path):
     written = toppling.report(done.run, tmp_path / "report.html", samples=20)
     assert "</html>" in written.page.read_text("utf-8")

@@ -93,6 +93,7 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
         thread.join(PATIENCE_S)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("leaves", "seconds"), [(4, 1.0), pytest.param(60, 1.5, marks=pytest.mark.slow)], ids=["few", "sixty"]
 )
@@ -109,6 +110,7 @@ def test_workers_told_to_leave_cost_no_try_and_no_row(
     assert answers_of(tmp_path / "run") == undisturbed
 
 
+@pytest.mark.thorough
 def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_gives_the_same_rows(
     campaign, undisturbed, faults, tmp_path, monkeypatch
 ):

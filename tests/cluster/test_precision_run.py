@@ -25,6 +25,7 @@ from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
 
+pytestmark = pytest.mark.thorough
 PRECISION = 0.15
 
 

@@ -68,6 +68,7 @@ def toppling(*words, env, refused=False):
     return done.stdout + done.stderr
 
 
+@pytest.mark.thorough
 def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed(
     store, machine, inputs, undisturbed, faults, tmp_path
 ):
@@ -109,6 +110,7 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
     assert list(looked_at.path.rglob("*.png"))  # what is drawn of it lies beside it
 
 
+@pytest.mark.thorough
 def test_a_run_of_python_goes_to_the_store_as_the_command_line_s_does(
     store, machine, inputs, undisturbed, tmp_path
 ):

@@ -70,6 +70,7 @@ def plain(folder):
     return folder / "run"
 
 
+@pytest.mark.thorough
 def test_a_motion_that_topples_the_weak_base_moves_nearly_all_weight_to_the_stable_one(folder, plain):
     told = json.loads(
         toppling("constrain", plain, "--measure", "pga_m_s2", "--stood", folder / "strong", "--json").stdout
@@ -82,6 +83,7 @@ def test_a_motion_that_topples_the_weak_base_moves_nearly_all_weight_to_the_stab
     assert base["median_shift_percent"] > 10.0
 
 
+@pytest.mark.thorough
 def test_a_motion_too_weak_to_topple_anything_changes_nothing(folder, plain):
     asked = ("constrain", plain, "--measure", "pga_m_s2", "--json")
     without, told = (
@@ -93,12 +95,14 @@ def test_a_motion_too_weak_to_topple_anything_changes_nothing(folder, plain):
     assert told == without
 
 
+@pytest.mark.thorough
 def test_a_motion_shakes_the_way_it_was_recorded(folder, plain):
     asked = ("constrain", plain, "--measure", "pga_m_s2", "--json", "--stood", folder / "across")
     (base,) = json.loads(toppling(*asked).stdout)["stood"]
     assert set(base["weights"].values()) == {1.0}  # along y the bases are one
 
 
+@pytest.mark.thorough
 def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constrain_finds_them(folder, plain):
     for workers in (1, 2):
         out = folder / f"strong-{workers}"

@@ -73,6 +73,7 @@ def test_the_trap_works_on_a_python_that_is_started_carelessly(hostile):
     assert "colorsys" in executed(mark)
 
 
+@pytest.mark.thorough
 def test_no_module_of_the_working_folder_is_executed_by_a_run(hostile):
     folder, mark = hostile
     done = call(folder, "run", "campaign.toml", "--out", "run", "--workers", "2")
@@ -91,6 +92,7 @@ def test_no_module_of_the_working_folder_is_executed_where_the_inner_loop_is_com
     assert executed(mark) == []
 
 
+@pytest.mark.thorough
 def test_reading_strangers_files_executes_nothing_beside_them(hostile):
     folder, mark = hostile
     (folder / "records").mkdir()

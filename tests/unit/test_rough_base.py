@@ -151,6 +151,7 @@ def test_a_leaning_block_is_let_down_onto_the_face_below_its_centre_of_mass():
     assert rested.vertices_m[:, 2].min() == pytest.approx(0.4, abs=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance_m", [1e-2, 1e-3, 1e-4])
 def test_feet_that_are_left_out_lie_within_the_tolerance_of_the_hull_of_those_that_stay(tolerance_m):
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 2))

@@ -75,6 +75,7 @@ def smooth_egg_m_s2(half_width_m, half_height_m, com_m):
     return (G * (x * np.cos(t) + z * np.sin(t)) / (x * np.sin(t) - z * np.cos(t))).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("half_m", "stretched", "fineness"),
     [((0.3, 0.3, 0.2), 2.0, 3), ((0.5, 0.35, 0.25), 3.0, 3), ((0.4, 0.3, 0.3), 0.9, 3)],
@@ -139,6 +140,7 @@ def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width()
     assert least(scene) == pytest.approx([G * 0.3 / scene.rock.com_m[2]] * 4, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
     coarse = Rock.from_triangles(*round_cap(0.08))
     both = [RoundedBase(each, rolls=False) for each in (coarse, refined(coarse))]

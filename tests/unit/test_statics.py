@@ -270,6 +270,7 @@ def brute_force_equilibrium(corners, com, normal, mu, force, sides=180):
     return found.status == 0
 
 
+@pytest.mark.thorough
 def test_equilibrium_is_possible_exactly_where_forces_inside_the_friction_cones_balance():
     rng = np.random.default_rng(11)
     answers, samples = 0, 0

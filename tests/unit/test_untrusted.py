@@ -110,6 +110,7 @@ def test_a_mesh_of_a_format_that_is_not_listed_is_refused(tmp_path, name):
         read_triangles(tmp_path / name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("module", ["toppling.models.scan.survey", "toppling.results.drawing.style"])
 def test_settings_of_matplotlib_in_the_working_folder_are_not_read(module, tmp_path):
     (tmp_path / "matplotlibrc").write_bytes(b"figure.dpi: 3\nbackend: module://evil\n\xff\n")

@@ -1,6 +1,7 @@
 """Contacts are those of the pose, however many features lie near and whatever was looked at before."""
 
 import numpy as np
+import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
@@ -148,6 +149,7 @@ def listed_edges(rock, ground, pose, reach_m, pairs):
     return pairs.found[2]
 
 
+@pytest.mark.thorough
 def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
     """A cube over a few wide ridges: its edges cross them far from their own middles."""
     cube = trimesh.creation.box((0.38, 0.38, 0.38))

@@ -137,6 +137,7 @@ def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
     assert value == pytest.approx(G * HALF_WIDTH_M / com, rel=0.005)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("edge_slope_deg", "facets_count"), [(3.0, 400), (9.5, 400), (14.0, 400), (19.0, 1600)]
 )
@@ -427,6 +428,7 @@ def test_a_rock_pushed_against_the_wall_on_which_it_leans_slides_up_it():
     assert most == pytest.approx(friction * G + (1.0 + friction**2) * wall, rel=0.005)
 
 
+@pytest.mark.thorough
 def test_a_rock_that_leans_is_scanned_as_the_two_meshes_that_the_user_brought_apart(tmp_path):
     rock, surface = slab_on_a_wall(0.2, 25.0)
     for name, (vertices, faces) in (("rock", rock), ("pedestal", surface)):
@@ -674,6 +676,7 @@ def test_the_least_energy_overturns_over_a_cliffs_lip_where_that_is_nearer_than_
     assert least_overturning_j_kg(body, body.resting_pose) == pytest.approx(G * raised_m, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
     """A pulse that tips it over the lip, and one that does not, about what Housner's block needs."""
     lip_m = 0.1

@@ -58,6 +58,7 @@ def covered(values, weights, truth):
     return low <= truth <= high
 
 
+@pytest.mark.thorough
 def test_updated_rates_hold_the_truth_in_95_of_100_standing_sites():
     """The hazard's rates are uncertain by a factor; the rock's survival narrows them."""
     random = np.random.default_rng(1)
@@ -117,6 +118,7 @@ def test_a_true_hazard_is_rejected_by_at_most_five_of_a_hundred_rocks():
     assert rejected / 2000 < 0.05
 
 
+@pytest.mark.thorough
 def test_catalogues_of_enough_events_hold_the_true_survival_in_95_of_100():
     """Some thirty events bear the rate of each catalogue."""
     random = np.random.default_rng(5)

@@ -80,6 +80,7 @@ def agree(numbers):
         assert result.engine_steps <= checked.engine_steps == checked.steps
 
 
+@pytest.mark.thorough
 def test_the_engine_repeats_every_own_step_of_varied_jobs_to_rounding():
     agree(range(20))
 
@@ -89,6 +90,7 @@ def test_the_engine_repeats_every_own_step_of_300_varied_jobs_to_rounding():
     agree(range(20, 320))
 
 
+@pytest.mark.thorough
 def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
     jobs = [job(number) for number in range(320, 340)]
     few = [shake(*each, trajectory=True) for each in jobs]

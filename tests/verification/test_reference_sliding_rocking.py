@@ -29,6 +29,7 @@ def leaning(body, angle):
     return (right - right * c + body.height_m * s, right * s + body.height_m * c, angle)
 
 
+@pytest.mark.thorough
 def test_with_grip_it_is_event_driven_rocking_to_first_order():
     alpha = BODY.slenderness(1)
     time = np.array([0.3, 0.6, 0.9, 1.2])
@@ -132,6 +133,7 @@ def test_energy_never_grows_without_work_done():
         assert energy[-1] < energy[0]
 
 
+@pytest.mark.thorough
 def test_the_coupled_motion_converges():
     push = Ground.sine(6.0, 0.5)
     contact, time = ContactProperties(0.4, 0.35), np.array([0.2, 0.35, 0.5])

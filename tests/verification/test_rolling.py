@@ -64,6 +64,7 @@ def test_a_slowly_growing_acceleration_topples_a_cap_where_statics_say(base):
     assert not weaker.toppled
 
 
+@pytest.mark.thorough
 def test_a_flat_base_with_a_rounded_border_stands_still_and_rocks_over_its_border():
     angles = np.radians([0, 15, 30, 45, 60])
     border = [(0.3 + 0.05 * math.sin(t), 0.05 - 0.05 * math.cos(t)) for t in angles]

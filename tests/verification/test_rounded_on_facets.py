@@ -55,6 +55,7 @@ def cap_on_slope(slope_deg):
     return Scene.from_mesh((raised, faces), pedestal=folded(rise, 0.3, 2.0), friction=1.2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("slope_deg", [10.0, 20.0])
 def test_a_cap_that_rolls_off_by_itself_stands_no_acceleration_however_it_comes_to_lie(slope_deg):
     """With d sin(rim) < rho sin(s) its weight acts downhill of the contact up to the rim: 0, as on a plane."""
@@ -65,6 +66,7 @@ def test_a_cap_that_rolls_off_by_itself_stands_no_acceleration_however_it_comes_
         shake(scene, STILL)
 
 
+@pytest.mark.thorough
 def test_a_cap_that_rolls_to_rest_on_a_slope_is_shaken_and_topples_there_as_on_a_plane():
     on_facet, on_plane = (
         cap_on_slope(5.0),
@@ -84,6 +86,7 @@ def test_a_cap_rolls_along_a_groove_as_on_a_smaller_sphere(edge_m, slope_deg):
     assert least(scene, 90.0) == pytest.approx([exact], rel=0.01)
 
 
+@pytest.mark.thorough
 def test_a_cap_in_a_groove_topples_toward_any_azimuth_as_a_finer_one():
     coarse, fine = (least(cap_in_groove(edge_m, 15.0), 30.0, 60.0, 160.0) for edge_m in (0.08, 0.02))
     assert coarse == pytest.approx(fine, rel=0.02)
@@ -143,6 +146,7 @@ def test_a_cap_swings_along_a_groove_with_the_period_of_a_smaller_sphere_and_los
     assert np.abs(swing[found.time_s > found.time_s[-1] - exact_s]).max() == pytest.approx(2.0, rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("ground", "azimuth_deg"),
     [(folded(0.0, -0.4, 0.15), 180.0), (folded(0.1, 0.1), 90.0), (folded(0.1, 0.1), 0.0)],

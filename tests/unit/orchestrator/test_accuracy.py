@@ -77,6 +77,7 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
     assert row.share_shift_std == pytest.approx(np.std([-1.0] * 6 + [0.0] * (COUNT - 6)) / np.sqrt(COUNT))
 
 
+@pytest.mark.thorough
 def test_the_stated_spread_of_the_medians_shift_is_that_over_other_jobs(monkeypatch):
     random = np.random.default_rng(5)
 

@@ -134,6 +134,7 @@ def test_a_toppling_is_replayed_on_a_click(server):
     assert "<canvas" in page or "view" in page
 
 
+@pytest.mark.thorough
 def test_a_job_that_is_not_there_says_so(server):
     assert "no job begins with" in until(server, "0123456789abcdef", "the replay failed")
 

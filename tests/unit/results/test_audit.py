@@ -72,6 +72,7 @@ def median(jobs):
     return math.exp(-intercept / slope)
 
 
+@pytest.mark.thorough
 def test_on_200_resampled_campaigns_the_stated_interval_holds_the_true_shift_in_93_to_97_percent():
     random = np.random.default_rng(3)
     jobs, again = population(1)

@@ -233,6 +233,7 @@ def test_options_of_ages_need_ages(rocks, options):
     assert "applies to ages" in constrain(rocks[0], *options).output
 
 
+@pytest.mark.thorough
 def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     run = tmp_path / "run"
     run.mkdir()

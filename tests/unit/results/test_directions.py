@@ -55,6 +55,7 @@ def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
     assert least_sector(None) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("has_scene", [True, False])
 def test_no_rock_is_given_the_sector_of_the_studys_rock(tmp_path, has_scene):
     write_part(tmp_path, rows(records=3, azimuths=(0.0,)))

@@ -152,6 +152,7 @@ def as_frame_of(jobs):
     return pd.DataFrame(jobs).astype({"toppled": "boolean"})
 
 
+@pytest.mark.thorough
 def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     (tmp_path / "run").mkdir()
     jobs = rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0))
@@ -214,6 +215,7 @@ def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(t
     assert "Not shown: 1 jobs from 30 s or 3 m/s on." in drawn
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize(("long", "whole"), [(2, False), (3, True)])
 def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_path, long, whole):

@@ -189,11 +189,13 @@ def of_two_medians(bench, seed, monkeypatch):
     return pool, asked
 
 
+@pytest.mark.thorough
 def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
     plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
     assert sum(one.verdict.departure is not None for one in plays) <= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("campaign", [with_plateau, of_two_medians])
 def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench, monkeypatch, campaign):
     plays = [bench.play(*campaign(bench, seed, monkeypatch), Target(), 0.1, seed) for seed in range(10)]

@@ -74,6 +74,7 @@ def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
     assert first.index(REMARK) < first.index("topple")
 
 
+@pytest.mark.thorough
 def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, tmp_path):
     asked = ["fragility", str(unfinished), "--fit", "--samples", "4", "--out", str(tmp_path)]
     said = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout

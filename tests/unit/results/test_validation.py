@@ -116,6 +116,7 @@ def test_simple_rules_find_a_threshold_of_velocity_without_the_record_itself():
         np.testing.assert_array_equal(again[name][hidden], probability[hidden], err_msg=name)
 
 
+@pytest.mark.thorough
 def test_intervals_hold_the_score_and_are_wider_of_fewer_records():
     random = np.random.default_rng(4)
     probability = random.random(len(GROUP))

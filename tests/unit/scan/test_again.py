@@ -57,6 +57,7 @@ def later(clouds):
     return clouds / "later"
 
 
+@pytest.mark.thorough
 def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(clouds, later):
     start = ["scan", str(clouds / "cloud.xyz"), "--out", str(clouds / "start"), "--bootstrap", "0"]
     done = CliRunner().invoke(main, [*start, "--hints", str(later / HINTS)])
@@ -124,6 +125,7 @@ def test_a_file_of_another_scene_is_refused_by_name(clouds, other, tmp_path, nam
     assert {each.name: each.read_bytes() for each in mixed.iterdir()} == before
 
 
+@pytest.mark.thorough
 def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replaced_whole(
     clouds, later, tmp_path
 ):

@@ -136,6 +136,7 @@ def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
     assert rock.volume_m3 == pytest.approx(table.volume, rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("radius_per_height", [0.2, 0.4, 0.7, 3.0])
 def test_a_rim_seen_as_one_row_of_points_encloses_the_base_however_wide_it_is(radius_per_height):
     height_m, spacing_m = 2.0, 0.018

@@ -98,6 +98,7 @@ def test_a_wall_becomes_few_triangles_where_it_stands_that_face_the_rock(turned_
     assert found.highest_m == pytest.approx(WALL_M, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_what_the_rock_hides_of_a_wall_is_closed():
     surfels, rock = patches(0.1, hidden_from_m=0.7)
     area, off_m = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
@@ -107,6 +108,7 @@ def test_what_the_rock_hides_of_a_wall_is_closed():
     assert off_m[area > 1e-4].max() < 0.05 * HEIGHT_M
 
 
+@pytest.mark.thorough
 def test_no_place_of_a_rough_ground_is_lost_where_its_triangles_are_joined():
     """A stone beside the rock stays a stone however small its triangles are, in metres."""
     for height_m in (0.2, 2.0, 20.0):

@@ -60,6 +60,7 @@ def ground(below, on_slabs=False):
     return np.column_stack([x, y, np.zeros(len(x))])[kept]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("feet_of", "sole_m2"), [(feet, 4.0 * FOOT_M**2), (slabs, 4.0 * FOOT_M * HALF_M)])
 def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, sole_m2):
     points, normals = (
@@ -106,6 +107,7 @@ def plate(corner, u, v):
     return (corner + s[:, None, None] * np.array(u) + t[None, :, None] * np.array(v)).reshape(-1, 3)
 
 
+@pytest.mark.thorough
 def test_a_wall_below_what_hangs_over_faces_the_ground_that_was_seen_before_it():
     """Of whose rock the back, the ceiling and the inside of the base were not seen: more sky shows from within."""
     wall = plate((-0.5, 0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.6))

@@ -98,8 +98,8 @@ def off_m(interface, places_m):
 @pytest.mark.parametrize(
     ("left", "right", "truth_on"),
     [
-        (15, 15, truth_on), (0, 30, truth_on), (-30, -30, truth_on),
-        (30, 30, on_four_feet), (0, -30, on_four_feet),
+        *(pytest.param(*ends, truth_on, marks=pytest.mark.thorough) for ends in [(15, 15), (0, 30), (-30, -30)]),
+        pytest.param(30, 30, on_four_feet, marks=pytest.mark.thorough), (0, -30, on_four_feet),
     ],
 )  # fmt: skip
 def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, truth_on):
@@ -114,6 +114,7 @@ def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, t
     assert found == pytest.approx([left, -right], abs=1.0)
 
 
+@pytest.mark.thorough
 def test_dome_is_carried_within_a_centimetre():
     height_at = dome(2.0)
     interface = carried(cloud_on(height_at).points_m)
@@ -121,6 +122,7 @@ def test_dome_is_carried_within_a_centimetre():
     assert off_m(interface, below_the_base(height_at)).max() < 0.01
 
 
+@pytest.mark.thorough
 def test_facet_with_a_tenth_of_the_points_keeps_its_say():
     height_at = ledges(0, 15)
     points = cloud_on(height_at).points_m
@@ -130,6 +132,7 @@ def test_facet_with_a_tenth_of_the_points_keeps_its_say():
     assert interface.roughness_m > 0.01  # a description: the plane through both, and how far they leave it
 
 
+@pytest.mark.thorough
 def test_flat_pedestal_stays_a_plane():
     assert carried(cloud_on(lambda x, y: 0.05 * x).points_m) is None
 
@@ -178,6 +181,7 @@ def held_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):
     return np.array([farthest_load(columns, down, way, HEIGHT_M) for way in ways])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ends_deg", [(15, 15), (30, 30), (0, -30), (-30, -30)])
 def test_a_base_that_fits_its_facets_is_held_as_friction_cones_say(ends_deg):
     height_at, azimuths_deg = ledges(*ends_deg), np.arange(0.0, 360.0, 45.0)

@@ -155,6 +155,7 @@ def scanned_toe(few_draws):
     return scanned(toe()[0], 0.02)
 
 
+@pytest.mark.thorough
 def test_what_hangs_is_part_of_the_closed_rock_and_reaches_no_lower_than_was_seen(scanned_toe):
     truth, _ = toe()
     rock = scanned_toe.scene.rock
@@ -163,6 +164,7 @@ def test_what_hangs_is_part_of_the_closed_rock_and_reaches_no_lower_than_was_see
     assert any("hangs beyond the pedestal's edge" in note for note in scanned_toe.notes)
 
 
+@pytest.mark.thorough
 def test_every_base_of_a_rock_that_hangs_touches_within_the_edge_and_tips_about_its_line(scanned_toe):
     truth, edge_m = toe()
     scene = scanned_toe.scene
@@ -179,6 +181,7 @@ def test_every_base_of_a_rock_that_hangs_touches_within_the_edge_and_tips_about_
     assert within[int(np.argmin(exact))]
 
 
+@pytest.mark.thorough
 def test_an_edge_is_kept_for_later_hints(scanned_toe, tmp_path):
     save_survey(scanned_toe, tmp_path / "scene")
     edge, again = (

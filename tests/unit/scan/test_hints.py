@@ -78,6 +78,7 @@ def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, 
     assert len(few_candidates) == 1  # nothing more is drawn for it
 
 
+@pytest.mark.thorough
 def test_a_pull_with_which_few_bases_agree_has_more_of_them_drawn(column, few_candidates):
     free = drawn_with(column)
     assert len(few_candidates) == 1
@@ -237,6 +238,7 @@ def raised(column, rise_m):
     return observed, rock, hidden_base(observed.near(LEVEL), 0.3)
 
 
+@pytest.mark.thorough
 def test_a_flat_base_is_likely_where_the_rim_goes_down_to_the_pedestal_and_no_more_where_it_hangs(
     column, few_candidates
 ):

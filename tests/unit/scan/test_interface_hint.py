@@ -53,6 +53,7 @@ def test_plane_points_and_outline_name_the_same_interface(stump, tmp_path):
 
 
 # Points that enclose nothing are taken as a plane is.
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_draws")
 @pytest.mark.parametrize("kind", ["plane", pytest.param("points", marks=pytest.mark.slow), "outline"])
 def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):

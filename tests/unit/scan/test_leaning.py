@@ -122,6 +122,7 @@ def test_a_slim_block_beside_a_boulder_is_refused_where_it_stands_itself(lowest_
         patches.doubted(observed)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lean_deg", [0.0, 8.0])
 def test_a_block_at_a_lower_wall_is_not_told_apart_and_the_wall_is_named_with_what_to_do(lean_deg):
     points = beside_a_wall(lean_deg, 0.8, 0.02).points_m
@@ -132,6 +133,7 @@ def test_a_block_at_a_lower_wall_is_not_told_apart_and_the_wall_is_named_with_wh
     assert "--rock ROCK --pedestal PEDESTAL" in str(found.value)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height_m", [0.8, 1.4])
 def test_a_smooth_mound_that_nothing_stands_on_is_told_without_a_cliff(height_m):
     x, y = np.random.default_rng(3).uniform(-3.0, 3.0, (2, 20_000))

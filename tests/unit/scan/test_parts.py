@@ -74,6 +74,7 @@ def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other
     assert (cloud.label == ROCK).sum() == (label != PEDESTAL).sum()
 
 
+@pytest.mark.thorough
 def test_a_separated_rock_is_measured_without_being_cut_again(stump):
     cloud = separated(stump, "classes")
     kept, label, _ = work_out(cloud)

@@ -28,6 +28,7 @@ def bare_slope(rng, reach_m, count):
     return np.column_stack([plane, 0.1 * plane[:, 0] + rng.normal(0.0, 0.003, count)])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SEEDS, ids=SEEDS.values())
 def test_a_rock_wider_than_high_is_found_without_help(squat_rocks, seed):
     drawn = squat_rocks.member(seed, resolution_per_height=0.012)
@@ -49,6 +50,7 @@ def test_a_cloud_without_a_peak_is_refused_with_its_own_numbers():
     assert "100" in told  # an easting of this cloud
 
 
+@pytest.mark.thorough
 def test_a_rock_that_is_small_in_its_cloud_is_found_where_the_user_points():
     rock = virtual_shapes.boulder(1.0, 0.8, 0.6, 3, bumps=0.02, sides=64)
     truth = virtual.on_slope(rock, virtual_shapes.ground(3.0, 0.4, 3, bumps_m=0.03), 3.0, 40.0)

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 SHAKE = """
 import json
 import numpy as np
@@ -26,6 +28,7 @@ def answer(**environment):
     return json.loads(found.stdout.splitlines()[-1])
 
 
+@pytest.mark.thorough
 def test_a_shake_with_its_engine_gives_the_same_answer_compiled_and_not(tmp_path):
     compiled = answer()
     uncompiled = answer(NUMBA_DISABLE_JIT="1", TOPPLING_CACHE=str(tmp_path))

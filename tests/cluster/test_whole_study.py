@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
 
 
+@pytest.mark.thorough
 def test_a_small_study_writes_all_that_it_promises(inputs, tmp_path):
     out = tmp_path / "study"
     options = [

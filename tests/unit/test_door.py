@@ -1,8 +1,10 @@
 """One door: what users import, from any folder, from the checkout and from a wheel."""
 
 import os
+import re
 import subprocess
 import sys
+from inspect import isclass, isfunction
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,19 @@ def test_every_name_at_the_door_leads_somewhere():
     assert sorted(toppling.__all__) == sorted(toppling._HOMES)
     with pytest.raises(AttributeError, match="no attribute 'shakes'"):
         toppling.shakes  # noqa: B018  (looking it up is the test)
+
+
+def test_the_reference_lists_the_names_at_the_door_and_what_its_functions_hand_back():
+    listed = re.findall(r"^::: (\S+)$", (ROOT / "docs" / "reference.md").read_text("utf-8"), re.MULTILINE)
+    at_door = {f"{home}.{name}" for name, home in toppling._HOMES.items()}
+    functions = [one for name in toppling.__all__ if isfunction(one := getattr(toppling, name))]
+    words = {
+        getattr(sys.modules[function.__module__], word, None)
+        for function in functions
+        for word in re.findall(r"\w+", str(function.__annotations__["return"]))
+    }
+    handed_back = {f"{one.__module__}.{one.__name__}" for one in words if isclass(one)}
+    assert sorted(listed) == sorted(at_door | {name for name in handed_back if name.startswith("toppling.")})
 
 
 def test_what_is_imported_at_the_door_is_imported_when_it_is_used(folder):

@@ -83,7 +83,7 @@ def stopped(inputs, run, stop):
 @pytest.mark.parametrize(
     "stop",
     [
-        ctrl_c_six_times,
+        pytest.param(ctrl_c_six_times, marks=pytest.mark.thorough),
         pytest.param(ctrl_c, marks=pytest.mark.slow),
         pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
     ],

@@ -16,10 +16,11 @@ def can_mount():
     return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not can_mount(), reason="only root can mount a small disk")
 @pytest.mark.parametrize(
     "spare_kb",
-    [-20, pytest.param(75, marks=pytest.mark.thorough)],
+    [-20, 75],
     ids=["as the run begins", "as the rows come"],
 )
 def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(

@@ -67,6 +67,7 @@ def test_what_is_imported_at_the_door_is_imported_when_it_is_used(folder):
     assert answer(program, folder) == "0"
 
 
+@pytest.mark.thorough
 def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
     tops = {path.name for path in unpacked.iterdir() if path.suffix != ".dist-info"}
     assert tops == {"toppling"}
@@ -81,6 +82,7 @@ def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
     assert inside == whole | {"__init__.py", "__main__.py", "py.typed"}
 
 
+@pytest.mark.thorough
 def test_a_wheel_works_without_the_checkout(unpacked, folder):
     """With the environment's libraries; the wheel comes before the checkout's editable installation."""
     where = answer("import toppling; print(toppling.__file__)", folder, PYTHONPATH=str(unpacked))

@@ -189,6 +189,7 @@ def change_file(path, change):
     path.write_text(text, "utf-8")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", ADDED)
 def test_what_a_newcomer_adds_works_and_touches_few_files(what, proven):
     assert proven[what]

@@ -55,6 +55,7 @@ def test_work_that_holds_every_thread_of_its_process_delays_none_here(apart):
     assert found[0] != os.getpid()
 
 
+@pytest.mark.thorough
 def test_errors_come_back_and_the_process_goes_on(apart):
     with pytest.raises(InputError, match="no rock") as refused:
         apart.do(print, refuse, "no rock")

@@ -168,6 +168,7 @@ except ValueError as error:
 """
 
 
+@pytest.mark.thorough
 def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they_were_kept(tmp_path):
     program = tmp_path / "program.py"
     program.write_text(INNER)
@@ -185,6 +186,7 @@ def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they
     assert "twice" in kept[0]
 
 
+@pytest.mark.thorough
 def test_code_is_found_again_wherever_its_source_lies(tmp_path):
     """A checkout and an unpacked wheel of one program compile once together."""
     kept = []
@@ -276,6 +278,7 @@ def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypat
     assert used == ["plane", "surface"]
 
 
+@pytest.mark.thorough
 def test_what_is_compiled_for_surfaces_lets_a_rock_down_on_them_too():
     program = (
         "from toppling.models.ground.creeping import settle\n"

@@ -18,7 +18,8 @@ OFF_PER_HEIGHT = 0.015
 _AGREES_PER_HEIGHT = 0.002
 """Of the rock's height: what a place that was pointed at may lie off what was seen and still agree with it."""
 _POINTED_PER_HEIGHT = 0.05
-"""Of the rock's height: what a place that was pointed at may be off; farther away another pedestal was meant."""
+"""Of the rock's height: what places that were pointed at may be off in the mean; farther away another pedestal was
+meant. One of them may be off by twice as much."""
 _PLANE_PER_OFF = 1.0 / 3.0
 """Roughness of a pedestal over how far places lie off it, below which the places are off and not its plane."""
 
@@ -48,8 +49,11 @@ def seen_about_points(hint: InterfaceHint, parts: Segmentation) -> InterfaceHint
     except InputError:  # next to nothing of it was seen, which is what hints are for
         return None
     height_m = float(np.ptp(parts.surfels.points_m[rock, 2]))
-    off_m = float(np.abs(seen.flat(hint.anchors_m)[:, 2]).max())
-    if not _AGREES_PER_HEIGHT < off_m / height_m < _POINTED_PER_HEIGHT:
+    over_m = seen.flat(hint.anchors_m)[:, 2]
+    off_m = float(np.abs(over_m).max())
+    if max(abs(float(over_m.mean())), 0.5 * off_m) > _POINTED_PER_HEIGHT * height_m:
+        return None
+    if off_m < _AGREES_PER_HEIGHT * height_m:
         return None
     if seen.roughness_m > _PLANE_PER_OFF * off_m:
         return None

@@ -201,8 +201,9 @@ class GroundedBody:
     def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, NO_ROLLING, curved, self.facets, no_pairs(PAIRS), np.zeros(MOST, CONTACT),
-            np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m, self.farthest_m,
+            self.rock, self.ground, NO_ROLLING, curved, self.facets, no_pairs(PAIRS), no_pairs(PAIRS),
+            np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m,
+            self.farthest_m,
             (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
             np.array([pose]), np.zeros((1, 6)),
             work_room(),

@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.compiled import Array, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
+from toppling.models.ground.nearest import between, nearest
+from toppling.models.ground.pair_search import refresh
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
-    WAY,
     Pairs,
     PointRoom,
-    between,
-    least_m,
-    look_again,
-    nearest,
-    refresh,
+    ends_of,
+    look,
+    may_touch,
+    note,
 )
-from toppling.models.ground.vectors import cross, dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.ground.vectors import cross, dot, minus, plus, turned, turned_back
 
 MOST = 512
 """Contacts that are looked at in one pose; of more, those with the least gaps."""
@@ -184,26 +184,6 @@ def _near_a_plane(p: Any, mesh: ContactMesh, near_it: Any, margin_m: float) -> b
 
 
 @inner
-def _may_touch(pairs: Pairs, kind: int, group: int, p: Vector, margin_m: float) -> bool:
-    """Whether a group's point has come near since it was last looked at; if not, the way left to it is noted."""
-    seen_m, way_m = pairs.groups.seen_m[kind, group], pairs.lengths_m[WAY]
-    moved = minus(p, seen_m)
-    left_m = seen_m[3] - math.sqrt(dot(moved, moved))
-    if left_m < margin_m:
-        return True
-    pairs.groups.apart_m[kind, group] = way_m + left_m
-    return False
-
-
-@inner
-def _note(pairs: Pairs, kind: int, group: int, p: Vector, near_it: Any) -> None:
-    """Note where a group's point was looked at, and how far that is from what it may touch."""
-    apart_m, seen_m = least_m(near_it[1]), pairs.groups.seen_m[kind, group]
-    pairs.groups.apart_m[kind, group] = apart_m
-    seen_m[0], seen_m[1], seen_m[2], seen_m[3] = p[0], p[1], p[2], apart_m - near_it[2]
-
-
-@inner
 def contacts_in(
     rock: ContactMesh,
     ground: ContactMesh,
@@ -218,65 +198,74 @@ def contacts_in(
     A point of the rock touches a face only where no edge beside it dips below that face by more than the sine
     `leaning`; 1 keeps those that may touch it once the rock has tilted.
     """
-    turn, room, count = pairs.turn, pairs.point, 0
-    rotation_of(pose, turn)
-    way_m = look_again(pairs, pose, margin_m)
-    near_m = margin_m + way_m
-    groups, found, first, triangles = pairs.groups, room.found, pairs.rock_point, pairs.ground_triangle
-    for place in range(groups.near_found[0]):
-        group = groups.near[0, place]
-        if groups.apart_m[0, group] >= near_m:
-            continue
-        begin, end = groups.begin[0, group], groups.begin[0, group + 1]
-        index, near_it = first[begin], (triangles[begin:end], pairs.apart_m[0, begin:end], way_m)
-        p = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.points[index]]))
-        if not _may_touch(pairs, 0, group, p, margin_m):
-            continue
-        if _near_a_plane(p, ground, near_it, margin_m):
-            for i in range(_meet(p, near_it, ground, margin_m, True, room)):
-                if _leads_out(rock, index, turned_back(turn, found[i]), leaning):
-                    count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
-        _note(pairs, 0, group, p, near_it)
-    first, triangles = pairs.ground_point, pairs.rock_triangle
-    for place in range(groups.near_found[1]):
-        group = groups.near[1, place]
-        if groups.apart_m[1, group] >= near_m:
-            continue
-        begin, end = groups.begin[1, group], groups.begin[1, group + 1]
-        index, near_it = first[begin], (triangles[begin:end], pairs.apart_m[1, begin:end], way_m)
-        there = ground.vertices_m[ground.points[index]]
-        p = turned_back(turn, minus(there, pose))
-        if not _may_touch(pairs, 1, group, p, margin_m):
-            continue
-        if _near_a_plane(p, rock, near_it, margin_m):
-            for i in range(_meet(p, near_it, rock, margin_m, False, room)):
-                n = turned(turn, found[i])
-                if _leads_out(ground, index, n, LEANING):
-                    key = (1 << 60) + 8 * index + i
-                    count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pose)
-        _note(pairs, 1, group, p, near_it)
-    return _edges_across((rock, ground), pairs, pose, margin_m, out, count)
+    way_m, bodies, placed, count = look(pairs, pose), (rock, ground), (pose, pairs.turn), 0
+    groups = pairs.groups
+    for kind in range(3):
+        for group in range(groups.found[kind]):
+            if groups.apart_m[kind, group] >= margin_m + way_m:
+                continue
+            begin, end = groups.begin[kind, group], groups.begin[kind, group + 1]
+            index = pairs.first[kind, begin]
+            ends = ends_of(bodies, kind, index, placed)
+            if not may_touch(pairs, kind, group, ends, margin_m):
+                continue
+            near_it = pairs.second[kind, begin:end], pairs.apart_m[kind, begin:end], way_m
+            if kind == 2:
+                count = _edges_across(bodies, (index, ends), near_it, placed, margin_m, out, count)
+            elif kind == 1:
+                count = _ground_point(bodies, (index, ends[0]), near_it, pairs, margin_m, out, count)
+            else:
+                reach = margin_m, leaning
+                count = _rock_point(bodies, (index, ends[0]), near_it, pairs, reach, out, count)
+            note(pairs, kind, group, ends)
+    return count
 
 
 @inner
-def _edges_across(bodies: Any, pairs: Pairs, pose: Array, margin_m: float, out: Any, count: int) -> int:
-    """Add the contacts of pairs of edges, of rock and ground, that cross."""
-    (rock, ground), turn, way_m, groups = bodies, pairs.turn, pairs.lengths_m[WAY], pairs.groups
-    for place in range(groups.near_found[2]):
-        group = groups.near[2, place]
-        if groups.apart_m[2, group] >= margin_m + way_m:
-            continue
-        begin, end = groups.begin[2, group], groups.begin[2, group + 1]
-        edge = pairs.rock_edge[begin]
-        a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 0]]))
-        b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[edge, 1]]))
-        for k in range(begin, end):
-            if pairs.apart_m[2, k] >= margin_m + way_m:
-                continue
-            placed = edge, a, minus(b, a), pairs.ground_edge[k]
-            count, apart_m = _across((rock, ground), placed, (pose, turn), margin_m, out, count)
-            pairs.apart_m[2, k] = way_m + apart_m
-        groups.apart_m[2, group] = least_m(pairs.apart_m[2, begin:end])
+def _rock_point(bodies: Any, point: Any, near_it: Any, pairs: Pairs, reach: Any, out: Any, count: int) -> int:
+    """Add the contacts of a point of the rock; how many there are then."""
+    (rock, ground), (index, p), (margin_m, leaning) = bodies, point, reach
+    if not _near_a_plane(p, ground, near_it, margin_m):
+        return count
+    found = pairs.point.found
+    for i in range(_meet(p, near_it, ground, margin_m, True, pairs.point)):
+        if _leads_out(rock, index, turned_back(pairs.turn, found[i]), leaning):
+            count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pairs.looked_at)
+    return count
+
+
+@inner
+def _ground_point(
+    bodies: Any, point: Any, near_it: Any, pairs: Pairs, margin_m: float, out: Any, count: int
+) -> int:
+    """Add the contacts of a point of the ground, which is given in body axes; how many there are then."""
+    (rock, ground), (index, p) = bodies, point
+    if not _near_a_plane(p, rock, near_it, margin_m):
+        return count
+    there, found = ground.vertices_m[ground.points[index]], pairs.point.found
+    for i in range(_meet(p, near_it, rock, margin_m, False, pairs.point)):
+        n = turned(pairs.turn, found[i])
+        if _leads_out(ground, index, n, LEANING):
+            key = (1 << 60) + 8 * index + i
+            count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pairs.looked_at)
+    return count
+
+
+@inner
+def _edges_across(
+    bodies: Any, edge: Any, near_it: Any, placed: Any, margin_m: float, out: Any, count: int
+) -> int:
+    """Add the contacts of an edge of the rock with edges of the ground that it crosses; how many there are then.
+
+    The edge and its ends; the ground's edges, the way before each can touch, noted anew, and the way since.
+    """
+    (index, (a, b)), (edges, apart_m, way_m) = edge, near_it
+    way = minus(b, a)
+    for place in range(len(edges)):
+        if apart_m[place] < margin_m + way_m:
+            ends = index, a, way, edges[place]
+            count, far_m = _across(bodies, ends, placed, margin_m, out, count)
+            apart_m[place] = way_m + far_m
     return count
 
 

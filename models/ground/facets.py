@@ -18,7 +18,8 @@ from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.contacts import add, contacts_in
 from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
-from toppling.models.ground.pairs import Pairs, moved_m, refresh
+from toppling.models.ground.pair_search import refresh
+from toppling.models.ground.pairs import Pairs, moved_m
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.joined import joined_parts

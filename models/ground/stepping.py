@@ -21,7 +21,8 @@ from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import RADIUS, Pairs, refresh, serve
+from toppling.models.ground.pair_search import narrow, refresh
+from toppling.models.ground.pairs import RADIUS, REACH, Pairs, serve
 from toppling.models.ground.rigid import invert, move, spin, square
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
@@ -37,6 +38,9 @@ _MARGIN_SHARE = 1e-4
 
 _SLACK_SHARE = 0.05
 """Of R: way of the rock over which the features that may touch are kept."""
+
+_NEAR_MARGINS, _NEAR_SHARE = 6.0, 0.15
+"""Of the features kept, those within so many margins and this share of the way are looked at in every step."""
 
 _ENOUGH = 2e-6
 """Over the speed that gravity gives in a step: changes of impulses that are let go."""
@@ -83,7 +87,8 @@ class Grounded(NamedTuple):
     rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     curved: CurvedGround  # below a flat base
     facets: Facets  # below a rounded base: then no points and edges of it are in the rock's mesh
-    pairs: Pairs
+    known: Pairs
+    pairs: Pairs  # of those the nearest, which are looked at in every step
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
     # (7,): contacts; poses after the first; steps; substeps; sweeps; steps of an engine; those taken at once beyond one
@@ -340,8 +345,14 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
 @inner
 def _look(sim: Grounded, pose: Array, margin: float) -> None:
     """Find the features that may touch, unless those found last still serve."""
-    if not serve(sim.pairs, pose, margin, sim.farthest_m):
-        refresh(sim.rock, sim.ground, pose, max(_SLACK_SHARE * sim.size_m, 2.0 * margin), sim.pairs)
+    if serve(sim.pairs, pose, margin, sim.farthest_m):
+        return
+    slack = _SLACK_SHARE * sim.size_m
+    reach = max(2.0 * margin, min(_NEAR_MARGINS * margin, _NEAR_SHARE * slack))
+    if not serve(sim.known, pose, reach, sim.farthest_m):
+        refresh(sim.rock, sim.ground, pose, max(slack, 2.0 * reach), sim.known)
+        reach = min(reach, sim.known.lengths_m[REACH])
+    narrow(sim.rock, sim.ground, sim.known, pose, (reach, sim.farthest_m), sim.pairs)
 
 
 @inner

@@ -40,6 +40,7 @@ class RollingIntegrator:
             curved=NO_CURVED,
             facets=NO_FACETS,
             rolling=rolling_surface(patches, problem.scene.rock.com_m, scene_from_body),
+            known=no_pairs(1),
             pairs=no_pairs(1),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),

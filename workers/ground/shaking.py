@@ -69,6 +69,7 @@ class GroundShaking:
             rolling=NO_ROLLING,
             curved=body.curved,
             facets=body.facets,
+            known=no_pairs(PAIRS),
             pairs=no_pairs(PAIRS),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),

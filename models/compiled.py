@@ -171,7 +171,9 @@ class _Library(numba.core.codegen.JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
-            if function.linkage == llvmlite.binding.Linkage.linkonce_odr and not function.name.startswith("NRT_"):
+            if function.linkage == llvmlite.binding.Linkage.linkonce_odr and not function.name.startswith(
+                "NRT_"
+            ):
                 function.linkage = "internal"
         super()._optimize_final_module()
 

@@ -26,7 +26,7 @@ from toppling.models.ground.facets import (
     rounded_contacts_at,
 )
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
-from toppling.models.ground.pairs import Pairs, no_pairs
+from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.kept import kept
@@ -77,9 +77,6 @@ _FARTHEST_SETTLING = 0.1
 One that rolls has as far to go as its base turns.
 """
 
-PAIRS = 1 << 16
-"""Room for pairs of features that may touch."""
-
 
 @dataclass(frozen=True, eq=False)
 class GroundedBody:
@@ -120,8 +117,12 @@ class GroundedBody:
         return float(np.linalg.norm(self.rock.vertices_m, axis=1).max())
 
     @cached_property
-    def _room(self) -> Pairs:
-        return no_pairs(PAIRS)
+    def _lists(self) -> Lists:
+        return self.empty_lists()
+
+    def empty_lists(self) -> Lists:
+        """Lists in which nothing is found yet of what may touch."""
+        return empty_lists(self.size_m, self.farthest_m)
 
     def contacts(
         self, pose: Array, margin_m: float, leaning: float = LEANING, most: int = MOST
@@ -131,8 +132,8 @@ class GroundedBody:
         if self.rolls_on_facets:
             reach = margin_m, leaning
             bodies = self.rock, self.rounded, self.ground
-            return out[: rounded_contacts_at(*bodies, pose, reach, self._room, out)]
-        return out[: contacts_at(self.rock, self.ground, pose, margin_m, leaning, self._room, out)]
+            return out[: rounded_contacts_at(*bodies, pose, reach, self._lists, out)]
+        return out[: contacts_at(self.rock, self.ground, pose, margin_m, leaning, self._lists, out)]
 
     def wrenches(self, pose: Array) -> Array:
         """What the contacts that may carry in a pose can give, as :func:`equilibrium.wrenches`."""
@@ -201,9 +202,8 @@ class GroundedBody:
     def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, NO_ROLLING, curved, self.facets, no_pairs(PAIRS), no_pairs(PAIRS),
+            self.rock, self.ground, NO_ROLLING, curved, self.facets, self.empty_lists(),
             np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m,
-            self.farthest_m,
             (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
             np.array([pose]), np.zeros((1, 6)),
             work_room(),

@@ -14,9 +14,10 @@ import numpy as np
 from toppling.models.compiled import Array, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.nearest import between, nearest
-from toppling.models.ground.pair_search import refresh
+from toppling.models.ground.pair_search import find
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
+    Lists,
     Pairs,
     PointRoom,
     ends_of,
@@ -312,9 +313,9 @@ def contacts_at(
     pose: Array,
     margin_m: float,
     leaning: float,
-    pairs: Pairs,
+    lists: Lists,
     out: Any,
 ) -> int:
-    """Contacts with gaps up to a margin in a pose (7,), whatever was found before; how many."""
-    refresh(rock, ground, pose, margin_m, pairs)
-    return contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
+    """Contacts with gaps up to a margin in a pose (7,); how many."""
+    find(rock, ground, pose, margin_m, lists)
+    return contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)

@@ -75,7 +75,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
             if best > most_m_s2:
                 return np.inf
         elif (
-            moved_m(peak, pose, sim.farthest_m) > followed_m
+            moved_m(peak, pose, sim.lists.farthest_m) > followed_m
             and _gives_way(sim, pose, push, _PASSED * best) >= still
         ):
             return best
@@ -104,7 +104,7 @@ def _tip(sim: Grounded, pose: Array, trial: Array, push: Array, pushed: float, b
         else:
             break
     for _ in range(_MOST_STEPS):
-        moved = moved_m(pose, trial, sim.farthest_m) / share_m
+        moved = moved_m(pose, trial, sim.lists.farthest_m) / share_m
         landed = moved > _LEAST and _gives_way(sim, trial, push, (1.0 + _PRECISION) * best) < still
         if moved >= 1.0 or landed:
             break
@@ -169,4 +169,4 @@ def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> fl
     _note_start(sim, pose)
     before, velocity = sim.work.start, sim.work.still
     advance(sim, step_s, increment, pose, velocity, True, np.inf)
-    return moved_m(before, pose, sim.farthest_m)
+    return moved_m(before, pose, sim.lists.farthest_m)

@@ -18,8 +18,8 @@ from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.contacts import add, contacts_in
 from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
-from toppling.models.ground.pair_search import refresh
-from toppling.models.ground.pairs import Pairs, moved_m
+from toppling.models.ground.pair_search import find
+from toppling.models.ground.pairs import Lists, moved_m
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.joined import joined_parts
@@ -334,7 +334,7 @@ def _missed(
 
 @compiled
 def rounded_contacts_at(
-    rock: ContactMesh, on: Facets, ground: ContactMesh, pose: Array, reach: Any, pairs: Pairs, out: Any
+    rock: ContactMesh, on: Facets, ground: ContactMesh, pose: Array, reach: Any, lists: Lists, out: Any
 ) -> int:
     """Contacts of a rock with a rounded base in a pose (7,), whatever was found before; how many.
 
@@ -345,6 +345,6 @@ def rounded_contacts_at(
     on.angles[:] = 0.0
     for part in range(len(on.lowest)):
         on.lowest[part] = on.surface.lowest[part]
-    refresh(rock, ground, pose, margin_m, pairs)
-    count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
-    return rounded_contacts(on, ground, pose, margin_m, pairs.turn, out, count)
+    find(rock, ground, pose, margin_m, lists)
+    count = contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)
+    return rounded_contacts(on, ground, pose, margin_m, lists.nearest.turn, out, count)

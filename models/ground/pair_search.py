@@ -16,35 +16,55 @@ from toppling.models.ground.pairs import (
     REACH,
     WAY,
     WIDE_RADIUS,
+    Lists,
     Pairs,
     ends_of,
     look,
     may_touch,
     moved_m,
     note,
+    serve,
 )
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
+
+_NEAR_MARGINS, _NEAR_SHARE = 6.0, 0.15
+"""Of what is known, that within so many margins, and within this share of the slack, is looked at in a pose."""
+
+_MORE = 1.2
+"""Times what is asked for at least, so that the rock may move on a little."""
 
 _PARTS = 4
 """Of a cell: an edge is looked up in as long parts, by the middle of each."""
 
 
+@inner
+def find(rock: ContactMesh, ground: ContactMesh, pose: Array, margin_m: float, lists: Lists) -> None:
+    """List what may touch within a margin in a pose, unless what was listed last still serves."""
+    known, nearest = lists.known, lists.nearest
+    if serve(nearest, pose, margin_m, lists.farthest_m):
+        return
+    reach = max(_MORE * margin_m, min(_NEAR_MARGINS * margin_m, _NEAR_SHARE * lists.slack_m))
+    if not serve(known, pose, reach, lists.farthest_m):
+        most_m = min(rock.grid.reach_m, ground.grid.reach_m)
+        _search(rock, ground, pose, min(max(lists.slack_m, _MORE * reach), most_m), known)
+        reach = min(reach, known.lengths_m[REACH])
+    _narrow(rock, ground, known, pose, reach, nearest)
+    nearest.lengths_m[EMPTY] = known.lengths_m[EMPTY] - moved_m(known.pose, pose, lists.farthest_m)
+
+
 @inner(allocates=True)
-def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
-    """Find the features that are within a reach of each other."""
+def _search(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
+    """Find the features that are within a reach of each other, in the grids."""
     turn, seen = pairs.turn, np.full(len(ground.edges), -1)
     rotation_of(pose, turn)
-    placed, ours = np.empty_like(rock.vertices_m), rock.vertices_m[rock.points]
+    placed, around = np.empty_like(rock.vertices_m), _no_box()
     for i in range(len(placed)):
         placed[i, 0], placed[i, 1], placed[i, 2] = plus(pose, 1.0, turned(turn, rock.vertices_m[i]))
-    theirs = np.empty((len(ground.points), 3))
-    for i in range(len(theirs)):
-        there = minus(ground.vertices_m[ground.points[i]], pose)
-        theirs[i, 0], theirs[i, 1], theirs[i, 2] = turned_back(turn, there)
+        _widen(around, placed[i], rock.grid.reach_m)
     found, box, lengths_m = pairs.found, _no_box(), pairs.lengths_m
     while True:
-        _list_points(pairs, 0, placed[rock.points], ground, reach, (box, ours, 0.0))
-        _list_points(pairs, 1, theirs, rock, reach, (box, theirs, reach))
+        for kind in range(2):
+            _list_points(pairs, kind, (rock, ground), (pose, turn), reach, (around, box))
         seen[:] = -1
         _list_edges((placed, seen, box), rock, ground, reach, pairs)
         if found.max() < len(pairs.first[0]) or reach < 1e-5 * ground.grid.cell_m:
@@ -56,20 +76,11 @@ def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
 
 
 @inner(allocates=True)
-def narrow(
-    rock: ContactMesh,
-    ground: ContactMesh,
-    known: Pairs,
-    pose: Array,
-    lengths_m: tuple[float, float],
-    pairs: Pairs,
+def _narrow(
+    rock: ContactMesh, ground: ContactMesh, known: Pairs, pose: Array, reach: float, pairs: Pairs
 ) -> None:
-    """Find the features that are within a reach of each other among known ones, which serve for it.
-
-    The reach, and the way from the centre of mass to the rock's farthest vertex.
-    """
-    (reach, farthest_m), way_m = lengths_m, look(known, pose)
-    placed, groups, room = (pose, known.turn), known.groups, len(pairs.first[0])
+    """Find the features that are within a reach of each other among known ones, which serve for it."""
+    way_m, placed, groups = look(known, pose), (pose, known.turn), known.groups
     while True:
         for kind in range(3):
             pairs.found[kind] = 0
@@ -79,10 +90,9 @@ def narrow(
                 ends = ends_of((rock, ground), kind, known.first[kind, groups.begin[kind, group]], placed)
                 if may_touch(known, kind, group, ends, reach):
                     _list_known((rock, ground), known, kind, group, ends, reach, pairs)
-        if pairs.found.max() < room or reach < 1e-5 * ground.grid.cell_m:
+        if pairs.found.max() < len(pairs.first[0]) or reach < 1e-5 * ground.grid.cell_m:
             break
         reach *= 0.5
-    pairs.lengths_m[EMPTY] = known.lengths_m[EMPTY] - moved_m(known.pose, pose, farthest_m)
     pairs.lengths_m[WIDE_RADIUS] = known.lengths_m[WIDE_RADIUS]
     copy(known.middle_m[2], pairs.middle_m[2])
     place = plus(pose, 1.0, turned(known.turn, known.middle_m[2]))
@@ -144,23 +154,31 @@ def _append(pairs: Pairs, kind: int, first: int, second: int, apart_m: float) ->
 
 
 @inner
-def _list_points(pairs: Pairs, kind: int, points: Array, mesh: ContactMesh, reach: float, wide: Any) -> None:
-    """List pairs of points and triangles of a mesh within a reach, in the mesh's frame.
+def _list_points(pairs: Pairs, kind: int, bodies: Any, placed: Any, reach: float, boxes: Any) -> None:
+    """List pairs of points of one body and triangles of the other within a reach.
 
-    wide: a box widened around what lies in any triangle's cells; the points in its axes; how far they go in these.
+    Rock and ground; the rock's pose and its rotation; a box around all of the ground that may touch the rock, and one
+    widened, in body axes, around what lies in any triangle's cells.
     """
-    pairs.found[kind], (box, places, slack) = 0, wide
-    for index in range(len(points)):
-        q = points[index]
+    pairs.found[kind], (rock, ground), (around, box) = 0, bodies, boxes
+    of, mesh = (rock, ground) if kind == 0 else (ground, rock)
+    for index in range(len(of.points)):
+        there = of.vertices_m[of.points[index]]
+        if kind == 1 and not _is_within(around, (there[0], there[1], there[2])):
+            continue
+        q, _ = ends_of(bodies, kind, index, placed)
         grid, cell = mesh.grid, cell_of(mesh.grid, q)
         if cell < 0 or grid.first[cell] == grid.first[cell + 1]:
             continue
-        _widen(box, places[index], slack)
+        if kind == 0:
+            _widen(box, there, 0.0)
+        else:
+            _widen(box, q, reach)
         if reach <= mesh.fine.reach_m and cell_of(mesh.fine, q) >= 0:
             grid, cell = mesh.fine, cell_of(mesh.fine, q)
         for place in range(grid.first[cell], grid.first[cell + 1]):
             t = grid.near[place]
-            apart_m = _point_apart_m((q[0], q[1], q[2]), mesh, t)
+            apart_m = _point_apart_m(q, mesh, t)
             if apart_m < reach:
                 _append(pairs, kind, index, t, apart_m)
 
@@ -223,6 +241,13 @@ def _widen(box: Array, place: Any, by_m: float) -> None:
     """Widen a box so that a place lies in it, and what is so near."""
     for k in range(3):
         box[0, k], box[1, k] = min(box[0, k], place[k] - by_m), max(box[1, k], place[k] + by_m)
+
+
+@inner
+def _is_within(box: Array, place: Any) -> bool:
+    """Whether a place lies in a box."""
+    x, y, z = place
+    return box[0, 0] <= x <= box[1, 0] and box[0, 1] <= y <= box[1, 1] and box[0, 2] <= z <= box[1, 2]
 
 
 @inner(allocates=True)

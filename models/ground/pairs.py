@@ -64,7 +64,7 @@ class Pairs(NamedTuple):
     point: PointRoom
 
 
-def no_pairs(room: int) -> Pairs:
+def _no_pairs(room: int) -> Pairs:
     """Room for so many of each kind; what is not found yet is not written either: zeros took a third of a short job."""
     features = FEATURES_AT_A_POINT
     return Pairs(
@@ -74,6 +74,27 @@ def no_pairs(room: int) -> Pairs:
         PointRoom(np.zeros((MOST_AT_A_POINT, 7)), np.zeros(features, np.int64), np.zeros(features, np.int64),
                   np.zeros((features, 3)), np.zeros((features, 3)), np.zeros(features)),
     )  # fmt: skip
+
+
+class Lists(NamedTuple):
+    """What may touch: pairs that are known to lie near, and of these the nearest, which are looked at in a pose."""
+
+    known: Pairs
+    nearest: Pairs
+    slack_m: float  # way of the rock over which pairs are known
+    farthest_m: float  # from the centre of mass
+
+
+_PAIRS = 1 << 16
+"""Room for pairs of features that may touch."""
+
+_SLACK_SHARE = 0.05
+"""Of R: way of the rock over which pairs are known."""
+
+
+def empty_lists(size_m: float, farthest_m: float, room: int = _PAIRS) -> Lists:
+    """Lists of a rock of which nothing is known, with room for so many pairs."""
+    return Lists(_no_pairs(room), _no_pairs(room), _SLACK_SHARE * size_m, farthest_m)
 
 
 @inner

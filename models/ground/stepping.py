@@ -21,8 +21,8 @@ from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pair_search import narrow, refresh
-from toppling.models.ground.pairs import RADIUS, REACH, Pairs, serve
+from toppling.models.ground.pair_search import find
+from toppling.models.ground.pairs import RADIUS, Lists
 from toppling.models.ground.rigid import invert, move, spin, square
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
@@ -35,12 +35,6 @@ TOUCHING_SHARE = 2e-6
 
 _MARGIN_SHARE = 1e-4
 """Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
-
-_SLACK_SHARE = 0.05
-"""Of R: way of the rock over which the features that may touch are kept."""
-
-_NEAR_MARGINS, _NEAR_SHARE = 6.0, 0.15
-"""Of the features kept, those within so many margins and this share of the way are looked at in every step."""
 
 _ENOUGH = 2e-6
 """Over the speed that gravity gives in a step: changes of impulses that are let go."""
@@ -87,15 +81,13 @@ class Grounded(NamedTuple):
     rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     curved: CurvedGround  # below a flat base
     facets: Facets  # below a rounded base: then no points and edges of it are in the rock's mesh
-    known: Pairs
-    pairs: Pairs  # of those the nearest, which are looked at in every step
+    lists: Lists
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
     # (7,): contacts; poses after the first; steps; substeps; sweeps; steps of an engine; those taken at once beyond one
     counts: Indices
     inertia_m2: Array
     size_m: float
-    farthest_m: float  # from the centre of mass
     friction: tuple[float, float]
     restitution: float
     resolved_m_s: float
@@ -273,12 +265,13 @@ def touching(sim: Grounded, count: int, velocity: Array) -> Touching:
 @inner
 def _margin_m(sim: Grounded, step_s: float, velocity: Array, free: Array) -> float:
     """Gap up to which contacts are looked at in the pose of the middle of a step."""
-    near_m, whole = _MARGIN_SHARE * sim.size_m, ((0.0, 0.0, 0.0), sim.farthest_m)
+    near_m, whole = _MARGIN_SHARE * sim.size_m, ((0.0, 0.0, 0.0), sim.lists.farthest_m)
     margin = near_m + step_s * max(_fastest_m_s(velocity, whole), _fastest_m_s(free, whole))
     if len(sim.rolling.corners) > 0 or len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
         return margin
-    _look(sim, sim.work.middle, margin)
-    ball = turned(sim.work.turn, sim.pairs.middle_m[0]), sim.pairs.lengths_m[RADIUS]
+    find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
+    nearest = sim.lists.nearest
+    ball = turned(sim.work.turn, nearest.middle_m[0]), nearest.lengths_m[RADIUS]
     return min(margin, near_m + step_s * max(_fastest_m_s(velocity, ball), _fastest_m_s(free, ball)))
 
 
@@ -329,30 +322,18 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
 @inner
 def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
+    nearest = sim.lists.nearest
     if len(sim.rolling.corners) > 0:
-        return rolling_contacts(sim.rolling, pose, margin, sim.pairs.turn, sim.trial)
+        return rolling_contacts(sim.rolling, pose, margin, nearest.turn, sim.trial)
     if len(sim.curved.coefficients) > 0:
-        count = curved_contacts(sim.curved, pose, margin, sim.pairs.turn, sim.trial)
+        count = curved_contacts(sim.curved, pose, margin, nearest.turn, sim.trial)
         if count >= 0:
             return count
-    _look(sim, pose, margin)
-    count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
+    find(sim.rock, sim.ground, pose, margin, sim.lists)
+    count = contacts_in(sim.rock, sim.ground, nearest, pose, margin, LEANING, sim.trial)
     if len(sim.facets.apart_m) > 0:
-        count = rounded_contacts(sim.facets, sim.ground, pose, margin, sim.pairs.turn, sim.trial, count)
+        count = rounded_contacts(sim.facets, sim.ground, pose, margin, nearest.turn, sim.trial, count)
     return count
-
-
-@inner
-def _look(sim: Grounded, pose: Array, margin: float) -> None:
-    """Find the features that may touch, unless those found last still serve."""
-    if serve(sim.pairs, pose, margin, sim.farthest_m):
-        return
-    slack = _SLACK_SHARE * sim.size_m
-    reach = max(2.0 * margin, min(_NEAR_MARGINS * margin, _NEAR_SHARE * slack))
-    if not serve(sim.known, pose, reach, sim.farthest_m):
-        refresh(sim.rock, sim.ground, pose, max(slack, 2.0 * reach), sim.known)
-        reach = min(reach, sim.known.lengths_m[REACH])
-    narrow(sim.rock, sim.ground, sim.known, pose, (reach, sim.farthest_m), sim.pairs)
 
 
 @inner

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import compiled
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at, contacts_in
 from toppling.models.ground.mesh import contact_mesh
-from toppling.models.ground.pair_search import narrow, refresh
-from toppling.models.ground.pairs import REACH, no_pairs, serve
+from toppling.models.ground.pair_search import find
+from toppling.models.ground.pairs import REACH, empty_lists
 from toppling.models.rock import Rock
 
 REACH_M = 0.1
@@ -36,31 +36,13 @@ def rough_pair(seed=7):
 
 
 @compiled
-def looked_anew_where_needed(rock, ground, known, pairs, poses, lengths_m, out, keys):
-    """Note the contacts of one pose after the other.
-
-    Where the nearest pairs do not serve, they are found among the known, and these anew where they do not: how often.
-    """
-    narrowed, refreshed, (margin_m, farthest_m) = 0, 0, lengths_m
+def looked_along(rock, ground, lists, poses, margins_m, out, keys, gaps_m, found_in):
+    """Note the contacts of one pose after the other, and in which known and nearest pairs were found."""
     for k in range(len(poses)):
-        if not serve(pairs, poses[k], margin_m, farthest_m):
-            if not serve(known, poses[k], 2.0 * margin_m, farthest_m):
-                refresh(rock, ground, poses[k], 0.04, known)
-                refreshed += 1
-            narrow(rock, ground, known, poses[k], (2.0 * margin_m, farthest_m), pairs)
-            narrowed += 1
-        for i in range(contacts_in(rock, ground, pairs, poses[k], margin_m, LEANING, out)):
-            keys[k, i] = out[i].key
-    return narrowed, refreshed
-
-
-@compiled
-def looked_along(rock, ground, pairs, poses, margins_m, out, keys, gaps_m):
-    """Note the contacts of one pose after the other, all from the pairs of the first."""
-    refresh(rock, ground, poses[0], 0.08, pairs)
-    for k in range(len(poses)):
-        for i in range(contacts_in(rock, ground, pairs, poses[k], margins_m[k], LEANING, out)):
+        find(rock, ground, poses[k], margins_m[k], lists)
+        for i in range(contacts_in(rock, ground, lists.nearest, poses[k], margins_m[k], LEANING, out)):
             keys[k, i], gaps_m[k, i] = out[i].key, out[i].gap_m
+        found_in[k, 0], found_in[k, 1] = lists.known.pose[0], lists.nearest.pose[0]
 
 
 def segments_apart_m(starts, ways):
@@ -73,9 +55,25 @@ def segments_apart_m(starts, ways):
     return np.linalg.norm(offset - share[..., None] * v, axis=3).min(axis=1)
 
 
+def lists_of(rock, room=PLENTY):
+    return empty_lists(0.3, float(np.linalg.norm(rock.vertices_m, axis=1).max()), room)
+
+
+def looked_along_all(rock, ground, poses, margins_m):
+    """Contacts by key and gap of each pose, and how often known and nearest pairs were found anew."""
+    keys, gaps_m = np.full((len(poses), MOST), -1), np.zeros((len(poses), MOST))
+    found_in, out = np.zeros((len(poses), 2)), np.zeros(MOST, CONTACT)
+    looked_along(rock, ground, lists_of(rock), np.array(poses), margins_m, out, keys, gaps_m, found_in)
+    contacts = [
+        dict(zip(key[key >= 0].tolist(), gap_m[key >= 0].tolist(), strict=True))
+        for key, gap_m in zip(keys, gaps_m, strict=True)
+    ]
+    return contacts, (np.diff(found_in, axis=0) != 0.0).sum(axis=0)
+
+
 def contacts_anew(rock, ground, pose, margin_m, room):
     out = np.zeros(MOST, CONTACT)
-    count = contacts_at(rock, ground, pose, margin_m, LEANING, no_pairs(room), out)
+    count = contacts_at(rock, ground, pose, margin_m, LEANING, lists_of(rock, room), out)
     return dict(zip(out["key"][:count].tolist(), out["gap_m"][:count].tolist(), strict=True))
 
 
@@ -87,37 +85,27 @@ def test_contacts_from_step_to_step_are_those_that_are_found_anew():
         turn = Rotation.from_rotvec(0.002 * random.standard_normal(3)) * turn
         poses.append(np.concatenate([poses[-1][:3] + 4e-4 * random.standard_normal(3), turn.as_quat()]))
     margins_m = random.choice([0.001, 0.003, 0.02], len(poses))
-    keys = np.full((len(poses), MOST), -1)
-    gaps_m = np.zeros((len(poses), MOST))
-    out = np.zeros(MOST, CONTACT)
-    looked_along(rock, ground, no_pairs(PLENTY), np.array(poses), margins_m, out, keys, gaps_m)
-    for pose, margin_m, known, gap_m in zip(poses, margins_m, keys, gaps_m, strict=True):
-        found = dict(zip(known[known >= 0].tolist(), gap_m[known >= 0].tolist(), strict=True))
+    contacts, _ = looked_along_all(rock, ground, poses, margins_m)
+    for pose, margin_m, found in zip(poses, margins_m, contacts, strict=True):
         anew = contacts_anew(rock, ground, pose, margin_m, PLENTY)
         assert found.keys() == anew.keys()
         assert all(abs(found[key] - anew[key]) < 1e-12 for key in anew)
-    assert max((known >= 0).sum() for known in keys) > 10
+    assert max(map(len, contacts)) > 10
 
 
 def test_pairs_that_serve_miss_no_contact_of_a_rock_that_rocks_and_slides():
     rock, ground, _ = rough_pair()
-    at = np.linspace(0.0, 1.0, 400)
+    at = np.linspace(0.0, 1.0, 4000)
     tilts = np.column_stack([0.12 * np.sin(9.0 * at), 0.08 * np.sin(14.0 * at), 0.3 * at])
     turns = Rotation.from_rotvec(tilts)
     lowest_m = [turn.apply(rock.vertices_m)[:, 2].min() for turn in turns]  # the rock stays at the ground
-    places = np.column_stack([0.1 * at, 0.05 * np.sin(6.0 * at), 0.004 - np.array(lowest_m)])
-    poses, keys = np.column_stack([places, turns.as_quat()]), np.full((len(at), MOST), -1)
-    out = np.zeros(MOST, CONTACT)
-    lengths_m = 0.004, float(np.linalg.norm(rock.vertices_m, axis=1).max())
-    lists = no_pairs(PLENTY), no_pairs(PLENTY)
-    narrowed, refreshed = looked_anew_where_needed(rock, ground, *lists, poses, lengths_m, out, keys)
-    assert 1 < refreshed < narrowed / 2 < len(at) / 4
-    found = 0
-    for pose, known in zip(poses, keys, strict=True):
-        anew = contacts_anew(rock, ground, pose, 0.004, PLENTY)
-        assert set(known[known >= 0].tolist()) == anew.keys()
-        found += len(anew)
-    assert found > len(at)
+    places = np.column_stack([0.1 * at, 0.05 * np.sin(6.0 * at), 0.002 - np.array(lowest_m)])
+    poses = np.column_stack([places, turns.as_quat()])
+    contacts, (searched, narrowed) = looked_along_all(rock, ground, poses, np.full(len(at), 0.001))
+    assert 1 < searched < narrowed / 2 < len(at) / 4
+    for pose, found in zip(poses[::10], contacts[::10], strict=True):
+        assert found.keys() == contacts_anew(rock, ground, pose, 0.001, PLENTY).keys()
+    assert sum(map(len, contacts)) > len(at)
 
 
 def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodies():
@@ -133,7 +121,7 @@ def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodi
     )
     out = np.zeros(MOST, CONTACT)
     pose = np.array([0.003, 0.002, 0.0004, 0.0, 0.0, 0.0, 1.0])
-    found = out[: contacts_at(rock, ground, pose, 0.008, LEANING, no_pairs(PLENTY), out)]
+    found = out[: contacts_at(rock, ground, pose, 0.008, LEANING, lists_of(rock), out)]
     assert found["gap_m"].min() > 0.0
     assert found["normal"][:, 2].min() > 0.99
     assert (found["key"] >= 2 << 60).sum() >= 10
@@ -142,19 +130,19 @@ def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodi
 def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     rock, ground, pose = rough_pair()
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
-    pairs, out = no_pairs(200), np.zeros(MOST, CONTACT)
-    contacts_at(rock, ground, pose, 0.08, LEANING, pairs, out)
-    assert pairs.lengths_m[REACH] < 0.08
-    assert pairs.found.max() < 200
+    lists, out = lists_of(rock, 200), np.zeros(MOST, CONTACT)
+    contacts_at(rock, ground, pose, 0.08, LEANING, lists, out)
+    assert lists.nearest.lengths_m[REACH] < 0.08
+    assert max(lists.known.found.max(), lists.nearest.found.max()) < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
     assert len(touching) >= 1
     assert touching.keys() <= contacts_anew(rock, ground, pose, 0.08, 200).keys()
 
 
 @compiled
-def listed_edges(rock, ground, pose, reach_m, pairs):
-    refresh(rock, ground, pose, reach_m, pairs)
-    return pairs.found[2]
+def listed_edges(rock, ground, pose, margin_m, lists):
+    find(rock, ground, pose, margin_m, lists)
+    return lists.nearest.found[2]
 
 
 @pytest.mark.thorough
@@ -167,7 +155,7 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
     first = 2 * np.arange(61)[:, None]
     faces = np.vstack([first + np.array(corners) for corners in ([0, 2, 3], [0, 3, 1])])
     ground = contact_mesh(ridged_m, faces, np.full(3, -4.0), np.full(3, 4.0), REACH_M)
-    reach_m, pairs, random = 0.5 * REACH_M, no_pairs(PLENTY), np.random.default_rng(5)
+    reach_m, random = 0.4 * REACH_M, np.random.default_rng(5)
     found = 0
     for _ in range(100):
         turn = Rotation.from_euler(
@@ -175,7 +163,8 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         )
         corners = turn.apply(rock.vertices_m)
         place = np.array([*random.uniform(-1.0, 1.0, 2), 0.05 - corners[:, 2].min()])
-        count = listed_edges(rock, ground, np.concatenate([place, turn.as_quat()]), reach_m, pairs)
+        pose, lists = np.concatenate([place, turn.as_quat()]), lists_of(rock)
+        count, pairs = listed_edges(rock, ground, pose, 0.5 * reach_m, lists), lists.nearest
         ends, other = (place + corners)[rock.edges], ground.vertices_m[ground.edges]
         apart_m = segments_apart_m(
             (ends[:, 0], other[:, 0]), (ends[:, 1] - ends[:, 0], other[:, 1] - other[:, 0])

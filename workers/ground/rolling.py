@@ -11,7 +11,7 @@ from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.curved import NO_CURVED
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import NO_MESH
-from toppling.models.ground.pairs import no_pairs
+from toppling.models.ground.pairs import empty_lists
 from toppling.models.ground.rolling import rolling_surface
 from toppling.models.ground.stepping import Grounded, step, work_room
 from toppling.workers import quaternion as quat
@@ -34,20 +34,19 @@ class RollingIntegrator:
         sim, properties = self.history.sim, problem.scene.contact
         sim.state["widest"] = len(sim.set_points) - 1
         scene_from_body = contact.scene_from_support @ contact.support_from_body
+        farthest_m = float(np.linalg.norm(patches.vertices_m - problem.scene.rock.com_m, axis=1).max())
         self._rock = Grounded(
             rock=NO_MESH,
             ground=NO_MESH,
             curved=NO_CURVED,
             facets=NO_FACETS,
             rolling=rolling_surface(patches, problem.scene.rock.com_m, scene_from_body),
-            known=no_pairs(1),
-            pairs=no_pairs(1),
+            lists=empty_lists(contact.half_diagonal_m, farthest_m, room=1),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
             counts=np.zeros(7, np.int64),
             inertia_m2=contact.principal_inertia_m2,
             size_m=contact.half_diagonal_m,
-            farthest_m=float(np.linalg.norm(patches.vertices_m - problem.scene.rock.com_m, axis=1).max()),
             friction=(properties.friction_static, properties.friction_kinetic),
             restitution=properties.restitution,
             resolved_m_s=problem.options.resolved_impact * problem.speed_m_s,

@@ -10,11 +10,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from toppling.models.compiled import Array
-from toppling.models.ground.body import PAIRS, RESTING_SHARE, GroundedBody
+from toppling.models.ground.body import RESTING_SHARE, GroundedBody
 from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.equilibrium import held
 from toppling.models.ground.excitation import excitation
-from toppling.models.ground.pairs import no_pairs
 from toppling.models.ground.rolling import NO_ROLLING
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.relief import height_below
@@ -69,14 +68,12 @@ class GroundShaking:
             rolling=NO_ROLLING,
             curved=body.curved,
             facets=body.facets,
-            known=no_pairs(PAIRS),
-            pairs=no_pairs(PAIRS),
+            lists=body.empty_lists(),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
             counts=np.zeros(7, np.int64),
             inertia_m2=body.inertia_m2,
             size_m=body.size_m,
-            farthest_m=body.farthest_m,
             friction=(properties.friction_static, properties.friction_kinetic),
             restitution=properties.restitution,
             resolved_m_s=problem.options.resolved_impact * problem.speed_m_s,

@@ -155,7 +155,7 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
     first = 2 * np.arange(61)[:, None]
     faces = np.vstack([first + np.array(corners) for corners in ([0, 2, 3], [0, 3, 1])])
     ground = contact_mesh(ridged_m, faces, np.full(3, -4.0), np.full(3, 4.0), REACH_M)
-    reach_m, random = 0.4 * REACH_M, np.random.default_rng(5)
+    random = np.random.default_rng(5)
     found = 0
     for _ in range(100):
         turn = Rotation.from_euler(
@@ -164,7 +164,7 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         corners = turn.apply(rock.vertices_m)
         place = np.array([*random.uniform(-1.0, 1.0, 2), 0.05 - corners[:, 2].min()])
         pose, lists = np.concatenate([place, turn.as_quat()]), lists_of(rock)
-        count, pairs = listed_edges(rock, ground, pose, 0.5 * reach_m, lists), lists.nearest
+        count, pairs = listed_edges(rock, ground, pose, 0.4 * REACH_M, lists), lists.nearest
         ends, other = (place + corners)[rock.edges], ground.vertices_m[ground.edges]
         apart_m = segments_apart_m(
             (ends[:, 0], other[:, 0]), (ends[:, 1] - ends[:, 0], other[:, 1] - other[:, 0])
@@ -172,6 +172,6 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         of_rock, of_ground = pairs.first[2, :count], pairs.second[2, :count]
         assert (pairs.apart_m[2, :count] <= apart_m[of_rock, of_ground] + 1e-12).all()
         listed = set(zip(of_rock, of_ground, strict=True))
-        assert set(zip(*np.nonzero(apart_m < 0.99 * reach_m), strict=True)) <= listed
+        assert set(zip(*np.nonzero(apart_m < 0.99 * pairs.lengths_m[REACH]), strict=True)) <= listed
         found += count
     assert found > 200

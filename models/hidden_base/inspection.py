@@ -134,8 +134,8 @@ def inspection_of(
             raise InputError(
                 f"{azimuth:g} {ratio:g} is no pull test",
                 where="--pull",
-                expected="the azimuth of the pull, 0 to 360 degrees counter-clockwise from east, and its force over "
-                "the rock's weight, up to 3",
+                expected="the azimuth of the pull, from 0 to below 360 degrees counter-clockwise from east, and its "
+                "force over the rock's weight, below 3",
                 remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle",
             )
     measured = tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls)

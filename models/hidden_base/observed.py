@@ -43,6 +43,9 @@ on it is 1.1 gaps at most, of nine tenths of such as end 1.5 and more."""
 _STEEP, _HIGH = 0.7, 2.0
 """Horizontal part of a side's normal from which it may go on down, as a level underside does not, and how many spacings
 of its points it hangs at least."""
+_STRAY, _LEAST_RIM = 0.6, 8
+"""Spacings off the plane of its neighbours from which a place of the rim is a stray, mostly of the pedestal or between
+it and the rock; left out, where so many others remain."""
 UNSEEN_STD_SHARE = 0.3
 """Of the height of a rim that was not seen to its end: spread of the gap below it about a half."""
 _FLATTEST_RAY = 0.07
@@ -208,18 +211,19 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         )
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
-    end_std, off_m, steep = _errors(rim, hangs, low)
+    end_std, off_m, steep, stray = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     std = np.hypot(end_std, off_m)
+    kept = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
     half_unseen = np.maximum(UNSEEN_STD_SHARE * gap, std)
     return Rim(
-        rim[:, :2],
-        np.where(to_its_end, gap, 0.5 * gap),
-        np.where(to_its_end, std, half_unseen),
-        np.where(to_its_end, shared, half_unseen),
-        to_its_end.astype(np.intp),
+        rim[kept, :2],
+        np.where(to_its_end, gap, 0.5 * gap)[kept],
+        np.where(to_its_end, std, half_unseen)[kept],
+        np.where(to_its_end, shared, half_unseen)[kept],
+        to_its_end.astype(np.intp)[kept],
     )
 
 
@@ -242,11 +246,13 @@ def _shows_below(
     return shows
 
 
-def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _errors(
+    rim: Array, hangs: Array, low: Array
+) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
 
-    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray. Third, where (k,) the
-    side is steep.
+    Second, how far the place lies off the plane of its neighbours (k,), m. Third, where (k,) the side is steep.
+    Fourth, which (k,) are strays.
     """
     away, nearest = cKDTree(low).query(rim, _OF_SIDE)
     apart_m = rim[:, None, :2] - rim[None, :, :2]
@@ -259,11 +265,8 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, NDArray
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
     end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
-    return (
-        end_std,
-        np.abs(((rim - middle) * normal).sum(axis=1)),
-        (steepness > _STEEP) & (hangs > _HIGH * spacing),
-    )
+    off_m = np.abs(((rim - middle) * normal).sum(axis=1))
+    return end_std, off_m, (steepness > _STEEP) & (hangs > _HIGH * spacing), off_m > _STRAY * spacing
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:

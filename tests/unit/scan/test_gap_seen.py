@@ -63,12 +63,12 @@ def test_an_error_that_the_whole_rim_shares_does_not_follow_what_was_seen_at_its
     assert np.ptp(observed.shared_m) == 0.0
 
 
-def test_a_stray_off_the_side_says_less_of_the_rim(wall):
-    stray = np.array([[RADIUS_M - 3.0 * PITCH_M, 0.0, RIM_M - PITCH_M]])
+def test_a_stray_off_the_side_says_nothing_of_the_rim(wall):
+    """It may be the pedestal's, or a beam's that met both at the crevice."""
+    stray = np.array([[RADIUS_M - 3.0 * PITCH_M, 0.0, 0.5 * RIM_M]])
     observed = seen_at_the_rim(np.vstack([wall, stray]), ground_from(RADIUS_M - 0.06))
-    at = np.linalg.norm(observed.places_m[observed.known] - stray[0, :2], axis=1)
-    assert at.min() == 0.0
-    assert observed.std_m[at.argmin()] > 3.0 * np.median(observed.std_m)
+    assert np.linalg.norm(observed.places_m[observed.known] - stray[0, :2], axis=1).min() > 0.0
+    np.testing.assert_allclose(observed.gap_m, RIM_M, atol=1e-9)
 
 
 def test_a_level_underside_is_as_high_as_its_points(wall):

@@ -127,7 +127,7 @@ def test_a_table_in_toml_says_the_same_as_one_in_csv(folder, campaign):
         ("scene,rock\nscenes/block0,../x\n", "letters"),
         ("scene\nscenes/block0\nscenes/block0\n", "twice"),
         ("scene,ensemble,seismograms\nscenes/block0,own,own\n", "one of them"),
-        ("rock\nx\n", "missing scene"),
+        ("rock\nx\n", "no column 'scene'"),
         ("scene\n", "holds no rock"),
     ],
 )

@@ -60,9 +60,15 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         missing = int((~known).sum())
         title = f"{missing} not drawn: magnitude or\ndistance unknown" if missing else ""
         source.set(xlabel="distance (km)", ylabel="magnitude", title=title)
+        if not known.any():  # axes would state numbers that are of nothing
+            source.set_axis_off()
         events = len(set(ensemble.catalog.column("event").to_pylist()))
-        figure.suptitle(f"{len(names)} records, {events} event{'' if events == 1 else 's'}")
+        figure.suptitle(f"{_counted(len(names), 'record')}, {_counted(events, 'event')}")
     return figure
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _upper_limit(values: Array) -> float:

@@ -80,6 +80,14 @@ def test_the_axis_of_distance_holds_the_farthest_record(tmp_path):
     assert sorted(np.asarray(source.collections[0].get_offsets())[:, 0]) == sorted(km)
 
 
+def test_a_figure_of_records_without_magnitudes_states_no_numbers_for_them(tmp_path):
+    made = [dataclasses.replace(one, magnitude=None) for one in synthetic_ensemble(1, 1)]
+    figure = records_figure(Ensemble.write(tmp_path / "ensemble", made))
+    assert not figure.axes[2].axison
+    assert "not drawn" in figure.axes[2].get_title()
+    assert figure.get_suptitle() == "1 record, 1 event"
+
+
 def test_without_outliers_the_axis_holds_every_value():
     x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
     assert x.max() < _upper_limit(x) < 1.1 * x.max()

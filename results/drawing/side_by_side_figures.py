@@ -105,7 +105,7 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
     with style():
         figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
         axes = figure.subplots()
-        points = np.array([rock.place for rock in placed], float).reshape(-1, 2)
+        points = _side_by_side(np.array([rock.place for rock in placed], float).reshape(-1, 2))
         medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
         _frame_map(axes, points)
         bare = np.isnan(medians)
@@ -135,17 +135,32 @@ def _ring_sizes(points: np.ndarray) -> np.ndarray:
     return np.array(sizes)
 
 
+def _side_by_side(points: np.ndarray) -> np.ndarray:
+    """Longitudes and latitudes (n, 2), those of neighbours across the date line beyond 180 degrees."""
+    if len(points) < 2:
+        return points
+    turned = np.sort(points[:, 0] % 360.0)
+    widest = int(np.argmax(np.diff(turned, append=turned[0] + 360.0)))
+    west = turned[(widest + 1) % len(turned)]  # behind the widest gap around the Earth
+    west -= 360.0 if west >= 180.0 else 0.0
+    return np.column_stack([west + (points[:, 0] - west) % 360.0, points[:, 1]])
+
+
 def _frame_map(axes: Axes, points: np.ndarray) -> None:
     """Axes of a map of longitudes and latitudes, degrees alike on the ground in both directions."""
     middle, reach = points.mean(axis=0), np.ptp(points, axis=0)
     shrink = np.cos(np.deg2rad(middle[1]))
     half = 0.7 * max(reach[0] * shrink, reach[1], 0.02)
     axes.set(
-        xlim=(middle[0] - half / shrink, middle[0] + half / shrink), ylim=(middle[1] - half, middle[1] + half),
+        xlim=(middle[0] - half / shrink, middle[0] + half / shrink),
+        ylim=(max(middle[1] - half, -90.0), min(middle[1] + half, 90.0)),
         xlabel="longitude (°, WGS 84)", ylabel="latitude (°)",
     )  # fmt: skip
+    axes.xaxis.set_major_formatter(
+        lambda degrees, _: f"{(degrees + 180.0) % 360.0 - 180.0:.6g}".replace("-", "−")
+    )
     axes.set_aspect(1.0 / shrink)
-    axes.ticklabel_format(useOffset=False)
+    axes.ticklabel_format(axis="y", useOffset=False)
     axes.grid(lw=0.3, alpha=0.5)
 
 
@@ -204,7 +219,8 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
             return figure
         above, below = figure.subplots(2, 1, height_ratios=(height, 4.4))
         _draw_matrix(above, matrix, figure)
-        points = np.array([group[["longitude", "latitude"]].iloc[0] for _, group in placed], float)
+        places = [group[["longitude", "latitude"]].iloc[0] for _, group in placed]
+        points = _side_by_side(np.array(places, float))
         shares = np.array([_share_as_they_are(group) for _, group in placed])
         _frame_map(below, points)
         sizes, bare = _ring_sizes(points), np.isnan(shares)

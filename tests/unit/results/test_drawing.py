@@ -27,6 +27,7 @@ from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import _methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
+from toppling.results.drawing.side_by_side_figures import _side_by_side
 from toppling.results.drawing.trajectory_figures import _AFTER_FALL_S, _trajectory_figure
 from toppling.results.reader import open_run
 from toppling.results.replayed_job import Replay
@@ -245,3 +246,16 @@ def test_a_replay_of_a_rock_that_rests_shows_the_whole_motion():
     scene, motion = Scene.block(0.2, 0.2, 0.6), full_sine(1.0, 2.0)
     rest = Trajectory(np.zeros(1), scene.rock.com_m[None, :], np.array([[0.0, 0.0, 0.0, 1.0]]))
     assert Replay(scene, motion, rest).shown_s() == (0.0, motion.duration_s)
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [
+        ((179.95, -179.95), (179.95, 180.05)),
+        ((7.0, -118.0), (7.0, -118.0)),
+        ((175.0, -175.0, 170.0), (175.0, 185.0, 170.0)),
+    ],
+)
+def test_neighbours_across_the_date_line_are_neighbours_on_the_map(given, shown):
+    points = np.column_stack([given, np.zeros(len(given))])
+    np.testing.assert_allclose(_side_by_side(points)[:, 0], shown)

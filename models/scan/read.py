@@ -27,11 +27,12 @@ from toppling.models.scan.meshes import (
 )
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.plausible import check_axes, check_points, check_returns
+from toppling.models.scan.ptx import read_ptx
 from toppling.models.scan.reference import Reference, names_a_system
 from toppling.models.scan.steps import coordinate_steps, steps_of_mesh
 from toppling.models.scan.text import read_text
 
-FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
+FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".ptx", ".las", ".laz", ".e57")
 _GUARDED = {
     ".las": ("las", ["laspy"]),
     ".laz": ("las", ["laspy"]),
@@ -327,6 +328,9 @@ def _read_file(path: Path, said: _Said) -> _Read:
                 raise InputError(**told["refusal"] | {"where": str(path)})
             step, left_out = np.array(told["step"]), told.get("left_out", {})
             return _Read(points, station, step, told["unit"], told["reference"], left_out=left_out)
+        if suffix == ".ptx":
+            points, station, step, left_out = read_ptx(path)
+            return _Read(points, station, step, left_out=left_out)
         if suffix == ".ply":
             points, station = _read_ply(path)
             remarks = read_header(path).remarks

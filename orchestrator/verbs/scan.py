@@ -166,7 +166,7 @@ def scan(
 ) -> None:
     """Turn laser scans or photogrammetry into a rock on its pedestal.
 
-    FILES are stations of one survey (LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV, E57) or pieces of one mesh (OBJ, PLY,
+    FILES are stations of one survey (LAZ, LAS, PLY, PCD, XYZ, PTS, PTX, TXT, CSV, E57) or pieces of one mesh (OBJ, PLY,
     STL, GLB), z up, in the unit that they state, or in metres. What is not so is placed by --units, --up, --length or
     --gcp; all other options take coordinates as placed, in metres. Rock and pedestal are separated automatically; if
     you know better where they meet, use --plane, --point or --outline.

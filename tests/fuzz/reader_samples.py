@@ -80,6 +80,12 @@ def _write_las_of_feet(path: Path) -> None:
     cloud.write(path)
 
 
+def _write_ptx(path: Path) -> None:
+    identity = "1 0 0\n0 1 0\n0 0 1\n" + "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    points = "".join(f"{x:.4f} {y:.4f} {z:.4f} 0.5\n" for x, y, z in POINTS_M)
+    path.write_text(f"{len(POINTS_M)}\n1\n0 0 0\n{identity}{points}")
+
+
 def _write_e57(path: Path) -> None:
     with pye57.E57(str(path), mode="w") as file:
         for points in np.split(POINTS_M, 2):
@@ -108,6 +114,7 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "cloud.las": ("cloud.las", _write_las),
     "cloud.laz": ("cloud.laz", _write_las),
     "cloud.e57": ("cloud.e57", _write_e57),
+    "cloud.ptx": ("cloud.ptx", _write_ptx),
     "cloud.ply": ("cloud.ply", lambda path: _write_tensor(path)),
     "cloud ascii.ply": ("cloud.ply", lambda path: _write_tensor(path, write_ascii=True)),
     "cloud.pcd": ("cloud.pcd", lambda path: _write_tensor(path)),

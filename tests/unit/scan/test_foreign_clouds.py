@@ -169,6 +169,54 @@ def test_beams_without_a_return_do_not_stand_at_their_scanner(tmp_path):
     assert "40 points lie at 0, 0, 0 of their scanner" in source.note
 
 
+def ptx(path, scans, last_column=(0, 0, 0, 1)):
+    """Scans as their points (n, 3) in a scanner's own frame, its rotation and place; with intensities."""
+    text = []
+    for points, turn, shift in scans:
+        pose = np.column_stack([np.vstack([turn.as_matrix().T, shift]), last_column])
+        axes = turn.as_matrix().T
+        text += [
+            str(len(points)),
+            "1",
+            *(" ".join(map(repr, map(float, row))) for row in (shift, *axes, *pose)),
+        ]
+        text += [" ".join(f"{value:.9f}" for value in row) + " 0.5" for row in points]
+    path.write_text("\n".join(text) + "\n")
+    return path
+
+
+def test_scans_of_a_ptx_are_stations_in_the_surveys_frame(tmp_path):
+    other = Rotation.from_euler("z", -40.0, degrees=True), SHIFT_M + 5.0
+    scans = [
+        (np.vstack([np.zeros((7, 3)), own_frame(POINTS_M[:900], TURN, SHIFT_M)]), TURN, SHIFT_M),
+        (np.zeros((3, 3)), *other),
+        (own_frame(POINTS_M[900:], *other), *other),
+    ]
+    path = ptx(tmp_path / "cloud.ptx", scans)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
+    cloud = read_clouds([path])
+    assert np.bincount(cloud.station).tolist() == [900, 600]
+    assert cloud.sources[0].left_out == 10
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("columns\n1\n", "is none of a scan"),
+        ("3\n1\n0 0 0\n1 0 0\n", "is none of a scan"),
+        ("999999999\n9\n" + "0 0 0\n" * 4 + "1 0 0 0\n" * 4, "more than the file can hold"),
+        ("2\n1\n" + "0 0 0\n" * 4 + "1 0 0 0\n0 1 0 0\n0 0 1 0\n5 5 5 1\n1 2 3 .5\n" + "\n" * 40, "1 of the 2"),
+        ("1\n1\n" + "0 0 0\n" * 4 + "1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n1 2 3 .5\n", "in its fourth row"),
+        ("1\n1\n" + "0 0 0\n" * 4 + "2 0 0 0\n0 2 0 0\n0 0 2 0\n0 0 0 1\n1 2 3 .5\n", "turn and shift alone"),
+    ],
+)  # fmt: skip
+def test_a_ptx_that_is_damaged_or_scaled_is_refused_by_what_is_wrong(tmp_path, content, said):
+    path = tmp_path / "cloud.ptx"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said):
+        read_clouds([path])
+
+
 def all_invalid(points):
     return {**cartesian(points), "cartesianInvalidState": np.full(len(points), 2, np.int8)}
 

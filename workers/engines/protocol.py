@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
 
 from toppling.models.contact import ContactProperties
@@ -160,9 +162,12 @@ class Engine:
         InputError
             If it is not.
         """
-        try:
-            import_module(self.imports)
-        except ImportError:
+        there = None
+        with contextlib.suppress(ImportError):  # of the package that it lies in
+            there = find_spec(
+                self.imports
+            )  # not imported: PyBullet then writes to every terminal when it was built
+        if there is None:
             raise InputError(
                 f"{self.title} is not installed here",
                 where=f"engine {self.name}",
@@ -170,7 +175,7 @@ class Engine:
                 remedy=f"pip install 'toppling[{self.extra}]', or take another engine"
                 if self.extra
                 else "install toppling anew",
-            ) from None
+            )
 
     def integrator(self, problem: Problem, pool: Pool | None = None) -> Integrator:
         """The integrator of one shake.

@@ -2,6 +2,8 @@
 
 import dataclasses
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,13 +55,24 @@ def test_an_engine_is_added_by_one_entry_and_its_module(monkeypatch):
         shake(Scene.block(0.1, 0.1, 0.5, restitution=0.5), PUSH, engine="another")
 
 
-def test_an_engine_that_is_not_installed_is_refused_with_its_extra(monkeypatch):
+@pytest.mark.parametrize("imports", ["absent", "absent.part"])
+def test_an_engine_that_is_not_installed_is_refused_with_its_extra(monkeypatch, imports):
     absent = dataclasses.replace(
-        engines.ENGINES[engines.DEFAULT], name="absent", imports="absent", extra="absent"
+        engines.ENGINES[engines.DEFAULT], name="absent", imports=imports, extra="absent"
     )
     monkeypatch.setitem(engines.ENGINES, "absent", absent)
     with pytest.raises(InputError, match=r"pip install 'toppling\[absent\]'"):
         shake(Scene.block(0.1, 0.1, 0.5), PUSH, engine="absent")
+
+
+def test_a_shake_writes_nothing_to_the_terminal():
+    program = (
+        "from toppling import Motion, Scene, shake; import numpy as np;"
+        "shake(Scene.block(0.1, 0.1, 0.5), Motion(np.full((50, 3), 3.0), 0.01))"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert told.stdout == ""
+    assert "pybullet" not in told.stderr.casefold()
 
 
 def test_the_world_in_which_a_rock_was_let_down_is_made_the_first_in_which_it_is_shaken(monkeypatch):

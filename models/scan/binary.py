@@ -6,7 +6,7 @@ header counts is compared with what the file can hold before room is made for it
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import unit_of_remarks
 from toppling.models.scan import reference
+from toppling.models.scan.scans import NOWHERE, Pose, in_survey
 from toppling.models.scan.steps import coordinate_steps
 
 _NOISE = (7, 18)
@@ -155,25 +156,19 @@ def e57(path: Path) -> Points:
     headers = [source.get_header(index) for index in range(source.scan_count)]
     headers = [header for header in headers if header.point_count]
     _check_count(sum(header.point_count for header in headers), path)
-    scans, steps, nowhere, invalid = [], [np.zeros(3)], 0, 0
-    for header in headers:
-        points = _e57_points(source, header, path)
-        invalid += header.point_count - len(points)
-        returned = points.any(axis=1)
-        nowhere += int((~returned).sum())
-        points = points if returned.all() else points[returned]
-        steps.append(coordinate_steps(points))
-        scans.append(_posed(points, header.node, path))
+    invalid = 0
+
+    def scans() -> Iterator[tuple[NDArray[np.float64], Pose]]:
+        nonlocal invalid
+        for header in headers:
+            points = _e57_points(source, header, path)
+            invalid += header.point_count - len(points)
+            yield points, _e57_pose(header.node, path)
+
+    points, station, step, nowhere = in_survey(scans())
     stated = _said(lambda: (None, _e57_system(source, headers, path)))
-    stated["step"] = np.max(steps, axis=0).tolist()
-    stated["left_out"] = {
-        "are flagged invalid": invalid,
-        "lie at 0, 0, 0 of their scanner, where no beam came back,": nowhere,
-    }
-    if not scans:
-        return stated, [np.empty((0, 3)), np.empty(0, np.int32)]
-    lengths = [len(scan) for scan in scans]
-    return stated, [np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), lengths)]
+    stated |= {"step": step.tolist(), "left_out": {"are flagged invalid": invalid, NOWHERE: nowhere}}
+    return stated, [points, station]
 
 
 def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
@@ -209,21 +204,21 @@ def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) ->
     return points[data[names[3]] == 0] if len(names) > 3 else points
 
 
-def _posed(points: NDArray[np.float64], node: Any, path: Path) -> NDArray[np.float64]:
-    """Points of a scan in the frame of the file."""
+def _e57_pose(node: Any, path: Path) -> Pose:
+    """Pose of a scan in the frame of the file."""
     from scipy.spatial.transform import Rotation
 
-    turn, shift = _pose(node, "rotation", "xyzw", path), _pose(node, "translation", "xyz", path)
-    if turn is not None:
-        if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
-            raise _damaged(
-                f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path
-            )
-        points = points @ Rotation.from_quat(turn).as_matrix().T
-    return points if shift is None else points + shift
+    turn, shift = _part(node, "rotation", "xyzw", path), _part(node, "translation", "xyz", path)
+    if turn is None:
+        return None, shift
+    if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
+        raise _damaged(
+            f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path
+        )
+    return Rotation.from_quat(turn).as_matrix().T, shift
 
 
-def _pose(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] | None:
+def _part(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] | None:
     """Numbers of a part of a scan's pose by their names; None if there is none."""
     if not node.isDefined("pose") or not node["pose"].isDefined(part):
         return None

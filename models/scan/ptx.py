@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import refusals
-from toppling.models.scan.steps import coordinate_steps
+from toppling.models.scan.scans import NOWHERE, Pose, in_survey
 
 _LEAST_BYTES = 7
 """Of a point's line: 0 0 0 0."""
@@ -22,13 +23,11 @@ _damaged = refusals(
     remedy="export the file again as PTX or E57",
 )
 
-Scans = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], dict[str, int]]
 
-
-def read_ptx(path: Path) -> Scans:
+def read_ptx(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], dict[str, int]]:
     """Read every scan in the coordinates of the survey.
-
-    Beams that did not come back are 0, 0, 0 in their scan's own frame, and left out.
 
     Returns
     -------
@@ -39,31 +38,20 @@ def read_ptx(path: Path) -> Scans:
     InputError
         If a header is none, a pose does not turn rigidly, or points are missing.
     """
-    scans, steps, nowhere = [], [np.zeros(3)], 0
+    points, station, step, nowhere = in_survey(_scans(path))
+    return points, station, step, {NOWHERE: nowhere}
+
+
+def _scans(path: Path) -> Iterator[tuple[NDArray[np.float64], Pose]]:
+    """Points (n, 3) of each scan in its own frame, and its pose."""
     with path.open(encoding="latin-1") as file:
         while first := next((line for line in file if line.strip()), ""):
-            count, turn, shift = _header(first, file, path)
-            points = _points(file, count, path)
-            returned = points.any(axis=1)
-            nowhere += count - int(returned.sum())
-            points = points[returned]
-            steps.append(coordinate_steps(points))
-            with np.errstate(
-                invalid="ignore", over="ignore"
-            ):  # points that are not finite are left out with others
-                scans.append(points @ turn + shift)
-    scans = [scan for scan in scans if len(scan)]
-    lengths = [len(scan) for scan in scans]
-    return (
-        np.concatenate(scans) if scans else np.empty((0, 3)),
-        np.repeat(np.arange(len(scans), dtype=np.int32), lengths),
-        np.max(steps, axis=0),
-        {"lie at 0, 0, 0 of their scanner, where no beam came back,": nowhere},
-    )
+            count, pose = _header(first, file, path)
+            yield _points(file, count, path), pose
 
 
-def _header(first: str, file: TextIO, path: Path) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-    """Number of points of a scan, and what turns (3, 3) and shifts (3,) them, as rows, into the survey's frame."""
+def _header(first: str, file: TextIO, path: Path) -> tuple[int, Pose]:
+    """Number of points of a scan, and its pose."""
     try:
         columns, rows = int(first), int(next(file))
         for _ in range(4):  # position and axes, which the pose has too
@@ -80,7 +68,7 @@ def _header(first: str, file: TextIO, path: Path) -> tuple[int, NDArray[np.float
     rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _UNIT_ROTATION and np.linalg.det(turn) > 0.0
     if not (rigid and np.allclose(pose[:, 3], (0.0, 0.0, 0.0, 1.0), atol=_UNIT_ROTATION)):
         raise _damaged("a scan's pose does not turn and shift alone, the shift in its fourth row", path)
-    return count, turn, pose[3, :3]
+    return count, (turn, pose[3, :3])
 
 
 def _numbers(line: str, count: int) -> list[float]:

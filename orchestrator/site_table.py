@@ -27,15 +27,10 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
-from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.ages import parse_age, unit_years
 
 _SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
-_AGE = re.compile(
-    r"(?:[\d.,eE+*/ ±\u2013-]|(?<=[\d ])(?:ka|kyr|ky|a|yrs?|years?|to)(?![a-z]))+", re.IGNORECASE
-)
-_AGE_IN = re.compile(r"age[ _]*[(\[]?(?P<unit>ka|kyr|ky|a|yrs?|years?)[)\]]?")
-"""Name of a column of ages in a unit."""
 _PLACE = ("longitude", "latitude")
 _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
 """Names of columns that people write shorter."""
@@ -49,10 +44,10 @@ def _name(given: Any, place: Place) -> str:
 
 def _age(given: Any, place: Place) -> str:
     text = f"{given:g}" if is_number(given) else given
-    if not isinstance(text, str) or not _AGE.fullmatch(text):  # a file would not go with the table
+    if not isinstance(text, str):
         raise place.wrong(shown(given))
     try:
-        parse_age(text)
+        parse_age(text, files=False)  # one would not go with the table
     except InputError as error:  # which does not know the row
         raise place.wrong(shown(given), error.expected) from None
     return text
@@ -150,7 +145,7 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
     ]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
     names = {column: _SHORT.get(name, name) for column, name in written.items()}
-    in_unit = {column: found["unit"] for column, name in names.items() if (found := _AGE_IN.fullmatch(name))}
+    in_unit = {n: name.replace("age", "") for n, name in names.items() if "age" in name and unit_years(name)}
     names |= dict.fromkeys(in_unit, "age")
     if "scene" not in names.values():
         header = shown(", ".join(written.values()))
@@ -178,7 +173,7 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
 
 def _of_cell(name: str, text: str, unit: str) -> Any:
     if unit and not text[-1].isalpha():
-        return f"{text} {unit}"
+        return f"{text} {unit.strip(' _()[]')}"
     if name in _PLACE:
         return text if (degrees := degrees_of(text, name)) is None else degrees
     try:  # no friction reaches a thousand: a comma is a decimal one

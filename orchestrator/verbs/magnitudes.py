@@ -21,6 +21,7 @@ from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_roc
 from toppling.orchestrator.verbs.hazard import SiteCommand
 from toppling.orchestrator.verbs.shared_options import FILE, FOLDER, PATH, json_option, option, trusted_option
 from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
@@ -146,7 +147,7 @@ def magnitudes(
     answer = Answer(standing, grid, at_traces, occurrences, traces)
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
-        **asked, "confidence": confidence, "age": age,
+        **asked, "confidence": confidence, "age": age, "age_years": float(years.mean()) if age else None,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
     shares = None
@@ -319,7 +320,8 @@ def _words(statement: dict[str, Any]) -> str:
     models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in statement["models"])
     lines = [
         f"{statement['rock']}: median {statement['median']:.3g} {printed_unit(statement['measure'])} "
-        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}; models: {models}; "
+        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}{age_words(statement['age_years'])}; "
+        f"models: {models}; "
         f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]
     for one in statement["occurrences"]:

@@ -145,7 +145,7 @@ def all_words(statement: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _age(years: float | None) -> str:
+def age_words(years: float | None) -> str:
     """How long a rock has stood; nothing where that is not known."""
     if years is None:
         return ""
@@ -158,7 +158,7 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
-        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}{_age(rock.get('age_years'))}"
+        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}{age_words(rock.get('age_years'))}"
         for rock in statement["rocks"]
     ]
     lines.append(

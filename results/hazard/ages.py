@@ -21,14 +21,21 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
 from toppling.models.files.spreadsheet import plain_table
+from toppling.models.motions.formats.decoding import text_of
 
 _AGE_SAMPLES = 400
 
-UNITS = {
-    **dict.fromkeys(("years", "year", "yr", "age_years", "age_yr"), 1.0),
-    **dict.fromkeys(("ka", "kyr", "age_ka", "age_kyr"), 1000.0),
+_UNITS = {
+    **dict.fromkeys(("years", "year", "yrs", "yr", "y", "a"), 1.0),
+    **dict.fromkeys(("ka", "kyrs", "kyr", "kya", "ky", "k", "thousand years"), 1e3),
+    **dict.fromkeys(("ma", "myr", "mya"), 1e6),
 }
-"""Years of one unit, by the header of a file of ages."""
+"""Years of one unit."""
+_PRESENT = re.compile(r"\b(?:cal(?:ibrated)?\b\.?|bp\b|b\.p\.|before present|ago\b|b2k\b)")
+"""Words for how years are counted back, which to a rock's age are one."""
+_ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?)")
+_DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
+"""Dots between thousands; nobody states an age to a thousandth of a year."""
 
 _ABSENT, _AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
@@ -60,7 +67,20 @@ class Since:
     factor: float = math.inf  # medians before that, over today's; infinite for a rock that could not topple
 
 
-def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
+def unit_years(name: str) -> float | None:
+    """Years of the unit in the name of a column of ages: `years`, `age (ka)`, `cal yr BP`; None if it names none.
+
+    Examples
+    --------
+    >>> [unit_years(name) for name in ("Age [ka BP]", "cal_yr_BP", "age", "site")]
+    [1000.0, 1.0, None, None]
+    """
+    bare, counted_back = _PRESENT.subn(" ", re.sub(r"[\s_()\[\],/]+", " ", name.lower()))
+    unit = " ".join(bare.replace("age", "", 1).split())
+    return _UNITS.get(unit or ("years" if counted_back else ""))
+
+
+def parse_age(text: str, where: str = "--age", files: bool = True) -> NDArray[np.float64]:
     """Read an age as equally likely years.
 
     Parameters
@@ -72,6 +92,8 @@ def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
         with the header `years` (or `ka`) and perhaps a second column `weight`.
     where : str
         Option that states it, for errors.
+    files : bool
+        Whether it may be a path.
 
     Returns
     -------
@@ -84,7 +106,7 @@ def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
         If the text is none of these, or the file has no header.
     """
     try:
-        ages = _of_file(Path(text)) if Path(text).is_file() else _of_words(text)
+        ages = _of_file(Path(text)) if files and Path(text).is_file() else _of_words(text)
     except InputError:
         raise
     except ValueError:
@@ -217,7 +239,7 @@ def exposure(ages: NDArray[np.float64], since: Sequence[Since | None] | None = N
 
 _SPELLINGS = (
     (r"±|\+ ?/ ?-", "+-"),
-    (r"[\u2013\u2014]| to ", "-"),
+    (r"[\u2013\u2014]| to |(?<=\d) ?~ ?(?=\d)", "-"),
     (r"(?<!\d)(?<!\d\.)(\d{1,3})[, '\u2019\u00a0\u202f](?=\d{3}(?:\D|$))", r"\1"),
     (r"(?<=\d),(?=\d)", "."),
     (r"(?<=\d)\s*-\s*(?=\d)", ".."),
@@ -225,19 +247,22 @@ _SPELLINGS = (
 """Signs that people write, and what they stand for; a minus between two numbers is a range, behind 'e' it is not."""
 _WIDEST = 500.0
 """Ratio of a range's ends from which on one is in thousands: 15-30,000."""
-_UNIT = re.compile(r"\s*(ka|kyrs?|ky|a|yrs?|years?)\s*$")
+_UNIT = re.compile(rf"(?<![a-z])\s*({'|'.join(sorted(_UNITS, key=len, reverse=True))})\s*$")
 
 
 def _of_words(text: str) -> NDArray[np.float64]:
-    """Years of an age in words, in ka where it ends so."""
-    text = text.strip().lower()
+    """Years of an age in words, in thousands or millions where it ends so."""
+    text = _ABOUT.sub("", _PRESENT.sub(" ", text.strip().lower()))
     unit = _UNIT.search(text)
     plain = _UNIT.sub("", text)
+    years = _UNITS[unit[1]] if unit else 1.0
     if unit:
         plain = re.sub(rf"(?<=\d)\s*{unit[1]}(?=[^\w])", "", plain)  # 15 ka - 30 ka
+    if years == 1.0:
+        plain = _DOTTED.sub(lambda found: found[1].replace(".", ""), plain)
     for pattern, sign in _SPELLINGS:
         plain = re.sub(pattern, sign, plain)
-    return _years(plain, 1000.0 if unit and unit[1].startswith("k") else 1.0)
+    return _years(plain, years)
 
 
 def _years(text: str, unit: float = 1.0) -> NDArray[np.float64]:
@@ -278,27 +303,27 @@ def _of_file(path: Path) -> NDArray[np.float64]:
 
 def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Years and weights of a file, weights of one where it has none."""
-    try:
-        # A byte order mark would hide that the first line is a number.
-        lines = plain_table(path.read_text(encoding="utf-8-sig").splitlines())
-    except UnicodeDecodeError as error:
-        raise _file_error(path, "it is no text in UTF-8") from error
+    text = text_of(path.read_bytes())
+    if text is None:
+        raise _file_error(path, "it is no text")
+    lines = plain_table(text.splitlines())
     try:
         rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if any(row)]
     except csv.Error as error:
         raise _file_error(path, f"it is no CSV ({error})") from error
-    names = (
-        ["_".join(re.split(r"[\s_()\[\]]+", name.lower().strip(" ()[]"))) for name in rows[0]] if rows else []
-    )
-    if not names or names[0] not in UNITS:
+    names = [name.strip() for name in rows[0]] if rows else []
+    unit = unit_years(names[0]) if names else None
+    if unit is None:
         raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
-    if names[1:] not in ([], ["weight"]):
+    if [name.lower() for name in names[1:]] not in ([], ["weight"]):
         raise _file_error(path, f"it has the columns {', '.join(names)}")
+    if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
+        raise _file_error(path, f"{rows[1][0]!r} may be decimals, or thousands with a dot between")
     try:
         table = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
     except ValueError as error:
         raise _file_error(path, f"it has a line that is no {' and '.join(names)} ({error})") from error
-    years = table[:, 0] * UNITS[names[0]]
+    years = table[:, 0] * unit
     weights = table[:, 1] if len(names) > 1 else np.ones(len(table))
     if not (len(table) and np.isfinite(table).all() and (years > 0).all()):
         raise _file_error(path, "there is none, or one that is not above zero")

@@ -25,6 +25,7 @@ from toppling.results.analysis.fragility import (
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
+from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
 from toppling.results.drawing.friction_figures import friction_figure
@@ -282,7 +283,8 @@ def _constraint_section(content: Content, document: Document) -> str:
             f"{event}<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of "
             "exceedance, and tests hazard curves (<code>--hazard FILE</code>).</p>"
         )
-    return event + rejected_part(constraint, document) + branches_table(said, document)
+    stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0]['age_years'])}.")
+    return event + stood + rejected_part(constraint, document) + branches_table(said, document)
 
 
 def _failures_section(content: Content, document: Document) -> str:

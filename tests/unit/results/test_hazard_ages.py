@@ -32,11 +32,35 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
         ("20±3 ka", "20000+-3000"), ("20000 +/- 3000 yr", "20000+-3000"), ("20*/1.2 ka", "20000*/1.2"),
         ("15,000 - 30,000", "15000..30000"), ("15,000..30,000", "15000..30000"), ("15 000 – 30 000", "15000..30000"),
         ("15 ka - 30 ka", "15000..30000"), ("15 to 30 ka", "15000..30000"), ("15 ka ± 2 ka", "15000+-2000"),
-        ("1,234,567", "1234567"),
+        ("1,234,567", "1234567"), ("15.000 - 30.000", "15000..30000"), ("15.000..30.000", "15000..30000"),
+        ("1.500", "1500"), ("15.000 ka", "15000"), ("12.5k", "12500"), ("~15 ka", "15000"), ("ca. 15 ka", "15000"),
+        ("15,000 cal yr BP", "15000"), ("13.2 cal ka BP", "13200"), ("15~30 ka", "15000..30000"),
+        ("0.1-0.2 Ma", "100000..200000"), ("15 thousand years ago", "15000"),
     ],
 )  # fmt: skip
 def test_ages_are_read_as_people_write_them(text, meant):
     assert parse_age(text) == pytest.approx(parse_age(meant))
+
+
+@pytest.mark.parametrize(
+    "text", ["15000 14C yr BP", "AD 1872", "1872 CE", ">15 ka", "15±2 ka (2σ)", "500 a - 15 ka"]
+)
+def test_an_age_that_is_more_than_a_number_of_years_is_refused(text):
+    with pytest.raises(InputError, match="no age"):
+        parse_age(text)
+
+
+def test_a_file_of_ages_may_be_in_utf_16_and_name_its_unit_as_geologists_do(tmp_path):
+    (tmp_path / "ages.csv").write_bytes("Age (cal ka BP),weight\r\n15,1\r\n30,1\r\n".encode("utf-16"))
+    assert parse_age(str(tmp_path / "ages.csv")).mean() == pytest.approx(22500)
+
+
+def test_a_file_of_ages_that_may_be_decimals_or_thousands_is_refused(tmp_path):
+    (tmp_path / "ages.csv").write_text("years\n15.000\n30.000\n")
+    with pytest.raises(InputError, match="may be decimals, or thousands with a dot"):
+        parse_age(str(tmp_path / "ages.csv"))
+    (tmp_path / "ages.csv").write_text("years\n15000.000\n950.500\n")
+    assert parse_age(str(tmp_path / "ages.csv")).max() == 15000
 
 
 @pytest.mark.parametrize("text", ["1000\n3000\n", "\ufeff1000\n3000\n", "1000,1\n3000,3\n"])

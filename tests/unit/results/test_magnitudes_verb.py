@@ -54,6 +54,12 @@ def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
     assert row["magnitude_low"] < row["magnitude"] < row["magnitude_high"]
 
 
+def test_it_says_for_how_many_years_it_took_the_rock_to_stand(curves):
+    said = magnitudes(curves, "--recurrence", "500", "--age", "15.000 - 30.000").stdout
+    assert "stood for 22,500 years" in said
+    assert "is that in ka?" in magnitudes(curves, "--recurrence", "500", "--age", "15").stdout
+
+
 def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(curves, faults, tmp_path):
     out = tmp_path / "out"
     asked = [curves, "--events", "5", "--faults", faults, "--site", "-118", "34.7", "--out", str(out)]

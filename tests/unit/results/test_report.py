@@ -117,6 +117,7 @@ def test_the_first_screen_says_what_topples_with_what_probability_and_what_stand
     assert "topples the rock in one case in two" in sentences[0]
     assert "Of 72 shakings (12 records" in sentences[1]
     assert "rejects 1 of 2 hazard curves (loud)" in sentences[2]
+    assert "stood for 20,000 years" in page
 
 
 @pytest.mark.slow

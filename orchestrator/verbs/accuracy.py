@@ -18,29 +18,24 @@ from toppling.orchestrator.studies.accuracy import (
     draw_jobs,
     settings,
 )
-from toppling.orchestrator.verbs.shared_options import (
-    ensemble_argument,
-    folder_out,
-    option,
-    processes_option,
-    scene_argument,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.drawing.study_figures import front_figure
 from toppling.results.drawing.style import save
 from toppling.workers.options import PRESETS
 
 
 @click.command()
-@scene_argument
-@ensemble_argument
-@folder_out
+@shared.scene_argument
+@shared.ensemble_argument
+@shared.folder_out
 @option("--jobs", "count", type=click.IntRange(10), default=200, help="Number of jobs.")
 @option(
     "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), metavar="LOW HIGH",
     help="Range from which PGA is drawn, m/s2.",
 )  # fmt: skip
 @option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
-@processes_option
+@shared.processes_option
 def accuracy(
     scene: Path,
     ensemble: Path,

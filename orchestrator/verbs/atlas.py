@@ -13,7 +13,8 @@ from toppling.models.files.folder import write_text
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
-from toppling.orchestrator.verbs.shared_options import FOLDER, PATH, json_option, option, samples_option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.geography import directions_geojson, geojson
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.analysis.side_by_side import Beside, beside_each_other
@@ -26,16 +27,16 @@ from toppling.results.reader import Run, open_run
 
 
 @click.command()
-@click.argument("runs", nargs=-1, required=True, type=PATH, metavar="RUN...")
-@option("--out", type=FOLDER, help="Folder; default RUN/atlas.")
+@click.argument("runs", nargs=-1, required=True, type=shared.PATH, metavar="RUN...")
+@option("--out", type=shared.FOLDER, help="Folder; default RUN/atlas.")
 @option(
     "--measure", type=click.Choice(COMPARED), default=HEADLINE_MEASURE, metavar="MEASURE",
     help="Intensity measure of all fragilities, a column of the results.",
 )  # fmt: skip
 @option("--shared", is_flag=True, help="Use only the records and levels that all rocks share.")
 @option("--reports", is_flag=True, help="Also write the report of each rock that has none.")
-@samples_option(SAMPLES)
-@json_option("Print the table as JSON.")
+@shared.samples_option(SAMPLES)
+@shared.json_option("Print the table as JSON.")
 def atlas(
     runs: tuple[Path, ...],
     out: Path | None,

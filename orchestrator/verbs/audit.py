@@ -7,17 +7,18 @@ from typing import Any
 
 import click
 
-from toppling.orchestrator.verbs.shared_options import json_option, option, run_argument
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 
 @click.command()
-@run_argument
+@shared.run_argument
 @option(
     "--jobs", type=click.IntRange(min=1),
     help="Size of the sample; by default as many jobs as cost a tenth of the run.",
 )  # fmt: skip
-@json_option("Print the statement as JSON.")
+@shared.json_option("Print the statement as JSON.")
 @cluster_options
 def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     """Repeat a random sample of RUN's jobs and state how far its answers may be off.

@@ -23,8 +23,9 @@ from toppling.orchestrator.studies.check_sites import (
     seismograms_of,
 )
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
-from toppling.orchestrator.verbs.shared_options import PATH, json_option, option, scene_argument
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
@@ -37,8 +38,8 @@ _SCENARIOS_SHOWN = 12
 
 
 @click.command()
-@scene_argument
-@click.argument("seismograms", nargs=-1, type=PATH)
+@shared.scene_argument
+@click.argument("seismograms", nargs=-1, type=shared.PATH)
 @option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @option("--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'.")
 @option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
@@ -53,7 +54,7 @@ _SCENARIOS_SHOWN = 12
     "--out", type=click.Path(path_type=Path, file_okay=False),
     help="Of many rocks: folder for rows, matrix and figure.",
 )  # fmt: skip
-@json_option()
+@shared.json_option()
 def check(
     scene: Path,
     seismograms: tuple[Path, ...],

@@ -13,19 +13,13 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.by_events import EventOptions
 from toppling.orchestrator.public.constraining import Dates
 from toppling.orchestrator.public.constraining import constrain as state
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.shared_options import (
-    ABOVE_0,
-    FOLDER,
-    PATH,
-    json_option,
-    option,
-    trusted_option,
-)
+from toppling.orchestrator.verbs.shared_options import option
 
 
 @click.command(cls=SiteCommand)
-@click.argument("rocks", nargs=-1, required=True, type=PATH, metavar="ROCK...")
+@click.argument("rocks", nargs=-1, required=True, type=shared.PATH, metavar="ROCK...")
 @option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=HAZARD_HELP)
 @option(
     "--age", multiple=True,
@@ -46,9 +40,9 @@ from toppling.orchestrator.verbs.shared_options import (
     help="Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.",
 )  # fmt: skip
 @option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
-@trusted_option
+@shared.trusted_option
 @option(
-    "--stood", multiple=True, type=PATH, metavar="FILE",
+    "--stood", multiple=True, type=shared.PATH, metavar="FILE",
     help="Recorded motion that the rock is known to have survived (one --stood per file), or an ensemble's folder; it "
     "weights the draws of the base.",
 )  # fmt: skip
@@ -62,11 +56,11 @@ from toppling.orchestrator.verbs.shared_options import (
     help="Of the residuals of PGA and PGV in one earthquake, for their two curves; 0.733 if not given.",
 )  # fmt: skip
 @option(
-    "--event-rate", type=ABOVE_0,
+    "--event-rate", type=shared.ABOVE_0,
     help="Annual rate of a scenario, which states none.",
 )  # fmt: skip
 @option(
-    "--catalogue-years", type=ABOVE_0,
+    "--catalogue-years", type=shared.ABOVE_0,
     help="Years that each branch's events were simulated for, where no file states them.",
 )  # fmt: skip
 @option(
@@ -76,7 +70,7 @@ from toppling.orchestrator.verbs.shared_options import (
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
 @option(
-    "--ratio", type=ABOVE_0, default=1.0,
+    "--ratio", type=shared.ABOVE_0, default=1.0,
     help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
 )  # fmt: skip
 @option(
@@ -84,10 +78,10 @@ from toppling.orchestrator.verbs.shared_options import (
     help="What the hazard's values are, where its files do not say: annual rates, or probabilities over some years.",
 )  # fmt: skip
 @option(
-    "--out", type=FOLDER,
+    "--out", type=shared.FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",
 )  # fmt: skip
-@json_option()
+@shared.json_option()
 def constrain(
     rocks: tuple[Path, ...],
     common_date: bool,

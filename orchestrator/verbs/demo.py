@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.verbs.shared_options import FOLDER, option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 _MARK = ".demo"
 _RECORDS = 24
@@ -38,7 +39,9 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 
 
 @click.command()
-@option("--out", type=FOLDER, default=Path("demo"), help="Folder; that of an earlier demo is replaced.")
+@option(
+    "--out", type=shared.FOLDER, default=Path("demo"), help="Folder; that of an earlier demo is replaced."
+)
 @option("--workers", type=click.IntRange(min=1), default=2, help="Local workers.")
 @option(
     "--seconds", type=click.FloatRange(min=0.0), default=75.0,

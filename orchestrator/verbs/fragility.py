@@ -12,13 +12,8 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
-from toppling.orchestrator.verbs.shared_options import (
-    FOLDER,
-    option,
-    run_argument,
-    samples_option,
-    trusted_option,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     FEW_BEYOND,
@@ -37,10 +32,10 @@ _WIDTH = click.FloatRange(0, min_open=True)
 
 
 @click.command()
-@run_argument
-@option("--out", type=FOLDER, help="Folder; default RUN/fragility.")
+@shared.run_argument
+@option("--out", type=shared.FOLDER, help="Folder; default RUN/fragility.")
 @option("--where", help="Only jobs for which this SQL condition holds.")
-@trusted_option
+@shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
 @option("--pga-bin", type=_WIDTH, help="m/s2; default one bin per level.")
 @option("--pgv-bin", type=_WIDTH, default=0.25, help="m/s")
@@ -65,7 +60,7 @@ _WIDTH = click.FloatRange(0, min_open=True)
     "--reference", is_flag=True,
     help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
 )  # fmt: skip
-@samples_option(SAMPLES)
+@shared.samples_option(SAMPLES)
 def fragility(
     run: Path,
     out: Path | None,

@@ -20,28 +20,22 @@ from toppling.orchestrator.campaign import KEYS, LARGEST_PGA_M_S2, Campaign
 from toppling.orchestrator.pilot import RECORDS, Pilot, Statics, levels_to_try, statics_of, try_out
 from toppling.orchestrator.progress import bar, duration
 from toppling.orchestrator.rocks_of_run import Settlings
-from toppling.orchestrator.verbs.shared_options import (
-    FILE,
-    ensemble_argument,
-    option,
-    preset_option,
-    scene_argument,
-    workers_option,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 
 @click.command()
-@scene_argument
-@ensemble_argument
-@option("--out", type=FILE, default=Path("campaign.toml"), help="File to write; must not exist.")
+@shared.scene_argument
+@shared.ensemble_argument
+@option("--out", type=shared.FILE, default=Path("campaign.toml"), help="File to write; must not exist.")
 @option(
     "--friction", "frictions", type=click.FloatRange(0, 1.5, min_open=True), multiple=True,
     help="Repeatable. Default: the scene's own.",
 )  # fmt: skip
 @option("--levels", type=click.IntRange(2), default=12, help="Approximate number of PGA levels.")
 @option("--azimuths", type=click.IntRange(1, 360), default=8, help="Number of evenly spaced azimuths.")
-@preset_option
-@workers_option("Local workers assumed for the time estimate.")
+@shared.preset_option
+@shared.workers_option("Local workers assumed for the time estimate.")
 def init(
     scene: Path,
     ensemble: Path,

@@ -18,8 +18,9 @@ from toppling.models.files.folder import write_text
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.hazard import SiteCommand
-from toppling.orchestrator.verbs.shared_options import FILE, FOLDER, PATH, json_option, option, trusted_option
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
@@ -48,7 +49,7 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
 @click.command(cls=SiteCommand)
-@click.argument("rock", type=PATH, metavar="ROCK")
+@click.argument("rock", type=shared.PATH, metavar="ROCK")
 @option(
     "--model", "models", multiple=True, default=("bssa14",), metavar="NAME[=WEIGHT]",
     help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
@@ -82,7 +83,7 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     help="Years; mean recurrence of the earthquake (Poisson), with --age; repeatable.",
 )  # fmt: skip
 @option("--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'.")
-@option("--faults", type=FILE, help="Fault traces (GeoJSON), with --site.")
+@option("--faults", type=shared.FILE, help="Fault traces (GeoJSON), with --site.")
 @option(
     "--site",
     type=float,
@@ -91,7 +92,7 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     help="Degrees, or with compass letters; where the rock stands.",
 )
 @option(
-    "--deaggregation", type=FILE,
+    "--deaggregation", type=shared.FILE,
     help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",
 )  # fmt: skip
 @option(
@@ -99,9 +100,9 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     help="Ratio of the peak of the horizontal vector to the models' component (RotD50).",
 )  # fmt: skip
 @option("--where", help="Only jobs of the run for which this SQL condition holds.")
-@trusted_option
-@option("--out", type=FOLDER, help="Folder for statement, tables, figures.")
-@json_option()
+@shared.trusted_option
+@option("--out", type=shared.FOLDER, help="Folder for statement, tables, figures.")
+@shared.json_option()
 def magnitudes(
     rock: Path,
     models: tuple[str, ...],

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.files.folder import new_file
-from toppling.orchestrator.verbs.shared_options import FILE, json_option, option, workers_option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.running import Planned
 
 
 @click.command()
-@click.argument("campaign", type=FILE)
-@option("--out", "table", type=FILE, help="Write the job table (Parquet).")
-@workers_option("Local workers assumed for the time estimate.")
+@click.argument("campaign", type=shared.FILE)
+@option("--out", "table", type=shared.FILE, help="Write the job table (Parquet).")
+@shared.workers_option("Local workers assumed for the time estimate.")
 @option("--no-estimate", is_flag=True, help="Do not estimate the time.")
-@json_option("Print the counts as JSON.")
+@shared.json_option("Print the counts as JSON.")
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 

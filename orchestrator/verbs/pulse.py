@@ -11,22 +11,17 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.replay import replay_of, write_out
-from toppling.orchestrator.verbs.shared_options import (
-    AZIMUTH,
-    folder_out,
-    option,
-    preset_option,
-    scene_argument,
-)
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.friction_comparison import friction_words
 
 _SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 
 
 @click.command()
-@scene_argument
-@folder_out
+@shared.scene_argument
+@shared.folder_out
 @option(
     "--shape", type=OneOf(list(_SHAPES)), default="sawtooth",
     help="Sawtooth of velocity; sine, cosine or Ricker wavelet of acceleration.",
@@ -34,12 +29,12 @@ _SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 @option("--pgv", "pgv_m_s", type=click.FloatRange(0, 100, min_open=True), default=5.0, help="m/s")
 @option("--period", "period_s", type=click.FloatRange(0.02, 100), default=3.5, help="s")
 @option(
-    "--azimuth", type=AZIMUTH, default=0.0,
+    "--azimuth", type=shared.AZIMUTH, default=0.0,
     help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east, "
     "or a bearing such as N40E.",
 )  # fmt: skip
 @option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
-@preset_option
+@shared.preset_option
 def pulse(
     scene: Path,
     out: Path,

@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 from toppling.models.files.csv_text import plain_frame
 from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reporting import query as answer_of
-from toppling.orchestrator.verbs.shared_options import FILE, option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 
@@ -26,7 +27,7 @@ _SHOWN_ROWS = 60
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
 @option("--csv", "form", flag_value="csv", help="Print CSV.")
 @option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
-@option("--parquet", type=FILE, help="Write a Parquet file.")
+@option("--parquet", type=shared.FILE, help="Write a Parquet file.")
 @option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 @option("--spread", is_flag=True, help="State how much of the spread comes from base, friction and records.")

@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.files.csv_text import write_csv
-from toppling.orchestrator.verbs.shared_options import (
-    ABOVE_0,
-    AZIMUTH,
-    ensemble_argument,
-    folder_out,
-    option,
-    preset_option,
-    processes_option,
-    scene_argument,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,30 +17,32 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@scene_argument
-@ensemble_argument
-@folder_out
+@shared.scene_argument
+@shared.ensemble_argument
+@shared.folder_out
 @option(
     "--records",
     help="Ids of the waveforms, separated by commas. Default: ten spread over PGV/PGA, or all if fewer.",
 )  # fmt: skip
 @option(
-    "--azimuth", type=AZIMUTH,
+    "--azimuth", type=shared.AZIMUTH,
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
 )  # fmt: skip
-@option("--start", "start_m_s2", type=ABOVE_0, default=0.981, help="First PGA, m/s2.")
-@option("--step", "step_m_s2", type=ABOVE_0, default=0.245, help="Step between levels, m/s2.")
-@option("--end", "end_m_s2", type=ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2.")
+@option("--start", "start_m_s2", type=shared.ABOVE_0, default=0.981, help="First PGA, m/s2.")
+@option("--step", "step_m_s2", type=shared.ABOVE_0, default=0.245, help="Step between levels, m/s2.")
 @option(
-    "--peak-displacement", type=ABOVE_0, default=0.3,
+    "--end", "end_m_s2", type=shared.ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2."
+)
+@option(
+    "--peak-displacement", type=shared.ABOVE_0, default=0.3,
     help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
 )  # fmt: skip
 @option("--friction", type=click.FloatRange(0), default=2.0, help="Static and kinetic.")
 @option("--restitution", type=click.FloatRange(0, 1), default=0.0)
-@preset_option
+@shared.preset_option
 @option("--three-components", is_flag=True, help="Shake with all components, not only the stronger one.")
-@processes_option
+@shared.processes_option
 def ramp(
     scene: Path,
     ensemble: Path,

@@ -9,20 +9,10 @@ import click
 from toppling.models.errors import InputError
 from toppling.orchestrator.misspelt import Verbs
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_select import refuse_existing_ensemble, select
 from toppling.orchestrator.verbs.records_shown import import_json, show_catalog, show_notes, show_refusals
-from toppling.orchestrator.verbs.shared_options import (
-    ABOVE_0,
-    EXISTING_FILE,
-    EXISTING_FOLDER,
-    FILE,
-    PATH,
-    corner_option,
-    ensemble_out,
-    json_option,
-    option,
-    replace_option,
-)
+from toppling.orchestrator.verbs.shared_options import option
 
 
 @click.group(cls=Verbs)
@@ -38,10 +28,10 @@ records.add_command(select)
 
 
 @records.command("import")
-@click.argument("paths", nargs=-1, required=True, type=PATH, metavar="FILES-OR-FOLDERS...")
-@ensemble_out
+@click.argument("paths", nargs=-1, required=True, type=shared.PATH, metavar="FILES-OR-FOLDERS...")
+@shared.ensemble_out
 @option(
-    "--metadata", type=EXISTING_FILE,
+    "--metadata", type=shared.EXISTING_FILE,
     help="CSV table, one row per record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
     " processing (corrected or uncorrected) if the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
     " counts of unknown unit.",
@@ -53,13 +43,13 @@ records.add_command(select)
     help="Process every record or none. The default is to process records that their agency has not corrected and,"
     " if that is not stated, those whose displacement drifts.",
 )  # fmt: skip
-@corner_option
+@shared.corner_option
 @option(
     "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
     help="Resample every record to this step with an anti-alias filter.",
 )  # fmt: skip
-@replace_option
-@json_option("Print what was read and left out as JSON.")
+@shared.replace_option
+@shared.json_option("Print what was read and left out as JSON.")
 def _import(
     paths: tuple[Path, ...],
     out: Path,
@@ -113,15 +103,15 @@ def _import(
     "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
 )
 @option(
-    "--radius", "radius_km", type=ABOVE_0,
+    "--radius", "radius_km", type=shared.ABOVE_0,
     help="All stations within this distance of the epicentre, km.",
 )  # fmt: skip
 @option("--stations", help="NET.STA, separated by commas, instead of a radius.")
 @option("--start", help="Start of the window (UTC) if no event is given.")
 @option("--end", help="End of the window (UTC) if no event is given.")
-@ensemble_out
-@corner_option
-@replace_option
+@shared.ensemble_out
+@shared.corner_option
+@shared.replace_option
 def fetch(
     service: str,
     event_service: str | None,
@@ -197,9 +187,9 @@ def _refuse_unclear_request(
 
 
 @records.command()
-@click.argument("ensemble", type=EXISTING_FOLDER)
-@option("--figure", type=FILE, help="Draw spectra and scatter plots into this file.")
-@json_option("Print the catalogue as JSON lines.")
+@click.argument("ensemble", type=shared.EXISTING_FOLDER)
+@option("--figure", type=shared.FILE, help="Draw spectra and scatter plots into this file.")
+@shared.json_option("Print the catalogue as JSON lines.")
 def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     """Show an ensemble as a table, and draw it.
 
@@ -223,14 +213,14 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
 
 @records.command()
-@ensemble_out
+@shared.ensemble_out
 @option("--count", type=click.IntRange(min=1), default=140)
 @option("--seed", type=int, default=1)
 @option(
     "--pulse-share", type=click.FloatRange(0, 1), default=0.15,
     help="Share of records with near-fault pulses.",
 )  # fmt: skip
-@replace_option
+@shared.replace_option
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
     """Make an ensemble of synthetic records.
 

@@ -7,13 +7,8 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.misspelt import OneOf
-from toppling.orchestrator.verbs.shared_options import (
-    EXISTING_FILE,
-    EXISTING_FOLDER,
-    FOLDER,
-    option,
-    replace_option,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
     from toppling.models.motions.deaggregation import Deaggregation
@@ -24,8 +19,8 @@ _MOST_EMPTY = 6
 
 
 @click.command()
-@click.argument("ensemble", type=EXISTING_FOLDER)
-@option("--out", required=True, type=FOLDER, help="Folder of the new ensemble.")
+@click.argument("ensemble", type=shared.EXISTING_FOLDER)
+@option("--out", required=True, type=shared.FOLDER, help="Folder of the new ensemble.")
 @option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
 @option("--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km.")
 @option("--event", help="Part of the name of the event.")
@@ -55,7 +50,7 @@ _MOST_EMPTY = 6
     help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
 )  # fmt: skip
 @option(
-    "--deaggregation", type=EXISTING_FILE,
+    "--deaggregation", type=shared.EXISTING_FILE,
     help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
     " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
 )  # fmt: skip
@@ -64,7 +59,7 @@ _MOST_EMPTY = 6
     "--poe", type=float,
     help="Its probability, where it has several; default the least, of the strongest motion.",
 )  # fmt: skip
-@replace_option
+@shared.replace_option
 def select(
     ensemble: Path,
     out: Path,

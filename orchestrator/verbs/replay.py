@@ -16,7 +16,8 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.run_folder import place_in
-from toppling.orchestrator.verbs.shared_options import FOLDER, option, run_argument
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.friction_comparison import friction_words
 from toppling.results.drawing.trajectory_figures import write_replay
 from toppling.results.reader import Run, open_run
@@ -34,9 +35,9 @@ _SAME = 1e-9
 
 
 @click.command()
-@run_argument
+@shared.run_argument
 @click.argument("job")
-@option("--out", type=FOLDER, help="Default: RUN/replay/JOB.")
+@option("--out", type=shared.FOLDER, help="Default: RUN/replay/JOB.")
 def replay(run: Path, job: str, out: Path | None) -> None:
     """Repeat one JOB of RUN and show how the rock moves.
 

@@ -7,14 +7,15 @@ import click
 
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reporting import report as write_report
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
-from toppling.orchestrator.verbs.shared_options import FILE, option, run_argument, samples_option
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.resampling import SAMPLES
 
 
 @click.command(cls=SiteCommand)
-@run_argument
-@option("--out", type=FILE, help="Default: RUN/report.html.")
+@shared.run_argument
+@option("--out", type=shared.FILE, help="Default: RUN/report.html.")
 @option(
     "--pdf", is_flag=True,
     help="Also print the page to PDF, beside it (with WeasyPrint, Chromium, Chrome or Edge).",
@@ -26,7 +27,7 @@ from toppling.results.analysis.resampling import SAMPLES
 @option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=f"{HAZARD_HELP} Needs --age.")
 @option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", hidden=True)
-@samples_option(SAMPLES)
+@shared.samples_option(SAMPLES)
 def report(
     run: Path,
     out: Path | None,

@@ -14,8 +14,9 @@ from click.core import ParameterSource
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
-from toppling.orchestrator.verbs.shared_options import FOLDER, json_option, option
-from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -52,8 +53,8 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 
 
 @click.command()
-@click.argument("campaign", type=FILE)
-@option("--out", "folder", type=FOLDER, help="Folder of the run.")
+@click.argument("campaign", type=shared.FILE)
+@option("--out", "folder", type=shared.FOLDER, help="Folder of the run.")
 @cluster_options
 @option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
 @option(
@@ -73,9 +74,9 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
     help="End as soon as the shaking at which half topple is known to within SHARE (95 %), such as 5%; with the "
     "campaign's target, if it has one.",
 )  # fmt: skip
-@option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
+@option("--performance-report", "report", type=shared.FILE, help="Write Dask's performance report (HTML).")
 @option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
-@json_option("Print the summary as JSON.")
+@shared.json_option("Print the summary as JSON.")
 def run(
     campaign: Path,
     folder: Path | None,

@@ -12,8 +12,9 @@ from toppling.models.scan.hints_file import KEYS, KINDS, OF_CLOUDS, RIVALS, read
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.browsing import browsing_options, served
-from toppling.orchestrator.verbs.shared_options import AZIMUTH, PATH, json_option, option
+from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
@@ -71,8 +72,8 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 
 
 @click.command()
-@click.argument("files", nargs=-1, type=PATH)
-@option("--out", type=PATH, help="Folder of the scene; must not exist.")
+@click.argument("files", nargs=-1, type=shared.PATH)
+@option("--out", type=shared.PATH, help="Folder of the scene; must not exist.")
 @option(
     "--units", type=click.Choice(list(METRES)),
     help="Unit of the coordinates; it wins over what the files say. Metres where neither says anything.",
@@ -105,7 +106,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help="Survey coordinates near the top of your rock, where several rocks stand.",
 )  # fmt: skip
 @option(
-    "--plane", type=(float, float, float, float, AZIMUTH), metavar="X Y Z SLOPE AZIMUTH",
+    "--plane", type=(float, float, float, float, shared.AZIMUTH), metavar="X Y Z SLOPE AZIMUTH",
     help="The measured interface: one of its points, its slope and the azimuth of its dip, degrees from east to north "
     "or a bearing such as N40E.",
 )  # fmt: skip
@@ -118,13 +119,13 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
 )  # fmt: skip
 @option(
-    "--contact", type=PATH, metavar="FILE",
+    "--contact", type=shared.PATH, metavar="FILE",
     help="CSV of places at the base: x,y,z,touch where rock and pedestal touch, x,y,z,daylight where light passes.",
 )  # fmt: skip
 @option("--touch", multiple=True, callback=_place, metavar="X,Y,Z", help="A place that touches.")
 @option("--daylight", multiple=True, callback=_place, metavar="X,Y,Z", help="A place where light passes.")
 @option(
-    "--pull", type=(AZIMUTH, float), multiple=True, metavar="AZIMUTH RATIO",
+    "--pull", type=(shared.AZIMUTH, float), multiple=True, metavar="AZIMUTH RATIO",
     help="A pull or tilt test: the azimuth of the pull, 0 to 360 degrees counter-clockwise from east or a bearing such "
     "as N40E, and the largest force that the rock bore, over its weight.",
 )  # fmt: skip
@@ -138,11 +139,11 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     "unless given.",
 )  # fmt: skip
 @option(
-    "--hints", type=PATH, metavar="FILE", is_eager=True, expose_value=False, callback=_hinted,
+    "--hints", type=shared.PATH, metavar="FILE", is_eager=True, expose_value=False, callback=_hinted,
     help="hints.toml of an earlier scan; options given beside it win.",
 )  # fmt: skip
 @option(
-    "--again", type=PATH, metavar="SCENE",
+    "--again", type=shared.PATH, metavar="SCENE",
     help="Draw the base of a scanned scene again, with other hints on it (--contact to --base), in seconds.",
 )  # fmt: skip
 @option(
@@ -154,7 +155,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     "--bootstrap", type=click.IntRange(min=0), default=REALISATIONS, callback=_enough,
     help=f"Half samples for the uncertainty, at least {_LEAST_REALISATIONS}; 0 for none.",
 )  # fmt: skip
-@json_option("Print the content of scene.json.")
+@shared.json_option("Print the content of scene.json.")
 def scan(
     files: tuple[Path, ...],
     again: Path | None,

@@ -6,7 +6,8 @@ import click
 
 from toppling.models.scene import Scene
 from toppling.orchestrator.misspelt import Verbs
-from toppling.orchestrator.verbs.shared_options import PATH, option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 _SHOW_PARTS = 10
 """Parts of work of 'scene show', about a second each."""
@@ -23,8 +24,8 @@ def scene() -> None:
 
 
 @scene.command()
-@click.argument("folder", type=PATH)
-@option("--out", type=PATH, help="Folder to write to. Default: the scene's folder.")
+@click.argument("folder", type=shared.PATH)
+@option("--out", type=shared.PATH, help="Folder to write to. Default: the scene's folder.")
 def show(folder: Path, out: Path | None) -> None:
     """Write scene.png, a picture, and scene.html, an interactive page.
 
@@ -60,8 +61,8 @@ def show(folder: Path, out: Path | None) -> None:
 
 
 @scene.command()
-@click.argument("folder", type=PATH)
-@click.argument("file", type=PATH)
+@click.argument("folder", type=shared.PATH)
+@click.argument("file", type=shared.PATH)
 def export(folder: Path, file: Path) -> None:
     """Export rock and pedestal as one file.
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.verbs.shared_options import json_option, run_argument
+from toppling.orchestrator.verbs import shared_options as shared
 
 
 @click.command()
-@run_argument
-@json_option("Print the state as JSON.")
+@shared.run_argument
+@shared.json_option("Print the state as JSON.")
 def status(run: Path, as_json: bool) -> None:
     """Show the progress of RUN, during the run and after it.
 

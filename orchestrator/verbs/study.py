@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.orchestrator.misspelt import OneOf
-from toppling.orchestrator.verbs.shared_options import (
-    FILE,
-    FOLDER,
-    PATH,
-    engine_option,
-    json_option,
-    option,
-    preset_option,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -34,24 +27,31 @@ _ECHO_CLIFFS = "echo-cliffs"
 
 
 @click.command()
-@click.argument("out", type=FOLDER)
-@option("--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock.")
-@option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
+@click.argument("out", type=shared.FOLDER)
+@option(
+    "--scan",
+    multiple=True,
+    type=shared.PATH,
+    help="Laser scans of the rock. Default: the demo's virtual rock.",
+)
+@option("--scene", type=shared.PATH, help="Folder of a scene, instead of scans.")
 @option(
     "--rock", type=OneOf([_ECHO_CLIFFS]),
     help="The study's own rock, as far as it is printed, instead of scans.",
 )  # fmt: skip
-@option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
-@option("--metadata", type=FILE, help="Metadata table of the record files.")
+@option(
+    "--records", type=shared.PATH, help="Ensemble, or folder of record files. Default: synthetic records."
+)
+@option("--metadata", type=shared.FILE, help="Metadata table of the record files.")
 @option("--count", type=click.IntRange(5), default=140, help="Synthetic records.")
 @option(
     "--pga-step", type=click.FloatRange(0.5, 9), default=1.0, help="Step of the levels from 1 to 19 m/s2."
 )
 @option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8")
-@preset_option
-@engine_option
+@shared.preset_option
+@shared.engine_option
 @option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
-@json_option("Print findings and counts as JSON.")
+@shared.json_option("Print findings and counts as JSON.")
 @cluster_options
 def study(
     out: Path,

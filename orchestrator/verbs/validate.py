@@ -31,15 +31,8 @@ from toppling.orchestrator.studies.validation import (
     shake_tests,
     unmeasured,
 )
-from toppling.orchestrator.verbs.shared_options import (
-    EXISTING_FOLDER,
-    FILE,
-    FOLDER,
-    engine_option,
-    json_option,
-    option,
-    workers_option,
-)
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.prediction_scores import (
     calibration,
     intervals,
@@ -58,16 +51,16 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 
 
 @click.command()
-@click.argument("folder", type=EXISTING_FOLDER)
+@click.argument("folder", type=shared.EXISTING_FOLDER)
 @option(
-    "--mesh", required=True, type=FILE,
+    "--mesh", required=True, type=shared.FILE,
     help="Closed mesh of the specimen, metres, z up, x along the table; a bare name is also looked up in FOLDER.",
 )  # fmt: skip
 @option(
     "--outcome", required=True, metavar="COLUMN", help="Column of outcomes, 0 or 1, such as sp1_overturned."
 )
 @option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
-@option("--out", type=FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
+@option("--out", type=shared.FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
 @option(
     "--draws",
     "most_draws",
@@ -79,11 +72,11 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
     "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03,
     help="Standard error of a test's share below which no draws are added.",
 )  # fmt: skip
-@engine_option
+@shared.engine_option
 @option("--preset", type=click.Choice(list(PRESETS)), default="draft", help="Numerical settings.")
 @option("--seed", type=int, default=0, help="Random seed of the bases.")
-@workers_option()
-@json_option()
+@shared.workers_option()
+@shared.json_option()
 def validate(
     folder: Path,
     mesh: Path,

@@ -23,8 +23,8 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
+from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.browsing import browsing_options, served
-from toppling.orchestrator.verbs.shared_options import run_argument
 from toppling.results.analysis.fragility import PLANES, by_contact, cells
 from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.reader import open_run
@@ -222,7 +222,7 @@ def _watching(run: Path, folder: Path, port: int = 0) -> _Watching:
 
 
 @click.command()
-@run_argument
+@shared.run_argument
 @browsing_options
 def watch(run: Path, port: int, opens: bool | None) -> None:
     """Show RUN in a browser while it runs: progress, failures and the map as it fills.

@@ -11,7 +11,8 @@ import click
 
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.misspelt import OneOf
-from toppling.orchestrator.verbs.shared_options import FILE, option
+from toppling.orchestrator.verbs import shared_options as shared
+from toppling.orchestrator.verbs.shared_options import option
 
 
 class _Span(int):
@@ -49,7 +50,7 @@ _OPTIONS = (
         help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
     ),
     option("--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."),
-    option("--scheduler-file", type=FILE, help="File written by 'dask scheduler --scheduler-file'."),
+    option("--scheduler-file", type=shared.FILE, help="File written by 'dask scheduler --scheduler-file'."),
     option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
     option(
         "--queue-jobs",
@@ -57,9 +58,9 @@ _OPTIONS = (
         default="1",
         help="Batch jobs to submit; LOW..HIGH too.",
     ),
-    option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM)."),
-    option("--tls-cert", type=FILE, help="Certificate of this client (PEM)."),
-    option("--tls-key", type=FILE, help="Key of this client (PEM)."),
+    option("--tls-ca", type=shared.FILE, help="Certificate of the cluster's authority (PEM)."),
+    option("--tls-cert", type=shared.FILE, help="Certificate of this client (PEM)."),
+    option("--tls-key", type=shared.FILE, help="Key of this client (PEM)."),
 )
 
 

@@ -41,7 +41,7 @@ _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "xml": (nrml,),
     "text": (opensha, cybershake, openquake_curves, nshmp, listed, text_columns),
 }
-"""Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file, hints)` states what is
+"""Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file)` states what is
 in one. The last of a kind says what is wrong with a file that nobody recognises."""
 
 _SUFFIXES = {".csv", ".txt", ".json", ".geojson", ".xml", ".dat", ".tsv", ""}
@@ -146,7 +146,7 @@ def _is_hazard(path: Path) -> bool:
 
 
 def _read(path: Path, hints: Hints) -> Stated:
-    file = HazardFile(path, _text(path))
+    file = HazardFile(path, _text(path), hints)
     if not file.text.strip():
         refuse(path, "is empty")
     dialects = _DIALECTS[file.kind]
@@ -154,7 +154,7 @@ def _read(path: Path, hints: Hints) -> Stated:
         dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
         if dialect in (listed, text_columns):
             openquake_curves.refuse_others(file)
-        return dialect.read(file, hints)
+        return dialect.read(file)
     except InputError:
         raise
     except (ValueError, LookupError, ArithmeticError, StopIteration) as error:

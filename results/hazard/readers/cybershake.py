@@ -5,11 +5,9 @@ Site, run, period and component stand in the file's name only: USC_ERF36_Run9306
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
-from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import imt_of, measure_of
-from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, number, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Statement
 
 _NAME = re.compile(
     r"(?P<site>.+?)_ERF\d+_Run(?P<run>\d+)_(?P<imt>SA_(?P<period>\d+(?:[.p]\d+)?)sec|PGA|PGV)"
@@ -22,34 +20,31 @@ def matches(file: HazardFile) -> bool:
     return file.lines[0].replace(" ", "").startswith("#Curves:")
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read the first curve of a file that CyberShake computed; others are comparisons.
 
     Raises InputError if neither the file's name nor the user says what it is over.
     """
-    path = file.path
-    named = _NAME.match(path.name)
-    imt = named["imt"] if named else imt_of(hints.measure)[0] if hints.measure else ""
+    named = _NAME.match(file.path.name)
+    imt = named["imt"] if named else imt_of(file.hints.measure)[0] if file.hints.measure else ""
     if named and named["period"]:
         imt = f"SA({named['period'].replace('p', '.')})"
     known = measure_of(imt)
     if known is None or (not named and known[0] == "pgv_m_s"):
-        refuse(
-            path,
+        file.refuse(
             "states its measure in its name only, which is not as CyberShake gave it",
             "name it as it was, SITE_ERF36_RunN_SA_3sec_RotD50_DATE.txt, or give --measure",
         )
-    rows = _first_curve(path, file.lines)
+    rows = _first_curve(file, file.lines)
     measure, unit = known
-    curve = curve_of(
-        path.stem, measure, [x * unit for x, _ in rows], [p for _, p in rows], hints.years or 1.0,
+    curve = file.curve(
+        measure, [x * unit for x, _ in rows], [p for _, p in rows], file.hints.years or 1.0,
         site_name=named["site"] if named else "", component=(named["component"] or "") if named else "",
-        source=str(path),
     )  # fmt: skip
     return [Statement(curve, calculation=named["run"] if named else "")]
 
 
-def _first_curve(path: Path, lines: Sequence[str]) -> list[tuple[float, float]]:
+def _first_curve(file: HazardFile, lines: Sequence[str]) -> list[tuple[float, float]]:
     """Points below the first name that says CyberShake, or below the first name."""
     heads = [index for index, line in enumerate(lines) if line.replace(" ", "").startswith("#Name:")]
     own = [index for index in heads if re.search(r"CS Run|CyberShake", lines[index])]
@@ -62,8 +57,8 @@ def _first_curve(path: Path, lines: Sequence[str]) -> list[tuple[float, float]]:
                 break
             continue
         if len(cells) != 2:
-            refuse(path, f"line {index + 1} has {len(cells)} values, level and probability are expected")
-        points.append((number(path, index + 1, cells[0]), number(path, index + 1, cells[1])))
+            file.refuse(f"line {index + 1} has {len(cells)} values, level and probability are expected")
+        points.append((file.number(index + 1, cells[0]), file.number(index + 1, cells[1])))
     if not points:
-        refuse(path, "holds no curve")
+        file.refuse("holds no curve")
     return points

@@ -8,12 +8,12 @@ import csv
 import io
 import json
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 from toppling.results.hazard.measure_names import measure_with_unit
 from toppling.results.hazard.readers import listed
-from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Statement
 
 _LEVELS = ("iml", "imls", "level", "levels", "intensity", "intensities", "xs", "xvalues", "x")
 _RATES = ("annual_rate", "annual_rates", "rate", "rates", "afe", "mafe", "lambda")
@@ -35,28 +35,27 @@ def matches(file: HazardFile) -> bool:
     return '"poe-' in file.text or (not has.isdisjoint(_LEVELS) and not has.isdisjoint((*_RATES, *_POES)))
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read the curves of a JSON file.
 
     Raises InputError if it holds none, or does not say what its values are.
     """
-    path = file.path
     try:
         whole = json.loads(file.text)
     except (ValueError, RecursionError) as error:
-        refuse(path, f"is no JSON ({type(error).__name__}: {error})")
+        file.refuse(f"is no JSON ({type(error).__name__}: {error})")
     tables: dict[tuple[str, str], list[list[Any]]] = {}
     for about, value_name, level, value in _points(whole, {}, 0):
         level_name = f"level ({about['unit']})" if "unit" in about else "level"
-        name = _column(path, value_name, about.get("years"), hints)
+        name = _column(file, value_name, about.get("years"))
         row = [about.get(key, "") for key in ("lon", "lat", "site", "imt", "agg")]
         tables.setdefault((level_name, name), []).append([*row, level, value])
     if not tables:
-        refuse(path, "is JSON without hazard curves: no list of levels stands beside one of values")
+        file.refuse("is JSON without hazard curves: no list of levels stands beside one of values")
     found: list[Statement] = []
     for names, rows in tables.items():
         table = _table(["lon", "lat", "site", "imt", "agg", *names], rows)
-        found += listed.read(HazardFile(path, table), hints)
+        found += listed.read(replace(file, text=table))
     return found
 
 
@@ -111,14 +110,14 @@ def _own_points(keys: Mapping[str, Any], about: dict[str, Any]) -> Iterator[_Poi
         yield about, name, x, y
 
 
-def _column(path: Path, name: str, years: Any, hints: Hints) -> str:
+def _column(file: HazardFile, name: str, years: Any) -> str:
     """Name of a table's column of values, which says what they are."""
     if name != "annual_rate" and years is not None:
         return f"probability_{years}_years"
-    if name or hints.years is None:
-        return name or refuse(path, "does not say whether its values are annual rates or probabilities",
+    if name or file.hints.years is None:
+        return name or file.refuse("does not say whether its values are annual rates or probabilities",
                               "give --values rate, or --values 50")  # fmt: skip
-    return f"probability_{hints.years}_years" if hints.years else "annual_rate"
+    return f"probability_{file.hints.years}_years" if file.hints.years else "annual_rate"
 
 
 def _table(header: list[str], rows: list[list[Any]]) -> str:

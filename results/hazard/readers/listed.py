@@ -8,23 +8,15 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from pathlib import Path
 
 import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
 from toppling.results.hazard.readers.stated import (
     HazardFile,
-    Hints,
     Statement,
-    number,
-    refuse,
-    rows_of,
-    wanted_rows,
-    years_of_values,
 )
 from toppling.results.hazard.readers.text_columns import cells_of, is_comment, upright, with_usual_unit
 from toppling.results.hazard.readers.value_columns import says_value, values_of
@@ -134,58 +126,56 @@ def _split(line: str) -> list[str]:
     return ",".join(cells_of([line])[0]).split(",")
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read the curves of a table.
 
     Raises InputError if it states no measure, or not what its values are.
     """
-    path, lines = file.path, file.table
+    lines = file.table
     at = _header_line(lines) or 0
     before = " ".join(lines[:at]).lower()
-    (_, header), *rows = rows_of(path, [",".join(cells) for cells in cells_of(lines[at:])], at + 1)
+    (_, header), *rows = file.rows([",".join(cells) for cells in cells_of(lines[at:])], at + 1)
     header, rows = upright(header, rows)
     table = _table(header)
     if table is None:
-        refuse(path, f"has the columns {', '.join(header)[:200]}")
+        file.refuse(f"has the columns {', '.join(header)[:200]}")
     name = header[table.roles["value"]] if "value" in table.roles else ""
-    years, convert = (
-        values_of(path, name, hints, before) if name else (_years(path, before, table, hints), float)
-    )
+    years, convert = values_of(file, name, before) if name else (_years(file, before, table), float)
     curves: dict[tuple, list[tuple[float, float]]] = {}
-    for line, row in _of_site(path, rows, table, hints):
-        for key, level, value in _points(path, line, row, table, hints):
+    for line, row in _of_site(file, rows, table):
+        for key, level, value in _points(file, line, row, table):
             curves.setdefault(key, []).append((level, convert(value)))
-    return [_statement(path, key, points, years, before) for key, points in curves.items()]
+    return [_statement(file, key, points, years, before) for key, points in curves.items()]
 
 
-def _years(path: Path, before: str, table: _Table, hints: Hints) -> float:
+def _years(file: HazardFile, before: str, table: _Table) -> float:
     """Time that values across columns are probabilities over, 0 for rates."""
     stated = f"{before} {' '.join(table.across.values())}".lower()
     if re.search(r"\bpoe|probabilit", stated):
-        return values_of(path, "poe", hints, before)[0]
+        return values_of(file, "poe", before)[0]
     lacks = "does not say whether its values are annual rates or probabilities over some years"
     rates = 0.0 if _RATES.search(stated) else None
-    return years_of_values(path, rates, hints, lacks, "give --values rate, or --values 50")
+    return file.years_of_values(rates, lacks, "give --values rate, or --values 50")
 
 
 def _of_site(
-    path: Path, rows: Sequence[tuple[int, list[str]]], table: _Table, hints: Hints
+    file: HazardFile, rows: Sequence[tuple[int, list[str]]], table: _Table
 ) -> list[tuple[int, list[str]]]:
     """Rows of the site that is wanted, all where the table has no places."""
     if "lon" not in table.roles or "lat" not in table.roles:
-        return wanted_rows(path, rows, table.header, "", None)
+        return file.wanted_rows(rows, table.header, None)
     header = list(table.header)
     header[table.roles["lon"]], header[table.roles["lat"]] = "lon", "lat"
     name = header[table.roles["name"]] if "name" in table.roles else ""
-    nearest = wanted_rows(path, rows, header, name, hints.site)
-    if not isinstance(hints.site, tuple) or not nearest:
+    nearest = file.wanted_rows(rows, header, name)
+    if not isinstance(file.hints.site, tuple) or not nearest:
         return nearest
     place = [nearest[0][1][table.roles[axis]] for axis in ("lon", "lat")]
     return [(line, row) for line, row in rows if [row[table.roles[axis]] for axis in ("lon", "lat")] == place]
 
 
 def _points(
-    path: Path, line: int, row: Sequence[str], table: _Table, hints: Hints
+    file: HazardFile, line: int, row: Sequence[str], table: _Table
 ) -> Iterator[tuple[tuple, float, float]]:
     """Curve, level in SI, and value of every cell of a row that holds one."""
     roles = table.roles
@@ -194,7 +184,7 @@ def _points(
         return row[roles[role]] if role in roles else ""
 
     site = (
-        tuple(number(path, line, cell(axis)) for axis in ("lon", "lat"))
+        tuple(file.number(line, cell(axis)) for axis in ("lon", "lat"))
         if "lon" in roles and "lat" in roles
         else ()
     )
@@ -202,12 +192,12 @@ def _points(
         own = cell("imt") or (_imt(name) if name and not _is_kind(name) else "")
         level = cell("level") or name
         header = table.header[roles["level"]] if "level" in roles else ""
-        measure, factor, bare = _measure(path, own or (header if _is_measure(header) else ""), header, hints)
+        measure, factor, bare = _measure(file, own or (header if _is_measure(header) else ""), header)
         kind = cell("kind") or (name if name and _is_kind(name) and "level" in roles else "")
         yield (
             (measure, bare, kind, site, cell("name")),
-            number(path, line, level) * factor,
-            number(path, line, row[place]),
+            file.number(line, level) * factor,
+            file.number(line, row[place]),
         )
 
 
@@ -224,13 +214,13 @@ def _is_kind(name: str) -> bool:
     return _fractile(name) is not None and not _is_measure(name)
 
 
-def _measure(path: Path, name: str, header: str, hints: Hints) -> tuple[str, float, bool]:
+def _measure(file: HazardFile, name: str, header: str) -> tuple[str, float, bool]:
     """Column of a measure, the factor of its levels to SI, and whether nothing but its name states their unit."""
-    usual = (hints.measure, 1.0 / imt_of(hints.measure)[1]) if hints.measure else None
+    usual = (file.hints.measure, 1.0 / imt_of(file.hints.measure)[1]) if file.hints.measure else None
     known = measure_with_unit(name) if name else usual
     if not known:
-        refuse(
-            path, f"is over {name or header!r}", "name a measure instead, such as PGA (g), or give --measure"
+        file.refuse(
+            f"is over {name or header!r}", "name a measure instead, such as PGA (g), or give --measure"
         )
     bracket = _BRACKETS.search(header)
     unit = unit_of(bracket[1]) if bracket and not _is_measure(header) else None
@@ -242,18 +232,18 @@ def _measure(path: Path, name: str, header: str, hints: Hints) -> tuple[str, flo
 
 
 def _statement(
-    path: Path, key: tuple, points: Sequence[tuple[float, float]], years: float, before: str
+    file: HazardFile, key: tuple, points: Sequence[tuple[float, float]], years: float, before: str
 ) -> Statement:
     measure, bare, kind, site, name = key
     levels, values = np.transpose(sorted(points))
-    stated = {"source": str(path), "site_name": name, **({"site": site} if site else {})}
+    stated = {"site_name": name, **({"site": site} if site else {})}
     which = _fractile(kind) if kind else "mean"
     if isinstance(which, float):
         values = np.minimum.accumulate(values)
-    label = f"{path.stem} {kind}".strip()
-    curve = curve_of(label, measure, levels, values, years, **stated)
+    label = f"{file.path.stem} {kind}".strip()
+    curve = file.curve(measure, levels, values, years, label, **stated)
     if bare:
-        curve = with_usual_unit(path, imt_of(measure)[0], curve, before)
+        curve = with_usual_unit(file, imt_of(measure)[0], curve, before)
     if isinstance(which, float):
         return Statement(curve, "fractile", which)
     return Statement(curve) if which == "mean" else Statement(curve, "other", kind)

@@ -9,19 +9,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import imt_of, measure_of
 from toppling.results.hazard.readers.stated import (
     HazardFile,
-    Hints,
     Statement,
-    measure_named,
-    number,
-    place_of,
     refuse,
-    rows_of,
-    wanted_rows,
-    years_of_values,
 )
 
 _DEPTH = 5
@@ -44,36 +36,35 @@ def matches(file: HazardFile) -> bool:
         return False
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read a file of curves, or an answer of the web service.
 
     Raises InputError if neither the folders nor the user say which measure it is over, and what its values are; if the
     answer lacks a field, or states no annual frequencies.
     """
     if file.kind == "json":
-        return _service_answers(file, hints)
-    path = file.path
-    (_, header), *rows = list(rows_of(path, file.table))
-    where = path.absolute()
+        return _service_answers(file)
+    (_, header), *rows = list(file.rows(file.table))
+    where = file.path.absolute()
     measured = next(
         ((column, level) for level, column in enumerate(map(_measure, where.parents[:3])) if column), None
     )
-    measure = measured[0] if measured else hints.measure
+    measure = measured[0] if measured else file.hints.measure
     if measure is None:
-        refuse(path, "states no intensity measure, and lies in no folder of that name", "give --measure")
+        file.refuse("states no intensity measure, and lies in no folder of that name", "give --measure")
     part = "" if not measured else _part(where, measured[1])
-    years = _years(path, hints, old=measured is not None and where.name != "curves.csv")
+    years = _years(file, old=measured is not None and where.name != "curves.csv")
     unit = 1.0 / imt_of(measure)[1]
     first = header.index("lat") + 1
-    levels = [number(path, 1, cell) * unit for cell in header[first:]]
+    levels = [file.number(1, cell) * unit for cell in header[first:]]
     if not rows:
-        refuse(path, "has no site")
+        file.refuse("has no site")
     found = []
-    for line, row in wanted_rows(path, rows, header, "name", hints.site):
-        values = [number(path, line, cell) for cell in row[first:]]
-        curve = curve_of(
-            part or "total", measure, levels, values, years, site=place_of(path, line, row, header),
-            site_name=row[header.index("name")] if "name" in header else "", source=str(path),
+    for line, row in file.wanted_rows(rows, header, "name"):
+        values = [file.number(line, cell) for cell in row[first:]]
+        curve = file.curve(
+            measure, levels, values, years, part or "total", site=file.place_of(line, row, header),
+            site_name=row[header.index("name")] if "name" in header else "",
         )  # fmt: skip
         found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
     return found
@@ -97,9 +88,9 @@ def _root(path: Path) -> Path | None:
     return next((folder for folder in path.parents[:_DEPTH] if (folder / "config.json").is_file()), None)
 
 
-def _years(path: Path, hints: Hints, old: bool) -> float:
+def _years(file: HazardFile, old: bool) -> float:
     """Time that the values are probabilities over; 0 for annual rates."""
-    root = _root(path.absolute())
+    root = _root(file.path.absolute())
     stated: Any = None
     if root is not None:
         try:
@@ -114,14 +105,14 @@ def _years(path: Path, hints: Hints, old: bool) -> float:
                 "is no configuration of nshmp-haz",
                 "give the output folder as it was written",
             )
-    return years_of_values(
-        path, _FORMATS.get(stated, 0.0 if old else None), hints,
+    return file.years_of_values(
+        _FORMATS.get(stated, 0.0 if old else None),
         "does not say whether its values are annual rates or probabilities in one year",
         "give the output folder with its config.json, or --values rate, or --values 1",
     )  # fmt: skip
 
 
-def _service_answers(file: HazardFile, hints: Hints) -> list[Statement]:
+def _service_answers(file: HazardFile) -> list[Statement]:
     """Curves of the web service, old or new: totals, and contributions of source types."""
     try:
         whole = json.loads(file.text)
@@ -133,24 +124,24 @@ def _service_answers(file: HazardFile, hints: Hints) -> list[Statement]:
                 about |= {key.lower(): value for key, value in (part or {}).items()}
             for curve in answer.get("hazardCurves", [answer]):
                 imt = curve.get("imt", about.get("imt"))
-                found += _answer(file.path, about | {"imt": imt}, curve["data"], hints)
+                found += _answer(file, about | {"imt": imt}, curve["data"])
         return found
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         if hasattr(error, "remedy"):
             raise
-        refuse(file.path, f"is no answer of the hazard web service ({type(error).__name__}: {error})")
+        file.refuse(f"is no answer of the hazard web service ({type(error).__name__}: {error})")
 
 
-def _answer(path: Path, about: dict[str, Any], data: Any, hints: Hints) -> list[Statement]:
+def _answer(file: HazardFile, about: dict[str, Any], data: Any) -> list[Statement]:
     """Curves over one measure: old answers have one list of levels, new ones levels beside each curve's values."""
     imt = about["imt"]["value"] if isinstance(about["imt"], dict) else about["imt"]
-    measure, unit = measure_named(path, str(imt))
+    measure, unit = file.measure_named(str(imt))
     label = about.get("ylabel")
     if label and "annual" not in str(label).lower():
-        refuse(path, f"states {label!r}", "ask the service for annual frequencies of exceedance")
+        file.refuse(f"states {label!r}", "ask the service for annual frequencies of exceedance")
     lacks = "does not say what its values are"
-    years = years_of_values(path, 0.0 if label else None, hints, lacks, "give --values rate")
-    stated = {"site": (float(about["longitude"]), float(about["latitude"])), "source": str(path)}
+    years = file.years_of_values(0.0 if label else None, lacks, "give --values rate")
+    place = float(about["longitude"]), float(about["latitude"])
     found = []
     for one in data if isinstance(data, list) else [data]:
         total = one.get("component", "Total") == "Total"
@@ -158,6 +149,6 @@ def _answer(path: Path, about: dict[str, Any], data: Any, hints: Hints) -> list[
         values = one.get("values", one)
         levels = [float(x) * unit for x in values.get("xs") or about["xvalues"]]
         rates = [float(y) for y in values.get("ys") or values["yvalues"]]
-        curve = curve_of(name, measure, levels, rates, years, **stated)
+        curve = file.curve(measure, levels, rates, years, name, site=place)
         found.append(Statement(curve, "curve" if total else "part", None if total else name))
     return found

@@ -6,26 +6,16 @@ name. Probabilities are over `investigation_time`; PGA and SA are in g, PGV in c
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from toppling.models.openquake import header_values
-from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.stated import (
     HazardFile,
-    Hints,
     Realisations,
     Stated,
     Statement,
-    measure_named,
-    number,
-    place_of,
-    refuse,
-    rows_of,
-    wanted_rows,
-    years_of_values,
 )
 
 _NAMED = re.compile(
@@ -75,78 +65,76 @@ def refuse_others(file: HazardFile) -> None:
     plain = re.sub(r":\w+", "", header.lower().replace('"', ""))
     for columns, (what, remedy) in _OTHERS.items():
         if (stated or "~" in plain) and re.match(columns, plain):
-            refuse(file.path, f"{what} (columns {header[:60]})", remedy)
+            file.refuse(f"{what} (columns {header[:60]})", remedy)
 
 
-def read(file: HazardFile, hints: Hints) -> Stated:
+def read(file: HazardFile) -> Stated:
     """Read a file of curves or of realisations.
 
     Raises InputError if the file states no measure or time, or something else than probabilities.
     """
-    path, lines = file.path, file.table
+    lines = file.table
     stated = header_values(lines[0]) if lines[0].startswith("#") else {}
     body = 1 if lines[0].startswith("#") else 0
-    (_, named), *rows = list(rows_of(path, lines[body:], body + 1))
+    (_, named), *rows = list(file.rows(lines[body:], body + 1))
     header = [name.partition(":")[0] for name in named]  # engine 2 adds types, poe-0.1:float32
     if "ordinal" in header:
         header[header.index("ordinal")] = "rlz_id"  # before engine 3.8
     if "branch_path" in header:
-        return _realisations(path, header, rows)
-    return _curves(path, stated, header, rows, hints)
+        return _realisations(file, header, rows)
+    return _curves(file, stated, header, rows)
 
 
-def _realisations(path: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> Realisations:
+def _realisations(file: HazardFile, header: list[str], rows: list[tuple[int, list[str]]]) -> Realisations:
     at = [header.index(name) for name in ("rlz_id", "branch_path", "weight")]
     weights, paths = {}, {}
     for line, row in rows:
         if len(row) <= max(at):
-            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
-        identity = number(path, line, row[at[0]])
+            file.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+        identity = file.number(line, row[at[0]])
         if identity in weights:
-            refuse(
-                path, f"line {line}: realisation {identity:g} is there twice", "give each realisation once"
-            )
-        weights[int(identity)] = number(path, line, row[at[2]])
+            file.refuse(f"line {line}: realisation {identity:g} is there twice", "give each realisation once")
+        weights[int(identity)] = file.number(line, row[at[2]])
         paths[int(identity)] = row[at[1]]
-    return Realisations(str(path), weights, paths)
+    return Realisations(str(file.path), weights, paths)
 
 
 def _curves(
-    path: Path, stated: dict[str, str], header: list[str], rows: list[tuple[int, list[str]]], hints: Hints
+    file: HazardFile, stated: dict[str, str], header: list[str], rows: list[tuple[int, list[str]]]
 ) -> list[Statement]:
     places = [index for index, name in enumerate(header) if name.startswith("poe-")]
     absent = [name for name in ("lon", "lat") if name not in header]
     if absent or not rows:
-        refuse(path, f"has no column {', '.join(absent)}" if absent else "has no site")
-    named = _NAMED.search(path.name)
+        file.refuse(f"has no column {', '.join(absent)}" if absent else "has no site")
+    named = _NAMED.search(file.path.name)
     imt = stated.get("imt") or (named and named["imt"])
-    if not imt and not hints.measure:
-        refuse(path, "states no imt", _ADD_IMT)
-    measure, unit = measure_named(path, imt or imt_of(str(hints.measure))[0], _ADD_IMT)
+    if not imt and not file.hints.measure:
+        file.refuse("states no imt", _ADD_IMT)
+    measure, unit = file.measure_named(imt or imt_of(str(file.hints.measure))[0], _ADD_IMT)
     time = stated.get("investigation_time")
-    years = years_of_values(
-        path, None if time is None else number(path, 1, time), hints,
+    years = file.years_of_values(
+        None if time is None else file.number(1, time),
         "states no investigation_time: the years that its probabilities are over",
         "add investigation_time=50.0 to its first line, or give --values 50",
     )  # fmt: skip
-    kind, key = _kind(path, stated.get("kind", ""))
-    levels = [number(path, 2, header[index].removeprefix("poe-")) * unit for index in places]
+    kind, key = _kind(file, stated.get("kind", ""))
+    levels = [file.number(2, header[index].removeprefix("poe-")) * unit for index in places]
     found = []
-    for line, row in wanted_rows(path, rows, header, "custom_site_id", hints.site):
-        poes = [number(path, line, row[index]) for index in places]
+    for line, row in file.wanted_rows(rows, header, "custom_site_id"):
+        poes = [file.number(line, row[index]) for index in places]
         if kind == "fractile":  # by the engine's rule they may rise where branches' curves cross
             poes = np.minimum.accumulate(poes).tolist()
-        curve = curve_of(
-            path.stem, measure, levels, poes, years, site=place_of(path, line, row, header),
-            site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "", source=str(path),
+        curve = file.curve(
+            measure, levels, poes, years, site=file.place_of(line, row, header),
+            site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "",
         )  # fmt: skip
         found.append(Statement(curve, kind, key, stated.get("checksum", "")))
     return found
 
 
-def _kind(path: Path, kind: str) -> tuple[str, float | str | None]:
+def _kind(file: HazardFile, kind: str) -> tuple[str, float | str | None]:
     """Which curve of a calculation it is, by its key, or its file's name where it has none."""
-    if not kind and (found := _NAMED.search(path.name)):
+    if not kind and (found := _NAMED.search(file.path.name)):
         kind = found[1].replace("_curve", "")
     if kind.startswith("rlz-"):
         return "realisation", int(kind.removeprefix("rlz-"))

@@ -6,19 +6,13 @@ are left out, titles and labels of axes may name the measure and its values.
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Any
 
 from toppling.models.files.csv_text import is_numeral
-from toppling.results.hazard.curves import curve_of
 from toppling.results.hazard.measure_names import imt_of, measure_with_unit
 from toppling.results.hazard.readers.stated import (
     HazardFile,
-    Hints,
     Statement,
-    measure_named,
-    number,
-    refuse,
-    years_of_values,
 )
 from toppling.results.hazard.readers.value_columns import says_value, values_of
 
@@ -48,49 +42,51 @@ def _is_point(line: str) -> bool:
     return len(cells) == 2 and all(map(is_numeral, cells))
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read the curve of a file.
 
     Raises InputError if it holds none or several, or states neither rates nor a duration.
     """
-    path, lines = file.path, file.lines
+    lines = file.lines
     words = _words(lines)
     about = "\n".join(words)
     rest = lines[len(words) :]
     points = [(n, line) for n, line in enumerate(rest, len(words) + 1) if _is_point(line)]
     last = points[-1][0] - len(words) if points else 0
     if not points or any(line.strip() for line in rest[: last - 1] if not _is_point(line)):
-        refuse(path, "holds several curves" if points else "holds no curve", "save one curve in a file")
+        file.refuse("holds several curves" if points else "holds no curve", "save one curve in a file")
     phrases = [phrase.strip() for phrase in _PHRASES.split(about) if phrase.strip()]
-    measure, unit = _measure(path, about, phrases, hints)
+    measure, unit = _measure(file, about, phrases)
     duration = _DURATION.search(about)
     named = next(filter(says_value, phrases), "")
     rates = _RATES.search(about)
     if named and not (duration or rates):
-        years, convert = values_of(path, named, hints, about.lower())
+        years, convert = values_of(file, named, about.lower())
     else:
-        stated = 0.0 if rates else number(path, 1, duration[1]) if duration else None
+        stated = 0.0 if rates else file.number(1, duration[1]) if duration else None
         lacks = "states no Duration that its probabilities are over"
-        years, convert = years_of_values(path, stated, hints, lacks, "give --values 50"), float
+        years, convert = file.years_of_values(stated, lacks, "give --values 50"), float
     place = [found[1] for found in (pattern.search(about) for pattern in _PLACE.values()) if found]
-    site = {"site": tuple(number(path, 1, degrees) for degrees in place)} if len(place) == 2 else {}
+    site: dict[str, Any] = (
+        {"site": tuple(file.number(1, degrees) for degrees in place)} if len(place) == 2 else {}
+    )
     x, y = zip(
-        *([number(path, n, cell) for cell in line.replace(",", " ").split()] for n, line in points),
+        *([file.number(n, cell) for cell in line.replace(",", " ").split()] for n, line in points),
         strict=True,
     )
     levels, values = [level * unit for level in x], list(map(convert, y))
-    return [Statement(curve_of(path.stem, measure, levels, values, years, source=str(path), **site))]
+    return [Statement(file.curve(measure, levels, values, years, **site))]
 
 
-def _measure(path: Path, about: str, phrases: Sequence[str], hints: Hints) -> tuple[str, float]:
+def _measure(file: HazardFile, about: str, phrases: Sequence[str]) -> tuple[str, float]:
     """Column of the measure that words name, or the user, and its unit in SI."""
     period, named = _PERIOD.search(about), _IMT.search(about)
     if named:
-        return measure_named(path, f"SA({period[1]})" if named[1] == "SA" and period else named[1])
+        return file.measure_named(f"SA({period[1]})" if named[1] == "SA" and period else named[1])
     found = set(filter(None, map(measure_with_unit, phrases)))
-    if hints.measure:
-        found = {(hints.measure, 1.0 / imt_of(hints.measure)[1])}
+    if file.hints.measure:
+        found = {(file.hints.measure, 1.0 / imt_of(file.hints.measure)[1])}
     if len(found) != 1:
-        refuse(path, f"names {len(found) or 'no'} measures above its points",
+        file.refuse(f"names {len(found) or 'no'} measures above its points",
                "put IMT = PGA (or IMT = SA; SA Period = 1.0) above them, or give --measure")  # fmt: skip
     return found.pop()

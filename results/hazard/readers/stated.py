@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError
 from toppling.models.files.spreadsheet import plain_table
-from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of
 from toppling.results.hazard.places import Place, distance_km, of_name
 
@@ -20,6 +22,23 @@ _EXPECTED = (
     "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
     "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
 )
+_EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
+
+
+def refuse(path: Path, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
+    """Refuse a file of hazard."""
+    expected = f"annual rates of exceedance: {_EXPECTED}"
+    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the user says about files that do not say it."""
+
+    site: Place | str | None = None  # (longitude, latitude): only this site of each file is read
+    measure: str | None = None  # column of the results that a file is over which does not say
+    # Time that values are probabilities over, in files that do not say; 0 for annual rates.
+    years: float | None = None
 
 
 @dataclass(frozen=True)
@@ -28,6 +47,7 @@ class HazardFile:
 
     path: Path
     text: str
+    hints: Hints = Hints()
 
     @property
     def kind(self) -> str:
@@ -47,15 +67,87 @@ class HazardFile:
         """Lines with commas between cells and decimal points, whatever program saved them."""
         return plain_table(self.lines)
 
+    def refuse(self, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
+        """Refuse the file."""
+        refuse(self.path, what, remedy)
 
-@dataclass(frozen=True)
-class Hints:
-    """What the user says about files that do not say it."""
+    def rows(self, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:
+        """Rows of CSV with the number of their line, blank ones left out."""
+        reader = csv.reader(io.StringIO("\n".join(lines)))
+        while True:
+            try:
+                row = next(reader)
+            except StopIteration:
+                return
+            except csv.Error as error:
+                self.refuse(f"line {first + reader.line_num}: {error}")
+            if any(cell.strip() for cell in row):
+                yield first + reader.line_num - 1, [cell.strip() for cell in row]
 
-    site: Place | str | None = None  # (longitude, latitude): only this site of each file is read
-    measure: str | None = None  # column of the results that a file is over which does not say
-    # Time that values are probabilities over, in files that do not say; 0 for annual rates.
-    years: float | None = None
+    def number(self, line: int, text: str, *, endless: bool = False) -> float:
+        """Number of a cell, finite unless it may be endless; 1D-3 is Fortran's 1e-3."""
+        try:
+            value = float(text.lower().replace("d", "e"))
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) or (endless and value > 0)):
+            self.refuse(f"line {line}: {text[:40]!r} is no number")
+        return value
+
+    def measure_named(self, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
+        """Column of a measure by the file's name of it, and what its unit is in SI; refused if it is no column."""
+        return measure_of(imt) or self.refuse(f"is over {imt!r}, which is no measure known here", remedy)
+
+    def years_of_values(self, stated: float | None, lacks: str, remedy: str) -> float:
+        """Time that the values are probabilities over, 0 for annual rates.
+
+        Refused if file and user say different times, or neither says any: what it lacks, and the remedy.
+        """
+        said = self.hints.years
+        if stated is None:
+            return self.refuse(lacks, remedy) if said is None else said
+        if said is None:
+            return stated
+        if not math.isclose(stated, said):
+            mine, theirs = (
+                f"probabilities over {years:g} years" if years else "annual rates" for years in (stated, said)
+            )
+            self.refuse(f"states {mine}, and --values says {theirs}", "leave --values out")
+        return stated
+
+    def place_of(self, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
+        """Longitude and latitude of a row."""
+        longitude, latitude = (self.number(line, row[header.index(name)]) for name in ("lon", "lat"))
+        return longitude, latitude
+
+    def wanted_rows(
+        self, rows: Sequence[tuple[int, list[str]]], header: Sequence[str], name_column: str | None
+    ) -> list[tuple[int, list[str]]]:
+        """Rows of the site that is wanted, all where none is: of the name, or the nearest; the caller judges how near.
+
+        name_column: holds the names of sites; None in a table that states no places.
+        Refused if no site has the name, or rows are shorter than the header.
+        """
+        for line, row in rows:
+            if len(row) != len(header):
+                self.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+        site = self.hints.site
+        if site is None or name_column is None or not rows:
+            return list(rows)
+        if isinstance(site, str):
+            names = [row[header.index(name_column)] for _, row in rows] if name_column in header else []
+            return [rows[number] for number in of_name(names, site, str(self.path))]
+        places = [self.place_of(line, row, header) for line, row in rows]
+        away = distance_km([place[0] for place in places], [place[1] for place in places], site)
+        return [rows[int(away.argmin())]]
+
+    def curve(
+        self, measure: str, levels: ArrayLike, values: ArrayLike, years: float, name: str = "", **stated: Any
+    ) -> HazardCurve:
+        """Curve of what the file states, by the file's name if it has none of its own (:func:`curve_of`)."""
+        return curve_of(
+            name or self.path.stem, measure, levels, values, years, source=str(self.path), **stated
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,93 +171,3 @@ class Realisations:
 
 
 Stated = list[Statement] | Realisations
-
-
-def refuse(
-    path: Path, what: str, remedy: str = "export one site's curve as annual rates of exceedance"
-) -> NoReturn:
-    """Refuse a file of hazard."""
-    raise InputError(
-        what, where=str(path), expected=f"annual rates of exceedance: {_EXPECTED}", remedy=remedy
-    )
-
-
-def rows_of(path: Path, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:
-    """Rows of CSV with the number of their line, blank ones left out."""
-    reader = csv.reader(io.StringIO("\n".join(lines)))
-    while True:
-        try:
-            row = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            refuse(path, f"line {first + reader.line_num}: {error}")
-        if any(cell.strip() for cell in row):
-            yield first + reader.line_num - 1, [cell.strip() for cell in row]
-
-
-def number(path: Path, line: int, text: str, *, endless: bool = False) -> float:
-    """Number of a cell, finite unless it may be endless; 1D-3 is Fortran's 1e-3."""
-    try:
-        value = float(text.lower().replace("d", "e"))
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) or (endless and value > 0)):
-        refuse(path, f"line {line}: {text[:40]!r} is no number")
-    return value
-
-
-def measure_named(path: Path, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
-    """Column of a measure by a file's name of it, and what its unit is in SI.
-
-    Raises InputError if no column is that measure.
-    """
-    return measure_of(imt) or refuse(path, f"is over {imt!r}, which is no measure known here", remedy)
-
-
-def years_of_values(path: Path, stated: float | None, hints: Hints, lacks: str, remedy: str) -> float:
-    """Time that a file's values are probabilities over, 0 for annual rates.
-
-    Raises InputError if the file and the user say different times, or neither says any: what it lacks, and the remedy.
-    """
-    if stated is None:
-        return refuse(path, lacks, remedy) if hints.years is None else hints.years
-    if hints.years is None:
-        return stated
-    if not math.isclose(stated, hints.years):
-        mine, theirs = (
-            f"probabilities over {years:g} years" if years else "annual rates"
-            for years in (stated, hints.years)
-        )
-        refuse(path, f"states {mine}, and --values says {theirs}", "leave --values out")
-    return stated
-
-
-def place_of(path: Path, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
-    """Longitude and latitude of a row."""
-    longitude, latitude = (number(path, line, row[header.index(name)]) for name in ("lon", "lat"))
-    return longitude, latitude
-
-
-def wanted_rows(
-    path: Path,
-    rows: Sequence[tuple[int, list[str]]],
-    header: Sequence[str],
-    name_column: str,
-    site: Place | str | None,
-) -> list[tuple[int, list[str]]]:
-    """Rows of the site that is wanted, all where none is: of the name, or the nearest; the caller judges how near.
-
-    Raises InputError if no site has the name, or rows are shorter than the header.
-    """
-    for line, row in rows:
-        if len(row) != len(header):
-            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
-    if site is None or not rows:
-        return list(rows)
-    if isinstance(site, str):
-        names = [row[header.index(name_column)] for _, row in rows] if name_column in header else []
-        return [rows[number] for number in of_name(names, site, str(path))]
-    places = [place_of(path, line, row, header) for line, row in rows]
-    away = distance_km([place[0] for place in places], [place[1] for place in places], site)
-    return [rows[int(away.argmin())]]

@@ -6,16 +6,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isclose
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import HazardCurve, curve_of
+from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
-from toppling.results.hazard.readers.stated import HazardFile, Hints, Statement, number, refuse, rows_of
+from toppling.results.hazard.readers.stated import HazardFile, Statement
 from toppling.results.hazard.readers.value_columns import is_probability, is_share, says_value, values_of
 
 _LOGARITHM = re.compile(
@@ -52,55 +51,50 @@ def matches(file: HazardFile) -> bool:
     return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
 
-def read(file: HazardFile, hints: Hints) -> list[Statement]:
+def read(file: HazardFile) -> list[Statement]:
     """Read a table with a header: a column of a measure's levels, and one of their rates or probabilities.
 
     Raises InputError if the header does not name a measure, or not what the values are.
     """
-    path, lines = file.path, file.table
+    lines = file.table
     at = _header_line(lines)
     if at is None:
-        refuse(path, "holds no table")
+        file.refuse("holds no table")
     before = " ".join(lines[:at]).lower()
     body = [
         _uncommented(lines[at]),
         *("" if is_comment(line) else line for line in lines[at + 1 :]),
     ]
-    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in cells_of(body)], at + 1)) or [
-        (0, [])
-    ]
-    header, rows = _raised(path, *upright(*_with_units(header, rows)))
+    (_, header), *rows = list(file.rows([",".join(cells) for cells in cells_of(body)], at + 1)) or [(0, [])]
+    header, rows = _raised(file, *upright(*_with_units(header, rows)))
     while rows and [is_numeral(cell) for cell in rows[-1][1] if cell] == [False]:
         rows.pop()  # a footnote
     for line, row in rows:
         if len(row) != len(header):
-            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
-    curve, *again = (
-        _curve(path, header, rows, pair, hints, before) for pair in _columns(path, lines[at], header)
-    )
+            file.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+    curve, *again = (_curve(file, header, rows, pair, before) for pair in _columns(file, lines[at], header))
     if not all(_same(curve, other) for other in again):
-        _refuse_columns(path, header)
+        _refuse_columns(file, header)
     return [Statement(curve)]
 
 
 def _curve(
-    path: Path,
+    file: HazardFile,
     header: Sequence[str],
     rows: Sequence[tuple[int, list[str]]],
     pair: tuple[int, int],
-    hints: Hints,
     before: str,
 ) -> HazardCurve:
     """Curve of a column of levels and one of values."""
     levels, values = pair
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
-    years, rate_of = values_of(path, header[values], hints, before)
+    years, rate_of = values_of(file, header[values], before)
     endless = rate_of(math.inf) == 0.0  # a return period
-    x = [number(path, line, row[levels]) * factor for line, row in rows]
-    y = [rate_of(number(path, line, row[values], endless=endless)) for line, row in rows]
-    curve = curve_of(path.stem, column, x, y, years, source=str(path))
+    x = [file.number(line, row[levels]) * factor for line, row in rows]
+    y = [rate_of(file.number(line, row[values], endless=endless)) for line, row in rows]
+    curve = file.curve(column, x, y, years)
     bare = measure_of(header[levels])
-    return with_usual_unit(path, header[levels], curve, before) if bare else curve
+    return with_usual_unit(file, header[levels], curve, before) if bare else curve
 
 
 def _same(one: HazardCurve, other: HazardCurve) -> bool:
@@ -158,7 +152,7 @@ def _bare(name: str) -> tuple[str, float]:
 
 
 def _raised(
-    path: Path, header: list[str], rows: list[tuple[int, list[str]]]
+    file: HazardFile, header: list[str], rows: list[tuple[int, list[str]]]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Table with the values of columns of logarithms, under the names of what these are of."""
     bare = [_bare(name) for name in header]
@@ -168,7 +162,7 @@ def _raised(
         (
             line,
             [
-                repr(base ** number(path, line, cell)) if base else cell
+                repr(base ** file.number(line, cell)) if base else cell
                 for cell, (_, base) in zip(row, bare, strict=False)
             ],
         )
@@ -218,7 +212,7 @@ def upright(
     return header, rows
 
 
-def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> HazardCurve:
+def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str) -> HazardCurve:
     """Curve whose levels stand under a bare name, with what that was taken to mean.
 
     before: the lines above, in lower case.
@@ -245,15 +239,16 @@ def with_usual_unit(path: Path, name: str, curve: HazardCurve, before: str) -> H
         why = f"{once:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
     if why:
         meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
-        refuse(
-            path,
+        file.refuse(
             f"the column {name!r} names no unit, which is {own} then, and {why}",
             f"name the unit in the column, such as {name} ({meant})",
         )
     if stated:
         return curve
     size = f": {once:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
-    return replace(curve, assumed=f"{path.name} names no unit of {name}, which is taken to be {own}{size}.")
+    return replace(
+        curve, assumed=f"{file.path.name} names no unit of {name}, which is taken to be {own}{size}."
+    )
 
 
 def _once_in(years: float, curve: HazardCurve) -> float:
@@ -264,16 +259,15 @@ def _once_in(years: float, curve: HazardCurve) -> float:
     return float(np.exp(np.interp(math.log(years), -np.log(rate), np.log(curve.intensity))))
 
 
-def _columns(path: Path, line: str, header: Sequence[str]) -> list[tuple[int, int]]:
+def _columns(file: HazardFile, line: str, header: Sequence[str]) -> list[tuple[int, int]]:
     """Numbers of the columns of levels and of values, all pairs of them, rates first; others are left."""
     if len(header) < 2:
-        refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
+        file.refuse(f"has the columns {', '.join(header)[:200]}" if header else "is empty")
     if is_numeral(header[0]):
-        refuse(path, f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
+        file.refuse(f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
     if any(name.lower() in ("event_id", "eid") for name in header):
-        refuse(
-            path,
+        file.refuse(
             f"is of events, with the columns {line.strip()[:200]}",
             "a set of events has the columns annual_rate and measures with their units, such as PGA (g)",
         )
@@ -286,13 +280,12 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> list[tuple[int, in
             name for index, name in enumerate(header) if index not in values or len(values) == len(header)
         )
         remedy = "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)"
-        refuse(
-            path,
+        file.refuse(
             f"is over {first!r}" if len(header) == 2 else f"has the columns {', '.join(header)[:200]}",
             remedy,
         )
     if not values:
-        _refuse_columns(path, header)
+        _refuse_columns(file, header)
     return [
         (level, value)
         for value in sorted(values, key=lambda n: is_probability(header[n]))
@@ -300,10 +293,9 @@ def _columns(path: Path, line: str, header: Sequence[str]) -> list[tuple[int, in
     ]
 
 
-def _refuse_columns(path: Path, header: Sequence[str]) -> NoReturn:
+def _refuse_columns(file: HazardFile, header: Sequence[str]) -> NoReturn:
     """Refuse a table that may say several things."""
-    refuse(
-        path,
+    file.refuse(
         f"has the columns {', '.join(header)[:200]}",
         "give one measure and one column of its values, or several that say the same",
     )

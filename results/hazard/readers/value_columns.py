@@ -5,10 +5,9 @@ import re
 from collections.abc import Callable
 from functools import partial
 from operator import mul
-from pathlib import Path
 
 from toppling.results.hazard.measure_names import LONGEST_NAME
-from toppling.results.hazard.readers.stated import Hints, refuse, years_of_values
+from toppling.results.hazard.readers.stated import HazardFile
 
 _LAMBDA = r"(?:lambda|λ)(?: ?\([^()]*\))?"
 _RATE = re.compile(
@@ -68,7 +67,7 @@ def is_probability(name: str) -> bool:
     return _PROBABILITY.fullmatch(_plain(name)) is not None
 
 
-def values_of(path: Path, name: str, hints: Hints, before: str) -> tuple[float, Callable[[float], float]]:
+def values_of(file: HazardFile, name: str, before: str) -> tuple[float, Callable[[float], float]]:
     """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either.
 
     Raises InputError if neither its name, nor the lines before in lower case, nor the user says so.
@@ -92,11 +91,11 @@ def values_of(path: Path, name: str, hints: Hints, before: str) -> tuple[float, 
         stated = float(text) if text else None
         if found["non"]:
             convert = partial(_exceedance, scale)
-        if not (hints.years if stated is None else stated):
+        if not (file.hints.years if stated is None else stated):
             remedy = "call the column after it, such as probability_50_years, or give --values 50"
-            refuse(path, f"states no time that its {name!r} is over", remedy)
+            file.refuse(f"states no time that its {name!r} is over", remedy)
     remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
-    return years_of_values(path, stated, hints, f"has the column {name!r}", remedy), convert
+    return file.years_of_values(stated, f"has the column {name!r}", remedy), convert
 
 
 def _rate_of_return(unit_years: float, period: float) -> float:

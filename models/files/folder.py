@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,7 +54,16 @@ def local(path: str | os.PathLike[str]) -> Path:
 def named_beside(folder: Path, text: str) -> Path:
     """Path that a file in a folder names; one of Windows, parted by backslashes, is read where only so it is there."""
     path = Path.home() / text[2:] if text.startswith("~/") else folder / text
-    return folder / text.replace("\\", "/") if "\\" in text and not path.exists() else path
+    return _spelled(folder / text.replace("\\", "/") if "\\" in text and not path.exists() else path)
+
+
+def _spelled(path: Path) -> Path:
+    """The path as it is on disk, where letters and their accents may be apart, as macOS writes them."""
+    if str(path).isascii() or path.exists():
+        return path
+    folder, asked = _spelled(path.parent), unicodedata.normalize("NFC", path.name)
+    there = folder.iterdir() if folder.is_dir() else ()
+    return next((one for one in there if unicodedata.normalize("NFC", one.name) == asked), folder / path.name)
 
 
 def refuse_existing(target: Path) -> None:

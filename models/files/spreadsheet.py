@@ -5,13 +5,17 @@ import io
 import re
 from collections.abc import Sequence
 
+from toppling.models.files.markup import table_text
+
 _COMMA_NUMBER = re.compile(r"[-+]?\d+(,\d+)+(\.\d+)?(e[-+]?\d+)?", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 _DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+")
 _BETWEEN = re.compile(r"(?<=\d),(?=\d)")
-_RULE = re.compile(r"[\s|+:]*(?:--|==)[\s|+:=-]*")
-"""Of a table in Markdown and its like, below the names or between rows."""
-_POWER = re.compile(r"(?<=\d)\s*[×·]\s*10\^?([-+]?\d+|[⁺⁻]?[⁰¹²³⁴-⁹]+)")
+_SPACED = re.compile(
+    r"(?<![\w.])[1-9]\d{0,2}(?:(?:'\d{3})+|(?:\u2019\d{3})+|(?:[ \u00a0\u202f]\d{3})+)(?![\w'])"
+)
+_EXPONENT = r"(?:\^?([-+]?\d+)|([⁺⁻]?[⁰¹²³⁴-⁹]+))"
+_POWER = re.compile(rf"(?<=\d)\s*[×·]\s*10{_EXPONENT}|(?<![\w.,^])(?P<bare>10)(?=[\^⁺⁻⁰¹²³⁴-⁹]){_EXPONENT}")
 _MINUS = re.compile(r"[\u2212\u2013](?=[\d.])")
 _RAISED = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 
@@ -20,7 +24,7 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     """Lines of a table with commas between cells and decimal points, whatever program saved it; others as they are.
 
     Commas between digits are decimal, unless each of them may part thousands; beside decimal commas dots part
-    thousands. Rules become blank lines.
+    thousands.
 
     Examples
     --------
@@ -31,8 +35,10 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     >>> plain_table(["| PGA (g) | annual_rate |", "|---|---|", "| 0.1 | 1.5×10⁻³ |"])
     ['PGA (g),annual_rate', '', '0.1,1.5e-3']
     """
-    lines = [line if line.isascii() else _ascii_numbers(line) for line in lines]
+    lines = [_ascii_numbers(line) for line in table_text("\n".join(lines)).split("\n")]
     sign = _sign(lines)
+    if any(sign in line for line in lines):  # else blanks part cells
+        lines = [_SPACED.sub(lambda found: re.sub(r"\D", "", found[0]), line) for line in lines]
     if sign == "," and not any('"' in line for line in lines):
         return lines
     bare = [_unquoted(line, sign) for line in lines]
@@ -54,20 +60,21 @@ def plain_table(lines: Sequence[str]) -> list[str]:
 
 def _ascii_numbers(line: str) -> str:
     """Line with powers of ten and signs of numbers as Python reads them."""
-    line = _POWER.sub(lambda power: f"e{power[1].translate(_RAISED)}", line.replace("∞", "inf"))
-    return _MINUS.sub("-", line)
+    return _POWER.sub(_with_e, _MINUS.sub("-", line.replace("∞", "inf")))
+
+
+def _with_e(power: re.Match[str]) -> str:
+    exponent = next(filter(None, power.group(1, 2, 4, 5)))
+    return f"{'1' if power['bare'] else ''}e{exponent.translate(_RAISED)}"
 
 
 def _sign(lines: Sequence[str]) -> str:
     """Sign that most lines have, comments left out; where decimal commas stand beside another sign, that one."""
     table = [line for line in lines if not line.lstrip('" ').startswith(("#", "%", "//"))]
-    return max("\t|;,", key=lambda sign: sum(sign in line for line in table))
+    return max("\t;,", key=lambda sign: sum(sign in line for line in table))
 
 
 def _cells(line: str, sign: str) -> list[str]:
-    if sign == "|":
-        inside = line.strip().removeprefix("|").removesuffix("|")
-        return [] if _RULE.fullmatch(line) else [cell.strip() for cell in inside.split("|")]
     try:
         return next(csv.reader([line], delimiter=sign), [])
     except csv.Error:  # which the reader of the table tells of

@@ -10,6 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.csv_text import separator_of
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.files.folder import named_beside
+from toppling.models.files.markup import table_text
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
 from toppling.models.motions.formats.units import counted_unit, known_names
 
@@ -145,7 +146,7 @@ def text_table(table: Path) -> io.StringIO:
             remedy="save the table again",
         )
     try:
-        return io.StringIO(content.decode("utf-8-sig"), newline="")
+        return io.StringIO(table_text(content.decode("utf-8-sig")), newline="")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise InputError(

@@ -151,10 +151,15 @@ def curve_of(
 ) -> HazardCurve:
     """Curve of what a file states: probabilities of exceedance over some years, or annual rates where these are 0.
 
-    -ln(1 - p) / T is the annual rate of Poisson events.
+    -ln(1 - p) / T is the annual rate of Poisson events. Levels beyond those whose values are numbers are left out.
 
     Raises InputError as `_curve_of_rates`; if the time is negative, or probabilities lie outside 0 to 1.
     """
+    levels, values = np.asarray(levels, float), np.asarray(values, float)
+    known = levels[np.isfinite(levels) & ~np.isnan(values)]
+    if len(known):
+        within = (levels >= known.min()) & (levels <= known.max()) | ~np.isfinite(levels)
+        levels, values = levels[within], values[within]
     if not years:
         return _curve_of_rates(name, measure, levels, values, **stated)
     p = np.asarray(values, float)

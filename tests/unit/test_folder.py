@@ -2,7 +2,7 @@
 
 import pytest
 
-from toppling.models.files.folder import new_file, new_folder
+from toppling.models.files.folder import named_beside, new_file, new_folder
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
@@ -35,3 +35,12 @@ def test_a_file_takes_the_place_of_a_former_one_only_when_all_is_written(tmp_pat
         hidden.write_text("2\ud800", encoding="utf-8")  # which no encoding has: half of it is written
     assert target.read_text() == "1"
     assert list(target.parent.iterdir()) == [target]
+
+
+def test_a_name_in_a_table_is_found_whether_or_not_its_accents_stand_apart(tmp_path):
+    apart, together = "Zu\u0308rich", "Z\u00fcrich"
+    (tmp_path / apart).mkdir()
+    (tmp_path / apart / "a\u0308.csv").write_text("")
+    assert named_beside(tmp_path, f"{together}/\u00e4.csv").exists()
+    assert named_beside(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
+    assert named_beside(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"

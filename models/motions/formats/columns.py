@@ -35,6 +35,7 @@ from toppling.models.motions.formats.column_times import (
 from toppling.models.motions.formats.component import Component, code_direction, refuse
 from toppling.models.motions.formats.header_text import (
     check_stated,
+    stated_direction,
     stated_peak_m_s2,
     stated_step_s,
     stated_unit,
@@ -208,6 +209,8 @@ def read(path: Path, text: str) -> list[Component]:
         for place, label in roles.components.items()
     ]
     found = [replace(each, warnings=warnings) for each in found]
+    if list(roles.components.values()) == [""]:
+        found = [replace(found[0], direction=stated_direction(told))]
     peak = stated_peak_m_s2(told)
     if peak:  # of whichever it is nearest to
         off = [abs(math.log(max(float(np.abs(each.acceleration_m_s2).max()), 1e-9) / peak)) for each in found]

@@ -2,6 +2,8 @@
 
 import re
 
+from toppling.models.files.markup import table_text
+
 HEAD_BYTES = 4000
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
@@ -19,8 +21,8 @@ _UTF_16_SHARE = 0.9
 def text_of(content: bytes) -> str | None:
     """Text of a file with lines that end in a newline, None if it is binary.
 
-    UTF-8 and UTF-16 are recognised; what is neither is in the encoding of western Windows, which has that of Latin-1
-    for every letter and sign of a unit.
+    Tables in HTML, LaTeX and Markdown have tabs between their cells. UTF-8 and UTF-16 are recognised; what is neither
+    is in the encoding of western Windows, which has that of Latin-1 for every letter and sign of a unit.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def text_of(content: bytes) -> str | None:
         if b"\0" in content[:HEAD_BYTES]:
             return None
         text = _decoded(content)
-    return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
+    return table_text(_LINE_END.sub("\n", text)).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
 
 
 def _decoded(content: bytes) -> str:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from toppling.models.motions.formats.component import refuse
+from toppling.models.motions.formats.component import code_direction, refuse
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -12,6 +12,10 @@ _UNIT = re.compile(
     r"\b(?:\w+_)?(?:units?|unidad(?:es)?|einheit(?:en)?)\b[^:=]{0,40}[:=]\s*(.{1,60})"
     r"|\bacc?el\w*[^(\[:=]{0,60}[(\[]([^)\]]{1,30})[)\]]"
     r"|\bacc?el\w*.{0,60}?\bin\s+(?:units\s+of\s+)?(.{1,30})",
+    re.IGNORECASE,
+)
+_COMPONENT = re.compile(
+    r"\b(?:comp(?:onent)?|direction|orientation|componente)\b\.?\s*(?:\d\s*[:=]|[:=])?\s*([^\s,;:]+)",
     re.IGNORECASE,
 )
 _RATE = re.compile(
@@ -54,6 +58,17 @@ def stated_unit(lines: Sequence[str]) -> float | None:
                 text.partition("(")[2].partition(")")[0],
             )
             found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+    found.discard(None)
+    return found.pop() if len(found) == 1 else None
+
+
+def stated_direction(lines: Sequence[str]) -> float | str | None:
+    """Direction of one component, where the lines name one and no other."""
+    found = {
+        code_direction(match[1])
+        for line in lines[:_MOST_LINES]
+        for match in _COMPONENT.finditer(line[:_LONGEST])
+    }
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 

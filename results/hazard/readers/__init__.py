@@ -5,6 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from toppling.models.errors import InputError
+from toppling.models.motions.formats.decoding import text_of
 from toppling.results.hazard.readers import (
     cybershake,
     json_tables,
@@ -32,6 +33,8 @@ _MOST_HEAD_LINES = 30
 
 _BINARY = {
     b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", nrml.EXPORT),
+    b"\x89PNG": ("is a picture", "give its numbers as CSV"),
+    b"%PDF": ("is a document", "copy its table into a file of text"),
     b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
@@ -117,18 +120,8 @@ def _text(path: Path) -> str:
     content = path.read_bytes()
     if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
         refuse(path, *binary)
-    for mark in (b"\xff\xfe", b"\xfe\xff"):
-        if content.startswith(mark):
-            return content.decode("utf-16", errors="replace")
-    if b"\0" in content:
-        refuse(path, "is no text")
-    try:
-        return content.decode("utf-8-sig")  # spreadsheets begin with a byte order mark
-    except UnicodeDecodeError:
-        lines = content.decode("cp1252", errors="replace")  # of spreadsheets in western Europe: cm/s², µ
-        if not content[:1].isascii() or "\ufffd" in lines:
-            refuse(path, "is no text in UTF-8")
-        return lines
+    text = text_of(content)
+    return refuse(path, "is no text") if text is None else text
 
 
 def _is_hazard(path: Path) -> bool:

@@ -41,7 +41,7 @@ def read(file: HazardFile) -> list[Statement]:
     Raises InputError if it holds none, or does not say what its values are.
     """
     try:
-        whole = json.loads(file.text)
+        whole = _loaded(file.text)
     except (ValueError, RecursionError) as error:
         file.refuse(f"is no JSON ({type(error).__name__}: {error})")
     tables: dict[tuple[str, str], list[list[Any]]] = {}
@@ -57,6 +57,21 @@ def read(file: HazardFile) -> list[Statement]:
         table = _table(["lon", "lat", "site", "imt", "agg", *names], rows)
         found += listed.read(replace(file, text=table))
     return found
+
+
+def _loaded(text: str) -> Any:
+    """Content of JSON, or of one JSON a line."""
+    try:
+        return json.loads(text, object_hook=_column_as_list)
+    except json.JSONDecodeError as error:
+        if not error.msg.startswith("Extra data"):
+            raise
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+
+
+def _column_as_list(found: dict[str, Any]) -> Any:
+    """The values of a column as pandas writes it, by the numbers of their rows."""
+    return list(found.values()) if found and list(found) == list(map(str, range(len(found)))) else found
 
 
 def _points(node: Any, around: Mapping[str, Any], depth: int) -> Iterator[_Point]:

@@ -197,7 +197,7 @@ def _points(
         yield (
             (measure, bare, kind, site, cell("name")),
             file.number(line, level) * factor,
-            file.number(line, row[place]),
+            file.value(line, row[place]),
         )
 
 

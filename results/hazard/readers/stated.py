@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,6 +40,11 @@ class Hints:
     measure: str | None = None  # column of the results that a file is over which does not say
     # Time that values are probabilities over, in files that do not say; 0 for annual rates.
     years: float | None = None
+
+
+_ONE_IN = re.compile(r"1 ?(?:/|in|out of) ?(\d[\d.]*(?:e\+?\d+)?)(?: ?(?:years?|yrs?|a))?", re.IGNORECASE)
+_UNSTATED = re.compile(r"|nan|n[/.]?a\.?|null|none|[-\u2013\u2014.*]+|[<>\u2264\u2265].*", re.IGNORECASE)
+"""A cell that states no value, or a bound on it."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,15 @@ class HazardFile:
         if not (math.isfinite(value) or (endless and value > 0)):
             self.refuse(f"line {line}: {text[:40]!r} is no number")
         return value
+
+    def value(self, line: int, text: str, *, endless: bool = False) -> float:
+        """Value of a cell, also as 1/475 or 1 in 475 years; not a number where none is stated: NaN, >100000."""
+        if _UNSTATED.fullmatch(text):
+            return math.nan
+        if found := _ONE_IN.fullmatch(text):
+            period = self.number(line, found[1])
+            return period if endless else 1.0 / period if period else math.nan
+        return self.number(line, text, endless=endless)
 
     def measure_named(self, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
         """Column of a measure by the file's name of it, and what its unit is in SI; refused if it is no column."""

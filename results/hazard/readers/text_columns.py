@@ -91,7 +91,7 @@ def _curve(
     years, rate_of = values_of(file, header[values], before)
     endless = rate_of(math.inf) == 0.0  # a return period
     x = [file.number(line, row[levels]) * factor for line, row in rows]
-    y = [rate_of(file.number(line, row[values], endless=endless)) for line, row in rows]
+    y = [rate_of(file.value(line, row[values], endless=endless)) for line, row in rows]
     curve = file.curve(column, x, y, years)
     bare = measure_of(header[levels])
     return with_usual_unit(file, header[levels], curve, before) if bare else curve

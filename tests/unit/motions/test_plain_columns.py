@@ -368,3 +368,35 @@ def test_times_since_1970_go_on_by_the_step_whatever_their_unit(name, since_1970
     (record,) = import_records([path], options=AS_IT_IS).records
     assert record.motion.time_step_s == pytest.approx(STEP_S)
     np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)
+
+
+@pytest.mark.parametrize(("first", "between", "last"), [("| ", " | ", " |"), ("<tr><td>", "</td>\n<td>", "</td></tr>"),
+                                                        ("", " & ", r" \\")])  # fmt: skip
+def test_a_table_of_a_document_is_read_as_columns(first, between, last, tmp_path):
+    motion = shaking()
+    head = {"|": "|---|---|---|---|", "<": "", "": r"\hline"}[first[:1]]
+    begin = {"|": "Text.\n", "<": "<html><table>", "": r"\begin{tabular}{rrrr}"}[first[:1]]
+    cells = [["Time (s)", "UD (m/s2)", "NS (m/s2)", "EW (m/s2)"]]
+    cells += [
+        [f"{n * STEP_S:.3f}", *(f"{x:.6f}" for x in row)] for n, row in enumerate(motion[:, UP_NORTH_EAST])
+    ]
+    lines = [first + between.join(row) + last for row in cells]
+    path = tmp_path / "rec.txt"
+    path.write_text("\n".join([begin, lines[0], head, *lines[1:]]))
+    (record,) = import_records([path], options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, motion, atol=1e-5)
+
+
+@pytest.mark.parametrize("said", ["Component: {}", "Comp. 1: {}", "COMPONENT {}", "Orientation = {}"])
+def test_one_column_points_where_the_text_above_says_whatever_the_files_are_called(said, tmp_path):
+    motion = shaking()
+    for number, (direction, place) in enumerate((("UP", 2), ("N00E", 1), ("90", 0)), 1):
+        head = f"{said.format(direction)}\nUnits: m/s2\nSampling rate: {1 / STEP_S:g} Hz\n"
+        (tmp_path / f"quake_{number}.txt").write_text(head + "\n".join(f"{x:.6f}" for x in motion[:, place]))
+    (record,) = import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, motion, atol=1e-5)
+
+
+def test_a_number_of_a_component_is_no_bearing(tmp_path):
+    (tmp_path / "rec.txt").write_text("Component: 2\nUnits: m/s2\nSampling rate: 100 Hz\n0.1\n0.2\n0.3\n")
+    assert read_file(tmp_path / "rec.txt")[0].direction is None

@@ -124,3 +124,11 @@ def test_a_table_without_names_is_refused_by_the_header_that_is_expected(tmp_pat
     (tmp_path / "rocks.csv").write_text("scenes/rock,Echo,-118,34\n")
     with pytest.raises(InputError, match="no column 'scene' in its first line"):
         read_sites(tmp_path / "rocks.csv")
+
+
+def test_rocks_may_stand_in_a_table_of_markdown(tmp_path):
+    (tmp_path / "rocks.csv").write_text(
+        "# Rocks\n\n|scene|site|age|\n|---|---|---|\n| rock | Lion | 15-30 ka |\n"
+    )
+    (site,) = read_sites(tmp_path / "rocks.csv")
+    assert (site.scene, site.site, site.age) == (tmp_path / "rock", "Lion", "15-30 ka")

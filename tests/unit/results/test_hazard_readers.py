@@ -172,7 +172,7 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize(
     ("rate", "said"),
-    [("-1e-3", "all of them positive"), ("nan", "'nan' is no number"), ("inf", "'inf' is no number")],
+    [("-1e-3", "all of them positive"), ("nan", "states nan at the level"), ("inf", "'inf' is no number")],
 )
 def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate, said):
     path = tmp_path / "curve.csv"
@@ -216,7 +216,7 @@ def test_a_datastore_is_refused_by_name(tmp_path, name):
 
 def test_a_picture_is_no_hazard_curve(tmp_path):
     (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
-    with pytest.raises(InputError, match="is no text in UTF-8"):
+    with pytest.raises(InputError, match="is a picture"):
         read_curve(tmp_path / "scene.png")
 
 

@@ -221,14 +221,14 @@ def points() -> Walk:
 
 def rows_to_map() -> Walk:
     """From the rows of a run to the figure of a map."""
-    from toppling.results.analysis.fragility import PLANES, cells
+    from toppling.results.analysis.fragility import PLANES
     from toppling.results.drawing.maps import map_figure
     from toppling.results.reader import open_run
 
     with Walk(of_kind(("Run",), lambda one: isinstance(one, pd.DataFrame | pa.Table)), "") as walk:
         run = open_run(DEMO / "run")
         plane = PLANES["pga_pgv"]
-        map_figure(cells(run.weighted(run.frame()), plane), plane)
+        map_figure(run.weighted(run.frame()), plane)
     return walk
 
 

@@ -23,10 +23,11 @@ import llvmlite.binding
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.files.folder import cache_folder
 from toppling.models.numba_alone import numba
 
-Array = NDArray[np.float64]
+Array = Array
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]

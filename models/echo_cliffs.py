@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
 from toppling.models.scene import Scene
 
@@ -45,7 +46,7 @@ _SIDES = 24
 _REACH_M, _DROP_M, _BATTER_M = 20.0, 16.0, 0.2
 """Half of the pedestal's extent; height of its cliff, and how far the cliff's foot stands out from its edge."""
 
-_Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+_Mesh = tuple[Array, NDArray[np.int64]]
 
 
 def echo_cliffs() -> Scene:

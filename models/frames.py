@@ -5,7 +5,9 @@ study; :func:`compass_deg` gives the bearing (clockwise from north) that a perso
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from toppling.models.arrays import Array
 
 STANDARD_GRAVITY_M_S2 = 9.81
 """Gravity of a scene that states none."""
@@ -13,7 +15,7 @@ _TURNED_AT_ONCE = 50_000
 """Points whose products stay in the cache and in one thread."""
 
 
-def horizontal_unit_vector(azimuth_deg: ArrayLike) -> NDArray[np.float64]:
+def horizontal_unit_vector(azimuth_deg: ArrayLike) -> Array:
     """Unit vector(s) toward an azimuth.
 
     Parameters
@@ -36,17 +38,17 @@ def azimuth_deg(vector: ArrayLike) -> float:
     return float(np.rad2deg(np.arctan2(y, x)) % 360.0) % 360.0  # what is hardly negative rounds to 360
 
 
-def compass_deg(azimuth: ArrayLike) -> NDArray[np.float64]:
+def compass_deg(azimuth: ArrayLike) -> Array:
     """Compass bearing (degrees clockwise from north) of an azimuth (degrees counter-clockwise from east)."""
     return (90.0 - np.asarray(azimuth, dtype=float)) % 360.0
 
 
-def apart_deg(azimuth: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
+def apart_deg(azimuth: ArrayLike, other: ArrayLike) -> Array:
     """Angle between azimuths, 0 to 180 degrees."""
     return np.abs((np.asarray(azimuth, float) - np.asarray(other, float) + 180.0) % 360.0 - 180.0)
 
 
-def plane_normal(slope_deg: float, downhill_azimuth_deg: float) -> NDArray[np.float64]:
+def plane_normal(slope_deg: float, downhill_azimuth_deg: float) -> Array:
     """Upward unit normal of a plane that falls by `slope_deg` toward `downhill_azimuth_deg`."""
     slope = np.deg2rad(slope_deg)
     return np.sin(slope) * horizontal_unit_vector(downhill_azimuth_deg) + np.array([0.0, 0.0, np.cos(slope)])
@@ -58,7 +60,7 @@ def slope_of_normal(normal: ArrayLike) -> tuple[float, float]:
     return float(np.rad2deg(np.arctan2(np.hypot(x, y), z))), azimuth_deg((x, y))
 
 
-def rotation_between(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
     """Smallest rotation that carries one unit vector into another.
 
     start, end: (3,), unit vectors, not opposite to each other.
@@ -75,15 +77,13 @@ def rotation_between(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
     return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
 
 
-def plane_axes(normal: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def plane_axes(normal: ArrayLike) -> tuple[Array, Array]:
     """Two orthonormal axes in a plane, the first as near to x as it can be, right-handed with the normal."""
     rotation = rotation_between((0.0, 0.0, 1.0), normal)
     return rotation[:, 0], rotation[:, 1]
 
 
-def shifted_and_turned(
-    points_m: NDArray[np.float64], shift_m: NDArray[np.float64], matrix: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def shifted_and_turned(points_m: Array, shift_m: Array, matrix: Array) -> Array:
     """`(points_m - shift_m) @ matrix` of many points, ten times as fast as in one product: block by block."""
     if points_m.ndim == 1:
         return (points_m - shift_m) @ matrix

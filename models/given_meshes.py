@@ -6,8 +6,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array
 from toppling.models.files.mesh_files import MeshLike, remarks_of, triangles_of
 from toppling.models.frames import rotation_between
 from toppling.models.lengths import metres_in, too_large, unit_of_remarks
@@ -15,7 +16,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
 
 
-def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, NDArray[np.float64]]:
+def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
     """Rock of a mesh, moved to an origin (3,) beside it where it lies far from its own.
 
     units: of the coordinates; None for what the mesh states, else metres, with a warning if these make it larger than
@@ -43,7 +44,7 @@ def on_surface(
     rock: Rock,
     pedestal: MeshLike,
     units: str | None,
-    origin_m: NDArray[np.float64],
+    origin_m: Array,
     gravity_m_s2: float,
     friction: float,
 ) -> tuple[Rock, Pedestal]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_normal, slope_of_normal
 
@@ -16,10 +17,10 @@ from toppling.models.frames import plane_normal, slope_of_normal
 class Pedestal:
     """An endless plane, or a plane's surroundings as scanned."""
 
-    point_m: NDArray[np.float64]  # (3,): a point of the interface plane, scene frame
-    normal: NDArray[np.float64]  # (3,): upward unit normal of the interface plane
+    point_m: Array  # (3,): a point of the interface plane, scene frame
+    normal: Array  # (3,): upward unit normal of the interface plane
     # (n, 3): surface of the pedestal as scanned; None for an endless plane.
-    vertices_m: NDArray[np.float64] | None = None
+    vertices_m: Array | None = None
     faces: NDArray[np.int64] | None = None  # (m, 3): its triangles, counter-clockwise seen from above
 
     @property

@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import explaining_units
 
@@ -35,15 +36,15 @@ class Rock:
     The motion of a homogeneous rigid body does not depend on its density, so none is kept: inertia is given per mass.
     """
 
-    vertices_m: NDArray[np.float64]  # (n, 3): vertices in the scene frame, metres
+    vertices_m: Array  # (n, 3): vertices in the scene frame, metres
     faces: NDArray[np.int64]  # (m, 3): triangles, counter-clockwise seen from outside
     volume_m3: float
-    com_m: NDArray[np.float64]  # (3,): centre of mass, scene frame
+    com_m: Array  # (3,): centre of mass, scene frame
     # (3, 3): inertia tensor over mass, about the centre of mass, scene axes.
-    inertia_per_mass_m2: NDArray[np.float64]
+    inertia_per_mass_m2: Array
     # (k, 3): points that can touch the interface plane, scene frame, where a drawn base gives them
     # (`models.hidden_base.draws`); None where rock and pedestal are touched as their meshes are.
-    feet_m: NDArray[np.float64] | None = None
+    feet_m: Array | None = None
 
     @classmethod
     def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
@@ -105,7 +106,7 @@ class Rock:
             feet_m=None if self.feet_m is None else self.feet_m @ turn.T + shift,
         )
 
-    def principal_axes(self, frame: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def principal_axes(self, frame: ArrayLike) -> tuple[Array, Array]:
         """Principal moments (3,) of inertia over mass, ascending, and right-handed axes (columns) in a frame.
 
         frame: (3, 3), its axes as columns, scene frame.
@@ -131,12 +132,12 @@ class Rock:
         return float(np.linalg.norm(below - self.com_m, axis=1).max())
 
     @cached_property
-    def hull_vertices_m(self) -> NDArray[np.float64]:
+    def hull_vertices_m(self) -> Array:
         """Vertices of the convex hull, scene frame: the only points that can touch a plane."""
         return np.array(trimesh.Trimesh(self.vertices_m, self.faces, process=False).convex_hull.vertices)
 
 
-def origin_beside_m(vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def origin_beside_m(vertices_m: Array) -> Array:
     """Origin (3,) beside a mesh that lies far from its own, at its lowest height: zero where it is near already."""
     low, high = vertices_m.min(axis=0), vertices_m.max(axis=0)
     if np.linalg.norm(0.5 * (low + high)) <= _FAR_SIZES * np.linalg.norm(high - low):
@@ -190,7 +191,7 @@ def check_size(height_m: float, where: str, option: str = "--units") -> None:
         )
 
 
-def _check_steps(vertices: NDArray[np.float64], where: str) -> None:
+def _check_steps(vertices: Array, where: str) -> None:
     """Refuse vertices in single precision so far from zero that the rock's shape is lost.
 
     Raises InputError if they come in steps wider than a hundredth of the rock's height.

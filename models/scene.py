@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
@@ -69,7 +70,7 @@ class Scene:
     pedestal: Pedestal
     contact: ContactProperties = field(default_factory=ContactProperties)
     gravity_m_s2: float = STANDARD_GRAVITY_M_S2
-    origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    origin_m: Array = field(default_factory=lambda: np.zeros(3))
     report: Mapping[str, Any] = field(default_factory=dict)
     unseen: UnseenBase | None = None
 
@@ -178,7 +179,7 @@ class Scene:
         return dataclasses.replace(self, rock=rock, unseen=dataclasses.replace(self.unseen, nominal=None))
 
     @property
-    def com_std_m(self) -> NDArray[np.float64] | None:
+    def com_std_m(self) -> Array | None:
         """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
         spread = self.report.get("uncertainty", {}).get("com_std_m")
         return None if spread is None else np.array(spread, float)
@@ -362,7 +363,7 @@ class Scene:
             )
         return scene
 
-    def pedestal_triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def pedestal_triangles(self) -> tuple[Array, NDArray[np.int64]]:
         """Vertices (n, 3) and triangles (m, 3) of the pedestal to be shown; of an endless plane a square of it."""
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
             return self.pedestal.vertices_m, self.pedestal.faces

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
+
 JOBS_IN_BATCH = 256
 """Upper limit; the time budget of a batch usually ends it first."""
 
@@ -72,7 +74,7 @@ class Dispatch:
     def __init__(
         self,
         pending: NDArray[np.int64],
-        duration_s: NDArray[np.float64],
+        duration_s: Array,
         tries: int = Limits.tries,
         scene: NDArray[np.int64] | None = None,
     ) -> None:

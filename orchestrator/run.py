@@ -53,19 +53,6 @@ def run(
     RunError
         If the run cannot go on; what was done stays.
     """
-    return carry_out(planned, folder, cluster, watch, limits, again, [Weighing(carry_out), *stages])
-
-
-def carry_out(
-    planned: Plan,
-    folder: Path,
-    cluster: AbstractContextManager[Client],
-    watch: ProgressCallback,
-    limits: Limits = USUAL_LIMITS,
-    again: Collection[str] = (),
-    stages: Sequence[Stage] = (),
-) -> RunProgress:
-    """The same with these stages alone, as bases are weighed by."""
     campaign, folder = planned.campaign, folder.absolute()
     ENGINES[campaign.engine].require()
     selection: JobSelection = planned
@@ -79,7 +66,7 @@ def carry_out(
             log.warning("%s", sentence, extra={"fields": fields})
         try:
             begun = _Session(planned, folder, notes, again, selection)
-            progress = begun.carry_out(cluster, watch, limits, stages)
+            progress = begun.carry_out(cluster, watch, limits, [Weighing(run), *stages])
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise

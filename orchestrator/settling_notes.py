@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
@@ -44,7 +44,7 @@ class Settled:
         return cls(scene, stands, Settling.between(scene.rock, stands.rock, scene.pedestal.normal))
 
     @property
-    def outline_m(self) -> NDArray[np.float64]:
+    def outline_m(self) -> Array:
         """Corners (k, 3) of the contact's hull as it was scanned; without a scan those of the first pose."""
         outline = np.array(self.scanned.report.get("interface", {}).get("outline_m", []), float)
         if len(outline) < 3:

@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.guarded import read_guarded
@@ -41,7 +42,7 @@ _COMMENT_BYTES = 65_536
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
 
-def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (n, 3) in metres, z up, and triangles (m, 3) of a mesh file; glTF's up is y, by its rule.
 
     The format is that of the file's name. Nothing beside the file is read: materials, textures, buffers of their own.
@@ -147,7 +148,7 @@ def _counted_from_the_first(content: bytes) -> bytes:
     return b"\n".join(lines)
 
 
-def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+def write_ply(path: Path, vertices_m: Array, faces: NDArray[np.int64]) -> None:
     """Write a binary PLY with its digest, in double precision, which trimesh's own writer does not keep."""
     header = (
         f"ply\nformat binary_little_endian 1.0\ncomment {digest.BLANK}\ncomment metres, x east, y north, z up\n"

@@ -14,6 +14,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import refusals
 
 _HEADER_BYTES = 65_536
@@ -130,7 +131,7 @@ def read_vertices(path: Path) -> dict[str, NDArray]:
     return _rows(header, "vertex")
 
 
-def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+def read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
     """Vertices (n, 3) and triangles (m, 3); None for a layout other than vertices, then faces that are all triangles.
 
     Raises InputError if the file is not whole.

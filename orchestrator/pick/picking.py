@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS
@@ -54,15 +55,15 @@ class Placed:
     refused: bool = False  # whether it is shown only, as it lies on its side or in another unit
 
     @property
-    def _metres_per_unit(self) -> NDArray[np.float64]:
+    def _metres_per_unit(self) -> Array:
         across, up = self.cloud.sources[0].metres_per_unit if self.cloud.sources else (1.0, 1.0)
         return np.array([across, across, up])
 
-    def model(self, places_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def model(self, places_m: Array) -> Array:
         """Coordinates (n, 3) in the files of places in metres."""
         return self.placement.undo(places_m) / self._metres_per_unit
 
-    def metres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def metres(self, places: Array) -> Array:
         """Metres (n, 3) of places in the files' coordinates."""
         return self.placement.apply(places * self._metres_per_unit)
 
@@ -124,14 +125,14 @@ class Picking:
         self._set(_ended=True)
         self._apart.end()
 
-    def pick(self, at_m: NDArray[np.float64], eye_m: NDArray[np.float64]) -> dict[str, list[float]]:
+    def pick(self, at_m: Array, eye_m: Array) -> dict[str, list[float]]:
         """The point that is meant by a place (3,) on a click's ray and the eye (3,): as surveyed, and in its file."""
         cloud = self._known
         row = picked(cloud.points_m, at_m, eye_m, min(self.view.spacings_m))
         place = np.round(cloud.points_m[row] + cloud.origin_m, 4)
         return {"place_m": place.tolist(), "model": self._placed.model(place[None])[0].tolist()}
 
-    def detail(self, middle_m: NDArray[np.float64], reach_m: float) -> tuple[float, bytes]:
+    def detail(self, middle_m: Array, reach_m: float) -> tuple[float, bytes]:
         """Spacing and points of a cube about a place (3,) of the cloud's frame, as a page draws them."""
         answer = self._answer
         return detail(self._known.points_m, None if answer is None else answer.label, middle_m, reach_m)

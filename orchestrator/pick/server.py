@@ -8,8 +8,8 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
 from toppling.orchestrator.pick.picking import Picking
@@ -129,12 +129,12 @@ class _Answers(Answers):
         self.send(json.dumps(content, allow_nan=False).encode(), _JSON)
 
 
-def _place(content: Any, name: str) -> NDArray[np.float64]:
+def _place(content: Any, name: str) -> Array:
     """Three coordinates of a table."""
     return _finite(content, name, (3,))
 
 
-def _finite(content: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _finite(content: Any, name: str, shape: tuple[int, ...]) -> Array:
     value = content.get(name) if isinstance(content, dict) else None
     try:
         found = np.array(value, float)

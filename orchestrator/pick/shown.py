@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import at_most
+from toppling.models.arrays import Array, at_most
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
@@ -29,7 +29,7 @@ class View:
     content: bytes  # as `_drawn` packs them
 
 
-def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, number: int) -> View:
+def view_of(points_m: Array, label: NDArray[np.int8] | None, number: int) -> View:
     """Choose the points that are drawn.
 
     points_m: (n, 3).
@@ -55,9 +55,7 @@ def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, numbe
     return View(number, counts, spacings, content)
 
 
-def _drawn(
-    points_m: NDArray[np.float64], parts: list[NDArray[np.intp]], label: NDArray[np.int8] | None
-) -> bytes:
+def _drawn(points_m: Array, parts: list[NDArray[np.intp]], label: NDArray[np.int8] | None) -> bytes:
     """Places (n, 3) of some rows as 4-byte floats, then the brightness and the label of each as a byte."""
     rows = np.concatenate(parts)
     kind = np.full(len(rows), NEITHER, np.int8) if label is None else label[rows]
@@ -69,9 +67,9 @@ def _drawn(
 
 
 def detail(
-    points_m: NDArray[np.float64],
+    points_m: Array,
     label: NDArray[np.int8] | None,
-    middle_m: NDArray[np.float64],
+    middle_m: Array,
     reach_m: float,
 ) -> tuple[float, bytes]:
     """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `_drawn`."""
@@ -100,7 +98,7 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
     }
 
 
-def _top(worked: WorkedOut) -> NDArray[np.float64]:
+def _top(worked: WorkedOut) -> Array:
     """The rock's highest patch."""
     patches = worked.observed.surfels.points_m[worked.observed.patches]
     return patches[np.argmax(patches[:, 2])]

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.public.felt import (
     EventStatement,
@@ -18,9 +18,9 @@ from toppling.orchestrator.public.felt import (
     under_events,
 )
 from toppling.orchestrator.public.hazard_question import (
-    DEFAULT_MEASURES,
     HazardQuestion,
     read_tree,
+    shared_measure,
     weighted_paths,
 )
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, refuse_twins, standing_rock
@@ -50,7 +50,7 @@ class Rocks:
 
     names: list[str]
     paths: tuple[Path, ...]
-    ages: NDArray[np.float64]  # (draws, rocks)
+    ages: Array  # (draws, rocks)
     since: list[Since | None]
     jobs: dict[Path, Jobs]  # of those that are runs
     sites: Sequence[tuple[float, float] | str]
@@ -104,7 +104,7 @@ def judged_by_events(
     path = event_set_of(hazard)
     if path:
         events = read_events(path, asked.ratio, options.event_rate, options.catalogue_years)
-        measures = measures or (_measure_of(events, rocks),)
+        measures = measures or (shared_measure(events.measures, measures_shared(rocks.paths), events.source),)
         if len(measures) > 1 and len(events.branches[0].motions) > 1:
             events = replace(events, notes=(*events.notes, _INDEPENDENT))
     else:
@@ -130,19 +130,6 @@ def _of_curves(
     tree = read_tree(hazard, asked, measures_shared(rocks.paths))
     medians = [read_curves(path)[tree.measure].median for path in rocks.paths if not path.is_dir()]
     return of_tree(tree, medians), (tree.measure,)
-
-
-def _measure_of(events: EventSet, rocks: Rocks) -> str:
-    known = measures_shared(rocks.paths)
-    both = [name for name in (*DEFAULT_MEASURES, *known) if name in events.measures and name in known]
-    if not both:
-        raise InputError(
-            what=f"the events are over {', '.join(events.measures)}, the rock's fragility over "
-            f"{', '.join(known) or 'nothing'}",
-            where=events.source, expected="motions in a measure that the rock has a fragility over",
-            remedy="compute fields of one of the rock's measures",
-        )  # fmt: skip
-    return both[0]
 
 
 def _felt(

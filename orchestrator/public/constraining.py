@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import UsageError
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import (
@@ -221,7 +221,7 @@ class _Question:
     """What is asked of the rocks: each list has one entry a rock."""
 
     paths: tuple[Path, ...]
-    ages: list[NDArray[np.float64]]
+    ages: list[Array]
     since: list[Since | None]
     dates: Dates
     hazard: tuple[str, ...]
@@ -236,7 +236,7 @@ class _Question:
         return bool(self.hazard) and (apart or event_set_of(self.hazard) is not None)
 
     @property
-    def joint_ages(self) -> NDArray[np.float64]:
+    def joint_ages(self) -> Array:
         """Draws of the ages, one column a rock."""
         return joint_ages(self.ages, self.dates.common, self.dates.common_error)
 

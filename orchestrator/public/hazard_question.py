@@ -67,9 +67,8 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
     paths, weights = weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
     where = texts[0] if len(texts) == 1 else "--hazard"
-    chosen = chosen_tree(
-        trees, _measure([tree.measure for tree in trees], asked.measure, rocks), asked.site, where
-    )
+    measure = asked.measure or shared_measure([tree.measure for tree in trees], rocks, "--hazard")
+    chosen = chosen_tree(trees, measure, asked.site, where)
     if isinstance(asked.site, tuple) and chosen.site is None:
         raise UsageError(
             "it selects a place, and these curves state none", where="--site", expected="files that state places",
@@ -78,16 +77,14 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
     return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
 
 
-def _measure(stated: Sequence[str], asked: str | None, rocks: Sequence[str]) -> str:
-    """Measure that is asked for, or the first that hazard and rocks have."""
-    if asked:
-        return asked
-    both = [name for name in (*DEFAULT_MEASURES, *rocks) if name in stated and name in rocks]
-    if not both:
-        raise InputError(
-            what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "
-            f"{', '.join(rocks) or 'nothing'}",
-            where="--hazard", expected="hazard over a measure that the rock has a fragility over",
-            remedy="give the hazard's curves over one of the rock's measures",
-        )  # fmt: skip
-    return both[0]
+def shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> str:
+    """First of the usual measures, then of the rocks', that a hazard states and the rocks have a fragility over."""
+    for name in (*DEFAULT_MEASURES, *rocks):
+        if name in stated and name in rocks:
+            return name
+    raise InputError(
+        what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "
+        f"{', '.join(rocks) or 'nothing'}",
+        where=where, expected="hazard over a measure that the rock has a fragility over",
+        remedy="give curves, or motions, over one of the rock's measures",
+    )  # fmt: skip

@@ -159,7 +159,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import carry_out
+    from toppling.orchestrator.run import run as shaken
     from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
 
     if own:
@@ -175,7 +175,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
-            shake = partial(carry_out, cluster=nullcontext(client), watch=weighing(watch))
+            shake = partial(shaken, cluster=nullcontext(client), watch=weighing(watch))
             also = weigh(one, recorded, Path(place), shake)
     return joined(own, also) if own else also
 

@@ -38,7 +38,7 @@ from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
 _Run = Callable[..., object]
-"""Carries a plan out in a folder (`orchestrator.run.carry_out`)."""
+"""Carries a plan out in a folder (`orchestrator.run.run`)."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from toppling.orchestrator.verbs.hazard import SiteCommand
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_words import age_words
-from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.faults import FaultTrace, read_faults
@@ -290,8 +290,7 @@ class Answer:
             last = self.occurrences[-1]
             allowed = table.loc[table["occurrence"] == last.name, "magnitude"]
             drawn = [
-                Drawn(one.name, one.lines, magnitude)
-                for one, magnitude in zip(self.traces, allowed, strict=True)
+                replace(one, magnitude=magnitude) for one, magnitude in zip(self.traces, allowed, strict=True)
             ]
             save(faults_figure(drawn, self.circles(last), f"standing, {last.name}", limits), out / "faults")
 

@@ -182,7 +182,6 @@ def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, rock: str
 
 
 def _have_records(out: Path, records: Path | None, metadata: Path | None, count: int, say: Any) -> None:
-    from toppling.models.errors import InputError
     from toppling.models.files.folder import new_folder
     from toppling.models.motions.ensemble import Ensemble
 
@@ -198,24 +197,13 @@ def _have_records(out: Path, records: Path | None, metadata: Path | None, count:
         with new_folder(out / "ensemble") as staging:
             shutil.copytree(records, staging, dirs_exist_ok=True)
     else:
-        from toppling.models.motions.importing import ImportOptions, import_records, record_files
-        from toppling.models.motions.metadata import read_table
+        from toppling.orchestrator.studies.seismograms import read_seismograms
 
-        files = record_files([records])
-        say(f"records: reading {len(files)} files")
-        outcome = import_records(files, read_table(metadata) if metadata else [], ImportOptions())
-        for refusal in outcome.refusals:
-            say(f"left out {refusal.subject}: {refusal.reason.what}")
-        for name, what in outcome.warnings:
-            say(f"note on {name}: {what}")
-        if not outcome.records:
-            raise InputError(
-                "no record could be read",
-                where=str(records),
-                expected="record files or an ensemble",
-                remedy="see 'toppling records import --help'",
-            )
-        Ensemble.write(out / "ensemble", outcome.records)
+        say(f"records: reading {records}")
+        read = read_seismograms([records], metadata, missing_vertical=False)
+        for remark in (*read.remarks, *(f"note on {name}: {what}" for name, what in read.notes)):
+            say(remark)
+        Ensemble.write(out / "ensemble", read.records)
 
 
 def _say_time(chosen: Any, out: Path, where: dict[str, Any], say: Any) -> None:

@@ -17,9 +17,7 @@ from toppling.results.hazard.survival import Standing, joint_survival, rejected_
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import (
     Update,
-    branch_factors_table,
     changes_table,
-    decided,
     levels_table,
     parts_table,
     updated_table,
@@ -78,8 +76,8 @@ class Constraint:
             for row, branch in zip(summary["branches"], update.tree.branches, strict=True):
                 row |= _place(branch.curve, asked)
             summary |= {
-                "mean": branch_factors_table(update).iloc[-1].to_dict(),
-                "decided": decided(update),
+                "mean": update.factors.iloc[-1].to_dict(),
+                "decided": update.decided,
                 "intervals_carry": list(update.draws.carries) if update.draws else [],
                 "hazard": _hazard(update),
                 "hazard_ratio": ratio,
@@ -137,7 +135,7 @@ def _branch_table(update: Update) -> pd.DataFrame:
             "kept_weight": nothing if update.kept is None else update.kept,
         }
     )
-    factors = branch_factors_table(update).iloc[: len(table)]
+    factors = update.factors.iloc[: len(table)]
     return table.join(factors.drop(columns="name"))
 
 

@@ -22,6 +22,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import check_size
@@ -317,14 +318,14 @@ def _row(curve: Lognormal) -> dict[str, Any]:
     )
 
 
-def _samples_text(resampled: Resampled, numbers: Callable[[NDArray[np.float64]], Iterable[float]]) -> str:
+def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[float]]) -> str:
     """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
     found = iter(resampled.coefficients)
     rows = [numbers(next(found)) if has_fit else () for has_fit in resampled.fitted[:_SAMPLES_KEPT]]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
 
 
-def _median_and_beta(coefficients: NDArray[np.float64]) -> tuple[float, float]:
+def _median_and_beta(coefficients: Array) -> tuple[float, float]:
     intercept, slope = coefficients
     return math.exp(-intercept / slope), 1 / slope
 

@@ -17,6 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from statsmodels.stats.proportion import proportion_confint
 
+from toppling.models.arrays import Array
+
 THIN_RECORDS = 10
 """Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
 
@@ -97,7 +99,7 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     return {name: extended(plane) for name, plane in PLANES.items()}
 
 
-def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> NDArray[np.float64]:
+def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> Array:
     """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
 
     azimuth_deg: (n,), degrees counter-clockwise from x.
@@ -305,9 +307,7 @@ def _index(values: pd.Series, edges: NDArray[np.floating]) -> NDArray[np.int64]:
     return np.searchsorted(edges * (1 - 1e-12), values.to_numpy(float), side="right") - 1
 
 
-def _bounds(
-    axis: Axis, values: pd.Series, edges: NDArray[np.floating], index: pd.Series
-) -> dict[str, NDArray[np.float64]]:
+def _bounds(axis: Axis, values: pd.Series, edges: NDArray[np.floating], index: pd.Series) -> dict[str, Array]:
     level = {axis.column: np.unique(values)[index]} if axis.width is None else {}
     return {**level, f"{axis.column}_low": edges[index], f"{axis.column}_high": edges[index + 1]}
 

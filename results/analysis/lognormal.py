@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 from scipy.stats import t
 
+from toppling.models.arrays import Array
 from toppling.results.completeness import Completeness
 
 LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-def probit_weights(eta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def probit_weights(eta: Array) -> tuple[Array, Array]:
     """What multiplies an answer in the score of a probit, and Fisher's information of a job about its own eta.
 
     phi / (Phi (1 - Phi)) and phi^2 / (Phi (1 - Phi)), which logarithms keep within the range of numbers.
@@ -59,7 +60,7 @@ class Lognormal:
     # The same curve of resampled records, where it is known.
     resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
-    def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
+    def probability(self, intensity: ArrayLike) -> Array:
         """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.asarray(intensity, float) / self.median)
@@ -75,7 +76,7 @@ class Lognormal:
 class Resampled:
     """The same model fitted to resampled records."""
 
-    coefficients: NDArray[np.float64]  # (k, 1 + number of measures): of the samples that have a fit
+    coefficients: Array  # (k, 1 + number of measures): of the samples that have a fit
     # (samples,): which have one, in the order they were drawn: in the others the answers are separated, or
     # probability does not rise.
     fitted: NDArray[np.bool_]
@@ -89,7 +90,7 @@ class Resampled:
         """Number of samples without a fit."""
         return int((~self.fitted).sum())
 
-    def interval(self, values: NDArray[np.float64], level: float = 0.95) -> NDArray[np.float64]:
+    def interval(self, values: Array, level: float = 0.95) -> Array:
         """Ends of the interval of something that each sample has a value of, (2, ...); null without samples.
 
         Values may be infinite.
@@ -108,7 +109,7 @@ class Resampled:
         return [lognormal_of(measure, *next(found)) if has_fit else never for has_fit in self.fitted]
 
 
-def expanded_interval(values: NDArray[np.float64], records: int, level: float = 0.95) -> NDArray[np.float64]:
+def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:
     """Ends (2, ...) of the interval of values (samples, ...) over resampled records; null without samples.
 
     Percentiles of a bootstrap are narrow by sqrt((n - 1) / n) and know no Student's t; with few records the level is
@@ -120,7 +121,7 @@ def expanded_interval(values: NDArray[np.float64], records: int, level: float = 
     return ends(values, float(tail))
 
 
-def ends(values: NDArray[np.float64], tail: float = 0.025) -> NDArray[np.float64]:
+def ends(values: Array, tail: float = 0.025) -> Array:
     """Ends (2, ...) of an interval that occur among the values (samples, ...), which may be infinite."""
     low = np.quantile(values, tail, axis=0, method="lower")
     return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])

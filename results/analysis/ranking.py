@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 
+from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
 from toppling.results.analysis.fits import SURFACES
 from toppling.results.analysis.fragility import effective_records, wilson
@@ -134,6 +135,6 @@ def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataF
     return table.reset_index(drop=True)
 
 
-def _loss(truth: NDArray[np.bool_], predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _loss(truth: NDArray[np.bool_], predicted: Array) -> Array:
     safe = np.clip(predicted, 1e-15, 1 - 1e-15)
     return -np.log(np.where(truth, safe, 1 - safe))

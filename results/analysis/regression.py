@@ -61,7 +61,7 @@ class Fit:
             return None
         return lognormal_of(self.measures[0], *self.coefficients)
 
-    def probability(self, frame: pd.DataFrame) -> NDArray[np.float64]:
+    def probability(self, frame: pd.DataFrame) -> Array:
         """Toppling probability of each row's measures."""
         return LINKS[self.link](design_of(frame, self.measures) @ np.array(self.coefficients))
 
@@ -119,7 +119,7 @@ def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] 
     return None if found is None else tuple(float(value) for value in found)
 
 
-def design_of(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]:
+def design_of(frame: pd.DataFrame, measures: Sequence[str]) -> Array:
     """Ones and the logarithms of the measures, (rows, 1 + measures)."""
     return np.column_stack([np.ones(len(frame)), np.log(frame[list(measures)].to_numpy(float))])
 
@@ -187,12 +187,12 @@ def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> A
     return np.linalg.solve(information, score[:, :, None])[:, :, 0]
 
 
-def is_flat(coefficients: NDArray[np.float64]) -> bool:
+def is_flat(coefficients: Array) -> bool:
     """Whether probability does not rise with the one measure that was fitted."""
     return len(coefficients) == 2 and bool(coefficients[1] < _FLATTEST_SLOPE)
 
 
-def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:
+def _separable(design: Array, toppled: NDArray[np.bool_]) -> bool:
     """Whether a plane has every toppled job on its one side and every standing one on the other, or on it."""
     centred = np.column_stack([np.ones(len(design)), design[:, 1:] - design[:, 1:].mean(axis=0)])
     signed = centred * np.where(toppled, 1.0, -1.0)[:, None]
@@ -203,7 +203,7 @@ def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:
     return bool(found.success and -found.fun > 1e-6)
 
 
-def groups_separable(design: NDArray[np.float64], groups: pd.DataFrame, drawn: NDArray[np.bool_]) -> bool:
+def groups_separable(design: Array, groups: pd.DataFrame, drawn: NDArray[np.bool_]) -> bool:
     """The same of some groups of jobs: one of both answers counts as a job of each."""
     share = groups["share"].to_numpy(float)
     some, none = drawn & (share > 0), drawn & (share < 1)

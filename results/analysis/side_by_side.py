@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, basis_of
@@ -177,7 +178,7 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
     return Beside(run, run.rock, contact, jobs, curve, why_not, place, weakest, least)
 
 
-def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> NDArray[np.float64] | None:
+def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     """Longitude and latitude (n, 2) of places beside a rock; None where its place is not known.
 
     run: of the rock: its atlas, or the coordinate system of its scan, says where it stands.

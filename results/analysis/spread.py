@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
 
@@ -16,31 +16,6 @@ _LEAST = 3
 """Records, and realisations, of which a spread can be told."""
 CAUSES = ("records", "base", "friction", "left")
 _SAME = ["scene_id", "preset", "restitution"]
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Standard deviation of the toppling probability at one level, by what it comes from."""
-
-    level_pga_m_s2: float
-    probability: float
-    # Of the probability from record to record, from base to base (with the centre of mass drawn beside it),
-    # and from friction to friction.
-    records: float
-    base: float
-    friction: float
-    left: float  # what depends on all together, and chance: of single jobs
-    # Ends of their 95 % intervals, as other records and other draws would have it.
-    records_low: float
-    records_high: float
-    base_low: float
-    base_high: float
-    friction_low: float
-    friction_high: float
-    # Jobs, and the records and the distinct bases among them (draws, where the scene has none).
-    jobs: int
-    records_drawn: int
-    bases: int
 
 
 def spreads(frame: pd.DataFrame) -> pd.DataFrame:
@@ -62,8 +37,11 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a level: the fields of `Spread`, and `share_` of the variance that records, base and friction share
-        among each other. The last row, whose level is null, holds their means.
+        One row a level: level_pga_m_s2; probability of toppling; its standard deviation from record to record
+        (records), from base to base with the centre of mass drawn beside it (base), from friction to friction
+        (friction), and what depends on all together, or on chance (left); `_low` and `_high` (95 %) of the first three,
+        as other records and draws would have it; `share_` of the variance that these share among each other; jobs,
+        records_drawn and bases (draws, where the scene has none). The last row, whose level is null, holds their means.
 
     Raises
     ------
@@ -86,7 +64,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
             expected=f"a campaign with realisations of at least {_LEAST + 1}, and {_LEAST} records or more",
             remedy="set realisations = 20 or so in the campaign, and run it again: jobs that are done stay",
         )
-    table = pd.DataFrame([vars(one) for one in found])
+    table = pd.DataFrame(found)
     means = {**table.mean(numeric_only=True), "level_pga_m_s2": None, "jobs": int(table["jobs"].sum())}
     means |= {name: int(table[name].max()) for name in ("records_drawn", "bases")}
     # Levels share their records and draws: their ends are averaged as the deviations are.
@@ -99,7 +77,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
+def _spread(level: float, jobs: pd.DataFrame) -> dict[str, float] | None:
     """Analysis of variance of one level; None where too little was answered."""
     draw = ["friction_static", "friction_kinetic", "realisation"]
     entries = jobs.assign(toppled=jobs["toppled"].astype(float)).pivot_table(
@@ -138,19 +116,15 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
         "base": of_draws_ends * (1.0 - share),
         "friction": of_draws_ends * share,
     }
-    return Spread(
-        level_pga_m_s2=level,
-        probability=float(mean),
-        records=float(np.sqrt(max(of_records, 0.0))),
-        base=float(np.sqrt(max(of_draws, 0.0) * (1.0 - share))),
-        friction=float(np.sqrt(max(of_draws, 0.0) * share)),
-        left=float(np.sqrt(left)),
-        **{f"{cause}_{end}": float(np.sqrt(value)) for cause, pair in ends.items()
-           for end, value in zip(("low", "high"), pair, strict=True)},
-        jobs=len(jobs),
-        records_drawn=records,
-        bases=(jobs["base"].nunique() if "base" in jobs else 0) or draws,
-    )  # fmt: skip
+    return {
+        "level_pga_m_s2": level, "probability": mean, "records": max(of_records, 0.0) ** 0.5,
+        "base": (max(of_draws, 0.0) * (1.0 - share)) ** 0.5, "friction": (max(of_draws, 0.0) * share) ** 0.5,
+        "left": left**0.5,
+        **{f"{cause}_{end}": value**0.5 for cause, pair in ends.items()
+           for end, value in zip(("low", "high"), pair.tolist(), strict=True)},
+        "jobs": len(jobs), "records_drawn": records,
+        "bases": (jobs["base"].nunique() if "base" in jobs else 0) or draws,
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -161,7 +135,7 @@ class Mean:
     freedom: float
 
 
-def _component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.float64]:
+def _component_interval(of_cause: Mean, error: Mean, times: float) -> Array:
     """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
 
     of_cause: its expectation is the error's and `times` the component.

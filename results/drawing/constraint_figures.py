@@ -8,8 +8,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.results.drawing.style import (
     COLOURS,
     HALF_WIDTH_IN,
@@ -83,7 +83,7 @@ def _draw_named(
     axes: Axes,
     branches: Sequence[Branch],
     verdicts: pd.DataFrame | None,
-    shown: Sequence[NDArray[np.float64]],
+    shown: Sequence[Array],
 ) -> None:
     """Each branch as a line of its own, which the legend names with its verdict."""
     colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
@@ -124,7 +124,7 @@ def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
     return f"{len(ages)} rocks, standing for {_years(np.concatenate([rock.years for rock in dated]))}"
 
 
-def _years(years: NDArray[np.float64]) -> str:
+def _years(years: Array) -> str:
     low, high = (f"{float(f'{value:.3g}'):,.0f}" for value in (np.min(years), np.max(years)))
     return f"{low} years" if low == high else f"{low} to {high} years"
 
@@ -135,14 +135,14 @@ def _verdict(row: pd.Series) -> str:
     return f": survival {words}, {'rejected' if row['rejected'] else 'not rejected'}"
 
 
-def _within(bound: pd.DataFrame, branch: HazardCurve) -> NDArray[np.float64]:
+def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
     """Rates of a branch at the bound's intensities that it has."""
     intensity = bound.iloc[:, 0].to_numpy()
     inside = (intensity >= branch.intensity[0]) & (intensity <= branch.intensity[-1])
     return branch.rate(intensity[inside])
 
 
-def _rates_shown(bound: pd.DataFrame, drawn: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, float]:
     """Ends of the rates: those of the bound, widened to what the branches have at its intensities.
 
     A branch that falls steeply may leave the frame a thousand times below the bound, but where it comes nearest to

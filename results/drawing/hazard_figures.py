@@ -5,8 +5,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array
 from toppling.results.drawing.constraint_figures import ages_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
 from toppling.results.hazard.tree import Statistics
@@ -90,9 +91,7 @@ def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
     )  # fmt: skip
 
 
-def _bearing(
-    levels: NDArray[np.float64], rates: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bearing(levels: Array, rates: Array) -> tuple[Array, Array]:
     """Points of a curve that have a rate."""
     positive = np.isfinite(rates) & (rates > 0)
     return levels[positive], rates[positive]
@@ -122,7 +121,7 @@ def _frame(axes: Axes, update: Update, width_in: float) -> None:
     period.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _inverse(value: ArrayLike) -> NDArray[np.float64]:
+def _inverse(value: ArrayLike) -> Array:
     with np.errstate(divide="ignore"):
         return 1.0 / np.asarray(value, float)
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
+from toppling.results.hazard.faults import FaultTrace
 
 _DASHES = ("-", "--", "-.", ":")
 _PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
@@ -20,16 +20,6 @@ _PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.
 
 _REACH_KM = 100.0
 """Of the map, beside the farthest circle."""
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """A fault as the map shows it."""
-
-    name: str
-    lines: Sequence[NDArray[np.float64]]  # sequence of (n, 2): km east and north of the rock
-    # Largest that standing allows; infinite where none is excluded, minus infinity where all are.
-    magnitude: float
 
 
 def magnitudes_figure(
@@ -68,7 +58,7 @@ def magnitudes_figure(
 
 
 def faults_figure(
-    faults: Sequence[Drawn],
+    faults: Sequence[FaultTrace],
     circles: dict[float, float],
     title: str,
     limits: tuple[float, float],
@@ -77,13 +67,15 @@ def faults_figure(
 
     Parameters
     ----------
-    faults : sequence of Drawn
+    faults : sequence of FaultTrace
+        Each with the largest magnitude that standing allows: infinite where none is excluded, minus infinity where all
+        are.
     circles : dict of km by magnitude
         Least distance of an earthquake of that magnitude.
     limits : (low, high)
         Magnitudes that the models are for.
     """
-    known = [one.magnitude for one in faults if math.isfinite(one.magnitude)]
+    known = [one.magnitude for one in faults if one.magnitude is not None and math.isfinite(one.magnitude)]
     shades = Normalize(
         max(limits[0], math.floor(2 * min(known, default=limits[0])) / 2),
         min(limits[1], math.ceil(2 * max(known, default=limits[1])) / 2 + 0.01),
@@ -125,7 +117,7 @@ def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None
             )  # fmt: skip
 
 
-def _clear_angle(faults: Sequence[Drawn], reach: float) -> float:
+def _clear_angle(faults: Sequence[FaultTrace], reach: float) -> float:
     """Direction from the rock that is farthest off the traces, up or down rather than aside, where names run over."""
     angles = np.deg2rad([90, 270, 60, 120, 240, 300])
     points = np.concatenate([line for one in faults for line in one.lines])
@@ -137,16 +129,17 @@ def _clear_angle(faults: Sequence[Drawn], reach: float) -> float:
     return float(angles[int(np.argmax(clear))])
 
 
-def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None:
+def _draw_fault(axes: Axes, one: FaultTrace, shades: Normalize, reach: float) -> None:
     """A trace by its magnitude, grey where none is excluded, with its name where the map has it."""
-    free = one.magnitude == math.inf
-    colour = "0.65" if free else COLOURS(shades(max(one.magnitude, shades.vmin or 0.0)))
+    magnitude = math.inf if one.magnitude is None else one.magnitude
+    free = magnitude == math.inf
+    colour = "0.65" if free else COLOURS(shades(max(magnitude, shades.vmin or 0.0)))
     for line in one.lines:
         axes.plot(*line.T, color=colour, lw=1.0 if free else 2.0, solid_capstyle="round")
     points = np.concatenate(list(one.lines))
     inside = points[(np.abs(points) < 0.9 * reach).all(axis=1)]
     if len(inside):
-        allowed = "" if free else " (all)" if one.magnitude == -math.inf else f" ({one.magnitude:.1f})"
+        allowed = "" if free else " (all)" if magnitude == -math.inf else f" ({magnitude:.1f})"
         middle_km = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
         axes.annotate(
             one.name + allowed, middle_km, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
@@ -154,13 +147,13 @@ def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None
         )  # fmt: skip
 
 
-def _reach_km(faults: Sequence[Drawn], circles: dict[float, float]) -> float:
+def _reach_km(faults: Sequence[FaultTrace], circles: dict[float, float]) -> float:
     nearest = [min(np.hypot(*line.T).min() for line in one.lines) for one in faults]
     widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
     return 1.15 * max(widest, min(_REACH_KM, max(nearest, default=0.0)), 5.0)
 
 
-def _shown(values: pd.Series, limits: tuple[float, float]) -> NDArray[np.float64]:
+def _shown(values: pd.Series, limits: tuple[float, float]) -> Array:
     """Values for a line, which ends at the frame where nothing more is excluded."""
     shown = np.clip(values.to_numpy(float), limits[0], limits[1] + 1e-6)
     beyond = np.flatnonzero(np.isposinf(values.to_numpy(float)))

@@ -16,7 +16,16 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.fragility import THIN_RECORDS, Axis, DirectionCells, Plane
+from toppling.results.analysis.fragility import (
+    THIN_RECORDS,
+    Axis,
+    DirectionCells,
+    Plane,
+    beyond,
+    cells,
+    records_on,
+    unplaced,
+)
 from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 
@@ -41,23 +50,14 @@ _SHARES = Normalize(0, 1)
 """Scale of probabilities."""
 
 
-def map_figure(
-    table: pd.DataFrame,
-    plane: Plane,
-    title: str = "",
-    unplaced: int = 0,
-    beyond: int = 0,
-    records: int | None = None,
-) -> Figure:
+def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     """One map: toppling probability in the cells of a plane.
 
-    table: from `analysis.fragility.cells`.
-    plane: the plane it was made for.
+    jobs: rows of results, all of one contact.
     title: what the jobs have in common, as "μ = 0.8".
-    unplaced, beyond: from `analysis.fragility`'s functions of these names.
-    records: distinct records on the map, where known.
     """
-    caption = [*_width_words(table, plane), *_left_out(plane, unplaced, beyond)]
+    table = cells(jobs, plane)
+    caption = [*_width_words(table, plane), *_left_out(plane, unplaced(jobs, plane), beyond(jobs, plane))]
     height = 3.0 + _LINE_IN * len(caption)
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
@@ -65,7 +65,7 @@ def map_figure(
         axes = figure.subplots(gridspec_kw=margins)
         _frame_cells(axes, table, plane)
         _draw_cells(axes, table, plane, _full_share(table))
-        axes.set_title("\n".join(filter(None, (title, _counted(table, records)))))
+        axes.set_title("\n".join(filter(None, (title, _counted(table, records_on(jobs, plane))))))
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure, margins)
         _write_caption(figure, caption)
@@ -134,12 +134,12 @@ def _draw_direction(
 ) -> None:
     """Draw the cells of one direction bin under its name and counts."""
     table, plane = counted.table, counted.plane
-    cells = table[table["direction_deg"] == direction_deg]
-    number = _counted(cells, counted.records.get(direction_deg, 0))
+    there = table[table["direction_deg"] == direction_deg]
+    number = _counted(there, counted.records.get(direction_deg, 0))
     axes.set_title(f"{direction_words(direction_deg, counted.bins)}\n{number}")
     _frame_cells(axes, table, plane)
-    if len(cells):
-        _draw_cells(axes, cells, plane, _full_share(table))
+    if len(there):
+        _draw_cells(axes, there, plane, _full_share(table))
     else:
         axes.text(0.5, 0.5, _NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
     _few_ticks(axes)
@@ -147,9 +147,8 @@ def _draw_direction(
         _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
 
 
-def _counted(table: pd.DataFrame, records: int | None) -> str:
-    jobs = int(table["jobs"].sum())
-    return f"{jobs:,} jobs" if records is None else f"{jobs:,} jobs, {records:,} records"
+def _counted(table: pd.DataFrame, records: int) -> str:
+    return f"{int(table['jobs'].sum()):,} jobs, {records:,} records"
 
 
 def _few_ticks(axes: Axes) -> None:
@@ -199,14 +198,14 @@ def _points_of(axes: Axes, width: Array, height: Array) -> tuple[Array, Array]:
     )
 
 
-def _left_out(plane: Plane, unplaced: int, beyond: int) -> list[str]:
+def _left_out(plane: Plane, missing: int, outside: int) -> list[str]:
     """What the map does not show, a line each."""
     ends = [f"{axis.below:g} {axis.unit}" for axis in (plane.x, plane.y) if axis.below is not None]
     lines = []
-    if beyond:
-        lines.append(f"Not shown: {beyond:,} jobs from {' or '.join(ends)} on.")
-    if unplaced:
-        lines.append(f"In no cell: {unplaced:,} jobs whose measures are not known.")
+    if outside:
+        lines.append(f"Not shown: {outside:,} jobs from {' or '.join(ends)} on.")
+    if missing:
+        lines.append(f"In no cell: {missing:,} jobs whose measures are not known.")
     return lines
 
 

@@ -21,7 +21,6 @@ from toppling.results.analysis.fragility import (
     by_contact,
     cells,
     contact_words,
-    records_on,
     unplaced,
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
@@ -73,12 +72,10 @@ def write_maps(
         target.mkdir(parents=True, exist_ok=True)
         left_out, title = [], contact_words(jobs, frame)
         for plane in planes:
-            table = cells(jobs, plane)
-            missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
-            left_out.append((plane.name, len(jobs), missing, outside))
-            yield write_csv(table, target / f"{plane.name}.csv")
-            drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
-            yield from save(drawn, target / plane.name, _remark(run))
+            outside = beyond(jobs, plane)
+            left_out.append((plane.name, len(jobs), unplaced(jobs, plane), outside))
+            yield write_csv(cells(jobs, plane), target / f"{plane.name}.csv")
+            yield from save(map_figure(jobs, plane, title), target / plane.name, _remark(run))
             if not plane.by_direction:
                 continue
             split = DirectionCells.of(jobs, plane, directions)

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from statsmodels.stats.proportion import proportion_confint
 
+from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
 from toppling.results.analysis.fragility import DIRECTION_BINS, direction_bin_deg
 from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
@@ -174,7 +175,7 @@ def front_figure(table: pd.DataFrame) -> Figure:
 
 
 def calibration_figure(
-    bins: pd.DataFrame, probability: NDArray[np.float64], overturned: NDArray[np.bool_], title: str
+    bins: pd.DataFrame, probability: Array, overturned: NDArray[np.bool_], title: str
 ) -> Figure:
     """Shares that overturned over the predicted probability, and below it how many tests had which probability.
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.spreadsheet import plain_table
 from toppling.models.motions.formats.decoding import text_of
@@ -47,7 +48,7 @@ class Exposure:
 
     # (s, rocks): `_ABSENT`, `_AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
     states: NDArray[np.int8]
-    years: NDArray[np.float64]  # (s, draws): time spent in each state
+    years: Array  # (s, draws): time spent in each state
 
     def survival(self, annual_rates: ArrayLike) -> float:
         """Probability that no event toppled any rock, given the rate (s,) of such events in each state."""
@@ -63,7 +64,7 @@ class Exposure:
 class Since:
     """When a rock became as fragile as it is."""
 
-    years: NDArray[np.float64]  # (n,): equally likely years before the present
+    years: Array  # (n,): equally likely years before the present
     factor: float = math.inf  # medians before that, over today's; infinite for a rock that could not topple
 
 
@@ -80,7 +81,7 @@ def unit_years(name: str) -> float | None:
     return _UNITS.get(unit or ("years" if counted_back else ""))
 
 
-def parse_age(text: str, where: str = "--age", files: bool = True) -> NDArray[np.float64]:
+def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     """Read an age as equally likely years.
 
     Parameters
@@ -146,9 +147,7 @@ def parse_since(text: str) -> Since:
     return Since(parse_age(age, "--fragile-since"), factor)
 
 
-def joint_ages(
-    ages: Sequence[NDArray[np.float64]], common_date: bool = False, common_error: float = 0.0
-) -> NDArray[np.float64]:
+def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: float = 0.0) -> Array:
     """Draw the ages of several rocks together.
 
     Parameters
@@ -189,7 +188,7 @@ def joint_ages(
     return drawn
 
 
-def fragile_years(ages: NDArray[np.float64], since: Sequence[Since | None]) -> NDArray[np.float64]:
+def fragile_years(ages: Array, since: Sequence[Since | None]) -> Array:
     """How long each rock has been as fragile as it is, (draws, rocks): the lesser of its age and that date.
 
     Parameters
@@ -209,7 +208,7 @@ def fragile_years(ages: NDArray[np.float64], since: Sequence[Since | None]) -> N
     return fragile
 
 
-def exposure(ages: NDArray[np.float64], since: Sequence[Since | None] | None = None) -> Exposure:
+def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposure:
     """Find the sets of rocks that stood together, in which state, and how long in each draw.
 
     Parameters
@@ -250,7 +249,7 @@ _WIDEST = 500.0
 _UNIT = re.compile(rf"(?<![a-z])\s*({'|'.join(sorted(_UNITS, key=len, reverse=True))})\s*$")
 
 
-def _of_words(text: str) -> NDArray[np.float64]:
+def _of_words(text: str) -> Array:
     """Years of an age in words, in thousands or millions where it ends so."""
     text = _ABOUT.sub("", _PRESENT.sub(" ", text.strip().lower()))
     unit = _UNIT.search(text)
@@ -265,7 +264,7 @@ def _of_words(text: str) -> NDArray[np.float64]:
     return _years(plain, years)
 
 
-def _years(text: str, unit: float = 1.0) -> NDArray[np.float64]:
+def _years(text: str, unit: float = 1.0) -> Array:
     levels = _levels(_AGE_SAMPLES)
     if "+-" in text:
         mean, deviation = (unit * float(part) for part in text.split("+-"))
@@ -282,11 +281,11 @@ def _years(text: str, unit: float = 1.0) -> NDArray[np.float64]:
     return np.array([unit * float(text)])
 
 
-def _levels(count: int) -> NDArray[np.float64]:
+def _levels(count: int) -> Array:
     return (np.arange(count) + 0.5) / count
 
 
-def _normal(mean: float, deviation: float, least: float, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normal(mean: float, deviation: float, least: float, levels: Array) -> Array:
     """Quantiles of a normal variable that is cut below."""
     if not deviation > 0:
         return np.array([math.nan])
@@ -294,14 +293,14 @@ def _normal(mean: float, deviation: float, least: float, levels: NDArray[np.floa
     return mean + deviation * ndtri(floor + levels * (1 - floor))
 
 
-def _of_file(path: Path) -> NDArray[np.float64]:
+def _of_file(path: Path) -> Array:
     years, weights = _read_ages(path)
     order = np.argsort(years)
     cumulated = np.cumsum(weights[order]) / weights.sum()
     return years[order][np.minimum(np.searchsorted(cumulated, _levels(_AGE_SAMPLES)), len(years) - 1)]
 
 
-def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights of a file, weights of one where it has none."""
     text = text_of(path.read_bytes())
     if text is None:

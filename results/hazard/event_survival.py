@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
 from toppling.results.hazard.ages import STOUTER, Exposure, Since
@@ -47,9 +48,9 @@ class EventBranch:
     """Events of one branch, or of one model."""
 
     name: str
-    rate: NDArray[np.float64]  # (m,): annual rate of each event
+    rate: Array  # (m,): annual rate of each event
     # mapping of (m, sites): by measure, in its SI unit; 0 where an event is not felt.
-    motions: Mapping[str, NDArray[np.float64]]
+    motions: Mapping[str, Array]
     weight: float = 1.0  # of this branch among others
     model: str = ""  # its ground-motion model, where the branches' names tell it
 
@@ -81,7 +82,7 @@ class EventSet:
         return tuple(self.branches[0].motions)
 
     @property
-    def prior(self) -> NDArray[np.float64]:
+    def prior(self) -> Array:
         """Weights of the branches, which sum to 1."""
         weights = np.array([branch.weight for branch in self.branches])
         return weights / weights.sum()
@@ -116,7 +117,7 @@ def standing_shares(rocks: Sequence[FeltRock], branch: EventBranch) -> tuple[NDA
 
 def any_topples(
     shares: tuple[NDArray, NDArray], states: NDArray[np.int8], some: NDArray | slice = slice(None)
-) -> NDArray[np.float64]:
+) -> Array:
     """Probability that an event topples at least one of the rocks, in each state: (s, m)."""
     now, before = shares
     as_now, as_before = (states == 1).astype(float), (states == STOUTER).astype(float)
@@ -142,7 +143,7 @@ def _bootstrap(
     seed: int = 0,
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
-) -> NDArray[np.float64]:
+) -> Array:
     """Survival with everything uncertain resampled: events, fragilities of other records where known, and ages.
 
     Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
@@ -167,9 +168,7 @@ def _bootstrap(
     return found
 
 
-def bootstrap_branches(
-    rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure
-) -> list[NDArray[np.float64]]:
+def bootstrap_branches(rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure) -> list[Array]:
     """`_bootstrap` of each branch: the same records and ages for all, and events of their own."""
     return [
         _bootstrap(
@@ -199,7 +198,7 @@ def rank_branches(
     events: EventSet,
     exposure: Exposure,
     confidence: float = 0.95,
-    drawn: Sequence[NDArray[np.float64]] | None = None,
+    drawn: Sequence[Array] | None = None,
 ) -> pd.DataFrame:
     """Survival and Bayes weight of each branch, by all rocks together.
 
@@ -280,11 +279,11 @@ def check_measures(rocks: Sequence[FeltRock], events: EventSet) -> None:
             )  # fmt: skip
 
 
-def _posterior(prior: NDArray | pd.Series, survivals: NDArray | pd.Series) -> NDArray[np.float64]:
+def _posterior(prior: NDArray | pd.Series, survivals: NDArray | pd.Series) -> Array:
     joint = np.asarray(prior, float) * np.asarray(survivals, float)
     return joint / joint.sum() if joint.sum() > 0 else np.full(len(joint), math.nan)
 
 
-def _log_standing(fragility: Fragility, motions: Motions) -> NDArray[np.float64]:
+def _log_standing(fragility: Fragility, motions: Motions) -> Array:
     with np.errstate(divide="ignore"):
         return np.maximum(np.log1p(-topples(fragility, motions)), _LEAST_LOGARITHM)

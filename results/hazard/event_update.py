@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.event_survival import (
@@ -104,7 +104,7 @@ class EventUpdate:
     confidence: float = 0.95
 
     @cached_property
-    def drawn(self) -> NDArray[np.float64]:
+    def drawn(self) -> Array:
         """Survival under each branch with everything resampled, (draws, branches)."""
         return np.array(bootstrap_branches(self.rocks, self.events, self.exposure)).T
 
@@ -146,9 +146,7 @@ class EventUpdate:
         }
         return EventBranch(MEAN, np.concatenate(rates), motions)
 
-    def _factors(
-        self, readings: Sequence[EventBranch], drawn: NDArray[np.float64], seed: int
-    ) -> dict[str, float]:
+    def _factors(self, readings: Sequence[EventBranch], drawn: Array, seed: int) -> dict[str, float]:
         """Factors of a branch, the first of its readings, and their intervals over the others."""
         branch = readings[0]
         felt, *others = [self._felt(one) for one in readings]
@@ -180,19 +178,19 @@ class EventUpdate:
         return float(self.events.prior @ self.branches["survival"])
 
     @property
-    def posterior(self) -> NDArray[np.float64] | None:
+    def posterior(self) -> Array | None:
         """Bayes weights; None where the rocks survive under no branch."""
         weights = self.branches["posterior_weight"].to_numpy()
         return None if np.isnan(weights).any() else weights
 
     @property
     def decided(self) -> dict[str, float | None]:
-        """How much the rocks decide, as `update.decided` states it of curves."""
+        """How much the rocks decide, as `Update.decided` states it of curves."""
         return decided_by(
             self.events.prior, self.posterior, self.branches["survival"], self.branches["rejected"]
         )
 
-    def counted(self, measure: str, sites: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def counted(self, measure: str, sites: Sequence[int]) -> tuple[Array, Array]:
         """Levels, and each branch's rate of events above them at sites (branches, sites, levels); none felt, none."""
         branches = self.events.branches
         felt = np.concatenate([branch.motions[measure][:, sites].ravel() for branch in branches])
@@ -269,9 +267,7 @@ class EventUpdate:
         )
 
 
-def _exceeded(
-    values: NDArray[np.float64], rate: NDArray[np.float64], levels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _exceeded(values: Array, rate: Array, levels: Array) -> Array:
     """Rate of events above each level."""
     order = np.argsort(values)
     summed = np.concatenate([np.cumsum(rate[order][::-1])[::-1], [0.0]])

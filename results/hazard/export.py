@@ -9,8 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
@@ -31,9 +31,9 @@ class _Curves:
     """Rates of one measure: of each branch, their updated mean and fractiles, by kind; a row a site."""
 
     measure: str
-    levels: NDArray[np.float64]
+    levels: Array
     sites: Sequence[tuple[str, tuple[float, float]]]
-    rates: Mapping[str, NDArray[np.float64]]
+    rates: Mapping[str, Array]
 
 
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
@@ -85,16 +85,16 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
 
 
 def _kinds(
-    numbers: Sequence[int], rates: NDArray[np.float64], mean: NDArray[np.float64],
-    fractiles: Mapping[float, NDArray[np.float64]],
-) -> dict[str, NDArray[np.float64]]:  # fmt: skip
+    numbers: Sequence[int], rates: Array, mean: Array,
+    fractiles: Mapping[float, Array],
+) -> dict[str, Array]:  # fmt: skip
     """Rates (sites, levels) by OpenQuake's name of their kind."""
     kinds = {f"rlz-{number:03}": rate for number, rate in zip(numbers, rates, strict=True)}
     return kinds | {"mean": mean} | {f"quantile-{q:g}": rate for q, rate in fractiles.items()}
 
 
 def _write(
-    folder: Path, branches: Mapping[int, str], weights: NDArray[np.float64], measures: Sequence[_Curves],
+    folder: Path, branches: Mapping[int, str], weights: Array, measures: Sequence[_Curves],
     years: float,
 ) -> Iterator[Path]:  # fmt: skip
     mark = zlib.crc32(repr([list(weights), list(branches.values())]).encode())

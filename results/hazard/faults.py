@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import refusals
 from toppling.results.hazard.places import EARTH_RADIUS_KM
 
@@ -36,7 +36,7 @@ class FaultTrace:
     name: str
     # tuple of (n, 2): points in km east and north of the rock: distances and directions from the rock are
     # those of the great circle.
-    lines: tuple[NDArray[np.float64], ...]
+    lines: tuple[Array, ...]
     magnitude: float | None = None  # of its earthquake, where the file states one
 
     @property
@@ -105,7 +105,7 @@ def _lines(geometry: Any) -> Iterator[Sequence[Any]]:
         yield from (ring for polygon in coordinates or () for ring in polygon)
 
 
-def _projected(line: Any, site: tuple[float, float], path: Path, number: int) -> NDArray[np.float64]:
+def _projected(line: Any, site: tuple[float, float], path: Path, number: int) -> Array:
     try:
         points = np.array([[float(point[0]), float(point[1])] for point in line])
     except (TypeError, ValueError, IndexError, KeyError):
@@ -116,7 +116,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
     return _azimuthal_km(_straight(points), site)
 
 
-def _straight(points_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+def _straight(points_deg: Array) -> Array:
     """Points of lines that are straight in longitude and latitude, as GeoJSON has them, close enough to be mapped."""
     steps = np.maximum(np.ceil(np.abs(np.diff(points_deg, axis=0)).max(axis=1) / _STEP_DEG).astype(int), 1)
     places = np.concatenate([number + np.arange(count) / count for number, count in enumerate(steps)])
@@ -125,7 +125,7 @@ def _straight(points_deg: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.interp(places, corners, points_deg[:, axis]) for axis in (0, 1)])
 
 
-def _azimuthal_km(points_deg: NDArray[np.float64], site: tuple[float, float]) -> NDArray[np.float64]:
+def _azimuthal_km(points_deg: Array, site: tuple[float, float]) -> Array:
     """Points (n, 2) of longitude and latitude in km east and north of a site: azimuthal equidistant.
 
     Snyder (1987, Map projections: a working manual, USGS Professional Paper 1395), equations 5-3, 22-4 and 22-5.
@@ -141,7 +141,7 @@ def _azimuthal_km(points_deg: NDArray[np.float64], site: tuple[float, float]) ->
     return EARTH_RADIUS_KM * scale[:, None] * np.column_stack([x, y])
 
 
-def _least_distance(line: NDArray[np.float64]) -> float:
+def _least_distance(line: Array) -> float:
     """Distance of the origin from a line of straight pieces."""
     start, along = line[:-1], np.diff(line, axis=0)
     length = (along**2).sum(axis=1)

@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
@@ -47,9 +48,7 @@ class Model(Protocol):
     def distances_km(self) -> tuple[float, float]:
         """Range that it is for."""
 
-    def motion(
-        self, magnitude: ArrayLike, distance_km: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[Array, Array]:
         """Mean and standard deviation of the logarithm of the motion in SI."""
 
 
@@ -57,12 +56,12 @@ class Model(Protocol):
 class MotionGrid:
     """Motions of some models over magnitude and distance."""
 
-    magnitude: NDArray[np.float64]  # (m,)
-    distance_km: NDArray[np.float64]  # (r,)
+    magnitude: Array  # (m,)
+    distance_km: Array  # (r,)
     # (models, m, r): of the logarithm of the motion in SI.
-    mean: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    weights: NDArray[np.float64]  # (models,): summing to 1
+    mean: Array
+    sigma: Array
+    weights: Array  # (models,): summing to 1
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Occurrence:
 
 def toppling_probability(
     fragility: Lognormal | Callable[[NDArray], NDArray], mean: ArrayLike, sigma: ArrayLike
-) -> NDArray[np.float64]:
+) -> Array:
     """Probability that motions with a lognormal distribution topple a rock.
 
     Parameters
@@ -133,7 +132,7 @@ def one_event(confidence: float, events: int = 1) -> Occurrence:
     return Occurrence(name, -math.expm1(math.log1p(-confidence) / events))
 
 
-def recurring(confidence: float, years: NDArray[np.float64], recurrence_years: float) -> Occurrence:
+def recurring(confidence: float, years: Array, recurrence_years: float) -> Occurrence:
     """A source that repeats an earthquake at random, every so many years on average, while the rock stood.
 
     Parameters
@@ -146,7 +145,7 @@ def recurring(confidence: float, years: NDArray[np.float64], recurrence_years: f
     return Occurrence(name, greatest_rate(exposure, 1.0 - confidence))
 
 
-def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> NDArray[np.float64]:
+def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:
     """By how many standard deviations magnitude and distance (m, r) are beyond exclusion: excluded above 0."""
     if occurrence.probability >= 1:
         return np.full(grid.mean.shape[1:], -math.inf)
@@ -197,8 +196,8 @@ def least_distances(
 
 
 def _crossings(
-    along: NDArray[np.float64], drawn: Sequence[Lognormal], fragility: Lognormal,
-    excess_of: Callable[[Lognormal], NDArray[np.float64]], row: str, name: str, rows: NDArray[np.float64],
+    along: Array, drawn: Sequence[Lognormal], fragility: Lognormal,
+    excess_of: Callable[[Lognormal], Array], row: str, name: str, rows: Array,
 ) -> pd.DataFrame:  # fmt: skip
     found = _last_allowed(along, excess_of(fragility))
     low = high = np.full(len(rows), math.nan)
@@ -208,7 +207,7 @@ def _crossings(
     return pd.DataFrame({row: rows, name: found, f"{name}_low": low, f"{name}_high": high})
 
 
-def _last_allowed(along: NDArray[np.float64], beyond: NDArray[np.float64]) -> NDArray[np.float64]:
+def _last_allowed(along: Array, beyond: Array) -> Array:
     """Value of a rising variable from which on all is excluded, in each row; infinite without one, or if all is."""
     allowed = beyond < 0
     none, whole = ~allowed.any(axis=1), allowed[:, -1]

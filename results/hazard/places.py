@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed
 
@@ -26,9 +27,7 @@ Place = tuple[float, float]
 """Longitude and latitude in degrees."""
 
 
-def distance_km(
-    longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[float, float]
-) -> NDArray[np.float64]:
+def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[float, float]) -> Array:
     """Distances of places from a site (longitude, latitude) along the great circle; 241.9 and -118.1 east are one."""
     east, north, here = (
         np.deg2rad(np.asarray(angle, float)) for angle in (longitude_deg, latitude_deg, site)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal, Resampled, ends
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.curves import HazardCurve, nodes_between
@@ -21,13 +21,13 @@ class Draws:
     """Draws of rocks' fragilities and ages."""
 
     curves: list[list[Lognormal]]  # of each draw, one per rock
-    years: NDArray[np.float64]  # (draws, rocks)
+    years: Array  # (draws, rocks)
     carries: tuple[str, ...]  # what differs between draws: fragility, age, or both
     # The bootstrap with the fewest records, which decides how wide an interval has to be; None where only
     # ages vary.
     records: Resampled | None
 
-    def interval(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def interval(self, values: Array) -> Array:
         """Ends of the 95 % interval (2, ...) of values of each draw (draws, ...), which may be infinite."""
         if self.records is not None:
             return self.records.interval(values)
@@ -54,7 +54,7 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
     )
 
 
-def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
     """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
 
     As `curves.events_by_intensity`, for many curves at once: what each says beyond its last point lies at that point.
@@ -74,9 +74,7 @@ def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], N
     return x, rates
 
 
-def exponents(
-    draws: Draws, curves: Sequence[HazardCurve], factors: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def exponents(draws: Draws, curves: Sequence[HazardCurve], factors: Array) -> Array:
     """Expected topplings (draws, factors, curves) since the rocks stand, of motions multiplied by each factor.
 
     Survival is exp of minus it. Over the years that only the older rocks stood, only they could topple.
@@ -84,7 +82,7 @@ def exponents(
     x, rates = _event_matrix(curves)
     scaled = np.outer(factors, x)
     found = np.zeros((len(draws.curves), len(factors), len(curves)))
-    known: dict[tuple, NDArray[np.float64]] = {}
+    known: dict[tuple, Array] = {}
     for number, (fragilities, years) in enumerate(zip(draws.curves, draws.years, strict=True)):
         order = np.argsort(-years)
         spans = -np.diff(np.append(years[order], 0.0))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from toppling.models.arrays import Array
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.hazard.rock_draws import Draws, exponents
 from toppling.results.hazard.survival import Standing, epochs, greatest_rate
@@ -59,7 +60,7 @@ def rate_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -
 
 def drawn_factors(
     draws: Draws, curves: Sequence[HazardCurve], chance: float, central: Sequence[float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array, Array]:
     """Factors of motions and of rates, and survivals, of each draw and curve, (draws, curves) each.
 
     `central` are the curves' factors of motions, about which those of the draws are looked for.
@@ -79,7 +80,7 @@ def drawn_factors(
 
 def _of_group(
     draws: Draws, curves: Sequence[HazardCurve], grid: NDArray[np.floating], chance: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array, Array]:
     """As `drawn_factors`, of some curves and on a grid of logarithms of factors that holds 0."""
     topplings = exponents(draws, curves, np.exp(grid))
     enough = -math.log(chance)

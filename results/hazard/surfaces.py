@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.analysis.regression import Fit
 
-Motions = Mapping[str, NDArray[np.float64]]
+Motions = Mapping[str, Array]
 """Values of each measure, in its SI unit, of some events; 0 where an event is not felt."""
 
 
@@ -26,7 +26,7 @@ class Surface:
     # The same surface of resampled records, where it is known.
     resampled: Resampled | None = field(default=None, compare=False, repr=False)
 
-    def probability(self, motions: Motions) -> NDArray[np.float64]:
+    def probability(self, motions: Motions) -> Array:
         """Toppling probability of events; 0 where a measure with a slope above 0 is 0."""
         intercept, *slopes = self.coefficients
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -49,7 +49,7 @@ def measures_of(fragility: Fragility) -> tuple[str, ...]:
     return fragility.measures if isinstance(fragility, Surface) else (fragility.measure,)
 
 
-def topples(fragility: Fragility, motions: Motions) -> NDArray[np.float64]:
+def topples(fragility: Fragility, motions: Motions) -> Array:
     """Toppling probability of events, given their motions.
 
     Raises InputError if the motions lack a measure of the fragility.

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal, Resampled
 from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_rate
 
@@ -18,7 +19,7 @@ class Standing:
 
     name: str
     curve: Lognormal
-    years: NDArray[np.float64]  # (n,): equally likely ages; one where it is known
+    years: Array  # (n,): equally likely ages; one where it is known
     # The same curve of resampled records; None for a curve of a file, which does not keep them.
     resampled: Resampled | None = None
     # Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
@@ -42,9 +43,7 @@ def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
     return float(np.exp(-exponent).mean())
 
 
-def rejected_rate(
-    rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95
-) -> NDArray[np.float64]:
+def rejected_rate(rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95) -> Array:
     """Annual rate of exceedance above which an intensity is rejected, whatever the rest of the hazard curve.
 
     Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
@@ -74,7 +73,7 @@ def _age_draws(rocks: Sequence[Standing]) -> int:
     return max(len(rock.years) for rock in rocks)
 
 
-def drawn_ages(rocks: Sequence[Standing], draws: int) -> NDArray[np.float64]:
+def drawn_ages(rocks: Sequence[Standing], draws: int) -> Array:
     """Ages of each rock (draws, rocks).
 
     Independent ones are each rock's equally likely ages, shuffled with a fixed seed; those that go `together` keep
@@ -88,19 +87,19 @@ def drawn_ages(rocks: Sequence[Standing], draws: int) -> NDArray[np.float64]:
     )
 
 
-def _resized(years: NDArray[np.float64], draws: int) -> NDArray[np.float64]:
+def _resized(years: Array, draws: int) -> Array:
     """As many equally likely ages as are asked for: repeated, or evenly left out."""
     if draws >= len(years):
         return np.resize(years, draws)
     return years[((np.arange(draws) + 0.5) * len(years) / draws).astype(int)]
 
 
-def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
+def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], Array]]:
     """Find the sets of rocks that stood together, and how long in each draw of their ages."""
     draws = _age_draws(rocks)
     ages = drawn_ages(rocks, draws).T
     order = np.argsort(-ages, axis=0)
-    epochs: dict[tuple[int, ...], NDArray[np.float64]] = {}
+    epochs: dict[tuple[int, ...], Array] = {}
     for draw in range(draws):
         for count in range(len(rocks)):
             standing = tuple(sorted(order[: count + 1, draw]))
@@ -110,7 +109,7 @@ def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.
     return [([rocks[number].curve for number in standing], years) for standing, years in epochs.items()]
 
 
-def greatest_rate(exposure: NDArray[np.float64], chance: float) -> float:
+def greatest_rate(exposure: Array, chance: float) -> float:
     """Rate at which the mean of exp(-rate x exposure) over draws falls to a chance; infinite without exposure."""
     if not exposure.mean() > 0:
         return math.inf

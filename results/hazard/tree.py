@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of
 from toppling.results.hazard.places import Place
@@ -74,7 +75,7 @@ class HazardTree:
         return stated.pop() if len(stated) == 1 else None
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         """Weights of the branches, summing to 1."""
         weights = np.array([branch.weight for branch in self.branches])
         return weights / weights.sum()
@@ -105,13 +106,13 @@ def sources(tree: HazardTree) -> list[str]:
 class Statistics:
     """Mean and fractiles of a tree's annual rates of exceedance."""
 
-    levels: NDArray[np.float64]  # (n,): intensities in SI
+    levels: Array  # (n,): intensities in SI
     # (n,): annual rates; infinite where every branch is certain, 0 where none has a rate.
-    mean: NDArray[np.float64]
-    fractiles: dict[float, NDArray[np.float64]]  # dict of (n,)
+    mean: Array
+    fractiles: dict[float, Array]  # dict of (n,)
 
 
-def common_levels(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
     """Levels of some curves (n,) and the rates of each there (curves, n).
 
     Curves over other levels are interpolated at all levels of all of them, within what every one of them covers.
@@ -137,7 +138,7 @@ def common_levels(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], N
     return levels, np.array([_rates_at(curve, levels) for curve in curves])
 
 
-def _rates_at(curve: HazardCurve, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rates_at(curve: HazardCurve, levels: Array) -> Array:
     if not len(curve.intensity):
         return np.where(levels <= curve.certain.max(initial=0.0), math.inf, 0.0)
     rates = curve.rate(levels)
@@ -155,9 +156,9 @@ def statistics(tree: HazardTree, weights: ArrayLike | None = None) -> Statistics
 
 
 def statistics_of(
-    levels: NDArray[np.float64],
-    rates: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    levels: Array,
+    rates: Array,
+    weights: Array,
     years: float | None = None,
     fractiles: Sequence[float] = FRACTILES,
 ) -> Statistics:
@@ -169,9 +170,7 @@ def statistics_of(
     )
 
 
-def _weighted_fractile(
-    values: NDArray[np.float64], weights: NDArray[np.float64], probability: float
-) -> NDArray[np.float64]:
+def _weighted_fractile(values: Array, weights: Array, probability: float) -> Array:
     """Fractile of each column of values (branches, n) by OpenQuake's rule.
 
     Branches are sorted, and values interpolated over their cumulated weights; below the first weight the least
@@ -185,7 +184,7 @@ def _weighted_fractile(
     )
 
 
-def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64]:
+def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> Array:
     """Bayes weights of hazard branches, given the probability of the rocks' survival under each.
 
     Raises ValueError if no branch lets the rocks survive.
@@ -196,7 +195,7 @@ def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64
     return joint / joint.sum()
 
 
-def drawn_weights(prior: NDArray[np.float64], survivals: NDArray[np.float64]) -> NDArray[np.float64]:
+def drawn_weights(prior: Array, survivals: Array) -> Array:
     """Bayes weights of each draw (draws, branches), those of draws under which no branch survives left out."""
     joint = prior * survivals
     total = joint.sum(axis=1, keepdims=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
 from toppling.results.hazard.rock_draws import Draws, draws_of
@@ -32,21 +33,6 @@ MEAN = "mean of the branches"
 
 
 @dataclass(frozen=True, eq=False)
-class Factors:
-    """Survival and largest factors of motions and of rates, of each branch and, last, of their mean, (branches + 1,).
-
-    Intervals (2, branches + 1) are of 95 %, over other records and ages; None where neither is known to vary.
-    """
-
-    survival: NDArray[np.float64]
-    motion: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    survival_interval: NDArray[np.float64] | None
-    motion_interval: NDArray[np.float64] | None
-    rate_interval: NDArray[np.float64] | None
-
-
-@dataclass(frozen=True, eq=False)
 class Update:
     """A tree of hazard and the rocks that have stood under it."""
 
@@ -57,7 +43,7 @@ class Update:
     confidence: float = 0.95
 
     @cached_property
-    def survival(self) -> NDArray[np.float64]:
+    def survival(self) -> Array:
         """Of the rocks under each branch."""
         return np.array([joint_survival(self.rocks, curve) for curve in self.tree.curves])
 
@@ -67,13 +53,13 @@ class Update:
         return self.survival < 1.0 - self.confidence
 
     @cached_property
-    def posterior(self) -> NDArray[np.float64] | None:
+    def posterior(self) -> Array | None:
         """Bayes weights; None where no branch lets the rocks survive."""
         prior = self.tree.weights
         return branch_weights(prior, self.survival) if (prior * self.survival).sum() > 0 else None
 
     @cached_property
-    def kept(self) -> NDArray[np.float64] | None:
+    def kept(self) -> Array | None:
         """Prior weights without the rejected branches, summing to 1; None where all are rejected."""
         left = np.where(self.rejected, 0.0, self.tree.weights)
         return left / left.sum() if left.sum() > 0 else None
@@ -101,7 +87,7 @@ class Update:
     def _bare_fractiles(self) -> bool:
         return len(self.tree.branches) == 1 and bool(self.tree.fractiles)
 
-    def _stated_fractiles(self, levels: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
+    def _stated_fractiles(self, levels: Array) -> dict[float, Array]:
         """Rates of the files' fractiles at some levels, null where they state none."""
         found = {q: np.full(len(levels), math.nan) for q in FRACTILES}
         for q, curve in self.tree.fractiles.items():
@@ -129,11 +115,12 @@ class Update:
         return draws_of(self.rocks)
 
     @cached_property
-    def _drawn(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    def _drawn(self) -> dict[str, Array] | None:
         if self.draws is None:
             return None
         curves = [*self.tree.curves, self.mean_curve]
-        return drawn_factors(self.draws, curves, 1.0 - self.confidence, self._motion)
+        found = drawn_factors(self.draws, curves, 1.0 - self.confidence, self._motion)
+        return dict(zip(("scale_factor", "rate_factor", "survival"), found, strict=True))
 
     @cached_property
     def _motion(self) -> list[float]:
@@ -141,23 +128,39 @@ class Update:
         return [motion_factor(self.rocks, curve, chance) for curve in [*self.tree.curves, self.mean_curve]]
 
     @cached_property
-    def factors(self) -> Factors:
-        """Survival and largest factors, with their intervals."""
+    def factors(self) -> pd.DataFrame:
+        """Survival and largest factors of each branch and, last, of their mean, with intervals.
+
+        name (of a branch, or `MEAN`), survival, scale_factor (of motions), rate_factor, and _low and _high of each (95
+        %, over other records and ages; null where neither is known to vary).
+        """
         chance, curves = 1.0 - self.confidence, [*self.tree.curves, self.mean_curve]
-        survivals = np.append(self.survival, joint_survival(self.rocks, self.mean_curve))
-        rates = np.array([rate_factor(self.rocks, curve, chance) for curve in curves])
-        ends: list[NDArray[np.float64] | None] = [None] * 3
-        if self.draws is not None and self._drawn is not None:
-            ends = [self.draws.interval(values) for values in self._drawn]
-        return Factors(survivals, np.array(self._motion), rates, ends[2], ends[0], ends[1])
+        table = pd.DataFrame({"name": [*(branch.name for branch in self.tree.branches), MEAN]})
+        for name, values in (
+            ("survival", np.append(self.survival, joint_survival(self.rocks, self.mean_curve))),
+            ("scale_factor", self._motion),
+            ("rate_factor", [rate_factor(self.rocks, curve, chance) for curve in curves]),
+        ):
+            table[name] = values
+            table[f"{name}_low"] = table[f"{name}_high"] = math.nan
+            if self.draws is not None and self._drawn is not None:
+                table[f"{name}_low"], table[f"{name}_high"] = self.draws.interval(self._drawn[name])
+        return table
+
+    @property
+    def decided(self) -> dict[str, float | None]:
+        """How much the rocks decide, `decided_by`."""
+        return decided_by(self.tree.weights, self.posterior, self.survival, self.rejected)
 
     @cached_property
-    def drawn_posteriors(self) -> NDArray[np.float64] | None:
+    def drawn_posteriors(self) -> Array | None:
         """`drawn_weights` of the branches; None where neither records nor ages vary."""
-        return None if self._drawn is None else drawn_weights(self.tree.weights, self._drawn[2][:, :-1])
+        return (
+            None if self._drawn is None else drawn_weights(self.tree.weights, self._drawn["survival"][:, :-1])
+        )
 
     @cached_property
-    def drawn_means(self) -> NDArray[np.float64] | None:
+    def drawn_means(self) -> Array | None:
         """Posterior mean rates of each draw (draws, levels)."""
         if self.drawn_posteriors is None or not len(self.drawn_posteriors):
             return None
@@ -177,7 +180,7 @@ def _mean_of(tree: HazardTree, curves: Statistics) -> HazardCurve:
     return HazardCurve(MEAN, tree.measure, curves.levels[positive], rates, site=tree.site, years=tree.years)
 
 
-def _intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
+def _intensity_at(levels: Array, rates: Array, annual_rate: float) -> float:
     """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
     positive = (rates > 0) & np.isfinite(rates)
     if positive.sum() < 2:
@@ -188,26 +191,8 @@ def _intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annua
     return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
 
 
-def branch_factors_table(update: Update) -> pd.DataFrame:
-    """Factors of each branch and their mean, with intervals.
-
-    Returns DataFrame: one row a branch and one for `MEAN`: name, survival, scale_factor (of motions), rate_factor, and
-    _low and _high of each (95 %, over other records and ages; null where neither is known to vary).
-    """
-    factors = update.factors
-    table = pd.DataFrame({"name": [*(branch.name for branch in update.tree.branches), MEAN]})
-    for name, values, ends in (
-        ("survival", factors.survival, factors.survival_interval),
-        ("scale_factor", factors.motion, factors.motion_interval),
-        ("rate_factor", factors.rate, factors.rate_interval),
-    ):
-        table[name] = values
-        table[f"{name}_low"], table[f"{name}_high"] = (math.nan, math.nan) if ends is None else ends
-    return table
-
-
 def rates_table(
-    levels: NDArray[np.float64],
+    levels: Array,
     curves: Mapping[str, Statistics | None],
     fractiles: Sequence[float] = FRACTILES,
 ) -> pd.DataFrame:
@@ -277,17 +262,17 @@ def change_at(rate: float, before: Statistics, after: Statistics | None) -> dict
     return row
 
 
-def _drawn_levels(update: Update, means: NDArray[np.float64] | None, rate: float) -> tuple[float, float]:
+def _drawn_levels(update: Update, means: Array | None, rate: float) -> tuple[float, float]:
     if update.draws is None or means is None:
         return math.nan, math.nan
     return level_interval(update.before.levels, means, rate, update.draws.interval)
 
 
 def level_interval(
-    levels: NDArray[np.float64],
-    means: NDArray[np.float64],
+    levels: Array,
+    means: Array,
     rate: float,
-    interval: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    interval: Callable[[Array], Array],
 ) -> tuple[float, float]:
     """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
     found = np.array([_intensity_at(levels, drawn, rate) for drawn in means])
@@ -340,14 +325,9 @@ def parts_table(update: Update) -> pd.DataFrame:
     return table.assign(share=table["toppling_rate"] / total if total > 0 else math.nan)
 
 
-def decided(update: Update) -> dict[str, float | None]:
-    """How much the rocks decide, `decided_by`."""
-    return decided_by(update.tree.weights, update.posterior, update.survival, update.rejected)
-
-
 def decided_by(
-    prior: NDArray[np.float64],
-    posterior: NDArray[np.float64] | None,
+    prior: Array,
+    posterior: Array | None,
     survivals: ArrayLike,
     rejected: ArrayLike,
 ) -> dict[str, float | None]:

@@ -20,9 +20,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.event_survival import EventBranch
@@ -114,7 +114,7 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint
     return Joint(events, misfit)
 
 
-def _log_rate(curve: HazardCurve, logarithm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_rate(curve: HazardCurve, logarithm: Array) -> Array:
     """Logarithm of the rate of exceedance; the last segments go on as power laws."""
     x, rate = np.log(curve.intensity), np.log(curve.annual_rate)
     first, last = (np.diff(rate[ends]) / np.diff(x[ends]) for ends in (slice(0, 2), slice(-2, None)))
@@ -122,9 +122,7 @@ def _log_rate(curve: HazardCurve, logarithm: NDArray[np.float64]) -> NDArray[np.
     return inside + first * np.minimum(logarithm - x[0], 0.0) + last * np.maximum(logarithm - x[-1], 0.0)
 
 
-def _coupled(
-    second: HazardCurve, part: NDArray[np.float64], reached: NDArray[np.float64], scatter: float
-) -> tuple[NDArray[np.float64], float]:
+def _coupled(second: HazardCurve, part: Array, reached: Array, scatter: float) -> tuple[Array, float]:
     """Medians (logarithms) of the second measure in the bins of the first, and the misfit of its rates."""
     low, high = math.log(second.intensity[0]) - 3 * _EXTENDED, math.log(second.intensity[-1]) + 3 * _EXTENDED
     y = np.linspace(low, high, _LEVELS)

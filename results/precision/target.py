@@ -3,10 +3,9 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.precision.probit import Curve
@@ -40,7 +39,7 @@ class Target:
         low = (0.02, 0.6)
         return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])
 
-    def score(self, coefficients: NDArray[np.float64]) -> float:
+    def score(self, coefficients: Array) -> float:
         """Target on the scale on which its interval is symmetric: a logarithm, for a probability its probit.
 
         coefficients: (2,), of a probit on the logarithm of the intensity.

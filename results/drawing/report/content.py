@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.measures import COMPARED
@@ -95,7 +95,7 @@ class Content:
 
     run: Run
     samples: int = resampling.SAMPLES  # bootstrap samples of the fits
-    years: NDArray[np.float64] | None = None  # (n,): equally likely ages of the standing rock
+    years: Array | None = None  # (n,): equally likely ages of the standing rock
     tree: HazardTree | None = None  # asked about; it needs an age
 
     @cached_property

@@ -17,11 +17,7 @@ from toppling.results.analysis.fragility import (
     PLANES,
     DirectionCells,
     Plane,
-    beyond,
-    cells,
     planes_of,
-    records_on,
-    unplaced,
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
@@ -154,7 +150,7 @@ def _maps_of(content: Content, contact: Contact, document: Document) -> str:
     single, split = [], []
     for plane in planes:
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
-        single.append(document.figure(partial(_map, contact, plane), caption, HALF_WIDTH_IN))
+        single.append(document.figure(partial(_map, jobs, plane, words), caption, HALF_WIDTH_IN))
     for plane in (plane for plane in planes if plane.by_direction):
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label}, by direction of shaking ({words})."
         split.append(document.figure(partial(_map_by_direction, contact, plane), caption))
@@ -168,16 +164,8 @@ def _maps_of(content: Content, contact: Contact, document: Document) -> str:
     return "".join([title, *(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), *split, rose])
 
 
-def _map(contact: Contact, plane: Plane, _: float) -> Figure:
-    jobs = contact.jobs
-    return map_figure(
-        cells(jobs, plane),
-        plane,
-        contact.words,
-        unplaced(jobs, plane),
-        beyond(jobs, plane),
-        records_on(jobs, plane),
-    )
+def _map(jobs: pd.DataFrame, plane: Plane, words: str, _: float) -> Figure:
+    return map_figure(jobs, plane, words)
 
 
 def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure:

@@ -246,8 +246,8 @@ def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
 
 @pytest.mark.parametrize("plane", PLANES.values(), ids=lambda p: p.name)
 def test_a_map_says_what_the_width_of_its_cells_means(plane):
-    table = cells(pd.DataFrame(rows(records=4, levels=(1, 2, 4), azimuths=(0.0,))), plane)
-    figure = map_figure(table, plane)
+    jobs = pd.DataFrame(rows(records=4, levels=(1, 2, 4), azimuths=(0.0,)))
+    table, figure = cells(jobs, plane), map_figure(jobs, plane)
     (caption,) = (text.get_text() for text in figure.texts)
     assert figure.axes[-1].get_ylabel() == "toppling probability"
     pool = "all jobs" if plane.name == "pgv_duration" else "its level's jobs"
@@ -258,7 +258,7 @@ def test_a_map_says_what_the_width_of_its_cells_means(plane):
 
 def test_the_dot_of_a_cell_of_few_records_lies_inside_it(hand_made):
     table = cells(hand_made, PLANES["pga_pgv_pga"])
-    axes = map_figure(table, PLANES["pga_pgv_pga"]).axes[0]
+    axes = map_figure(hand_made, PLANES["pga_pgv_pga"]).axes[0]
     drawn, dots = axes.collections
     bars = [path.get_extents() for path in drawn.get_paths()]
     assert len(dots.get_offsets()) == len(bars) == len(table)
@@ -304,8 +304,7 @@ def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_ang
 
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
     plane = PLANES["pga_pgv_pga"]
-    table = cells(hand_made, plane)
-    one, two = (save(map_figure(table, plane), tmp_path / name) for name in ("one", "two"))
+    one, two = (save(map_figure(hand_made, plane), tmp_path / name) for name in ("one", "two"))
     assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
 
 

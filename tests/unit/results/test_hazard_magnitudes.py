@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.magnitude_figures import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
 from toppling.results.hazard.faults import _azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
@@ -241,7 +241,7 @@ def test_figures_show_every_occurrence_and_every_fault(tmp_path):
     assert {line.get_label() for line in figure.axes[0].lines} == {"one event", "5 events"}
     path = written(tmp_path, a_fault([[-119.1, 34.8], [-117.1, 34.8]], name="north"))
     traces = read_faults(path, SITE)
-    drawn = [Drawn(one.name, one.lines, 7.2) for one in traces]
+    drawn = [replace(one, magnitude=7.2) for one in traces]
     figure = faults_figure(drawn, {7.0: 12.0}, "title", (4.5, 8.5))
     assert any("north (7.2)" in text.get_text() for text in figure.axes[0].texts)
 

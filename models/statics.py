@@ -125,9 +125,6 @@ def equilibrium_possible(
 
     Parameters
     ----------
-    rock : Rock
-    pedestal : Pedestal
-    gravity_m_s2, friction_static : float
     acceleration_m_s2 : (n, 3) array
         Ground acceleration, scene frame.
 
@@ -185,7 +182,6 @@ def tipping_m_s2(
     corners_m : (k, 3) array
         Counter-clockwise seen against the normal.
     com_m, normal : (3,) array
-    gravity_m_s2 : float
     azimuths_deg : iterable of float
         Of the ground's acceleration.
 

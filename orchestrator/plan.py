@@ -231,12 +231,9 @@ def _joint(ids: Sequence[str]) -> str:
 def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     """Expand a campaign of one rock to its jobs.
 
-    Raises
-    ------
-    InputError
-        If the campaign names a record that the ensemble lacks, or the ensemble is empty, or a motion that the rock
-        stood cannot be read or tells nothing of it, or a record is sampled too coarsely for the band that it is said
-        to have.
+    Raises InputError if the campaign names a record that the ensemble lacks, or the ensemble is empty, or a motion that
+    the rock stood cannot be read or tells nothing of it, or a record is sampled too coarsely for the band that it is
+    said to have.
     """
     duration_s = _durations_s(campaign, ensemble)
     records = list(duration_s)

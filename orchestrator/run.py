@@ -46,12 +46,8 @@ def run(
     stages: what is done before and after the jobs, the weighing of bases aside.
     Returns RunProgress: of this session.
 
-    Raises
-    ------
-    InputError
-        If a rock does not stand, the folder is of another campaign, or workers are unfit for the run.
-    RunError
-        If the run cannot go on; what was done stays.
+    Raises InputError if a rock does not stand, the folder is of another campaign, or workers are unfit for the run.
+    Raises RunError if the run cannot go on; what was done stays.
     """
     campaign, folder = planned.campaign, folder.absolute()
     ENGINES[campaign.engine].require()

@@ -51,7 +51,6 @@ def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Ta
 
     Parameters
     ----------
-    runs : sequence of Run
     query : str
         One SELECT, which reads nothing but these tables.
     trusted : bool

@@ -27,14 +27,9 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float |
     that rocks on the edges and corners of its base. One that rolls down a slope on a rounded base gains what this does
     not count: on 15 degrees up to a sixth.
 
-    Parameters
-    ----------
-    scene : Scene
-    tilt_deg : float
-        Whole degrees below do not count: a peak that was passed holds nothing.
-    yaw_deg : float or None
-        Turn about the interface's normal from the pose of the scene, which says what sides a slope has downhill; None
-        for the weakest of all.
+    tilt_deg: whole degrees below do not count: a peak that was passed holds nothing.
+    yaw_deg: turn about the interface's normal from the pose of the scene, which says what sides a slope has downhill;
+    None for the weakest of all.
     """
     by_yaw = _least_by_yaw_j_kg(scene)
     yaws = slice(None) if yaw_deg is None else [round(yaw_deg * _YAWS / 360.0) % len(by_yaw)]

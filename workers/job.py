@@ -29,16 +29,12 @@ class JobSpec:
 
     Parameters
     ----------
-    scene_id, record_id, record_sha : str
     pga_m_s2 : float
         Level that the record's horizontal vector PGA is scaled to.
     azimuth_deg : float
         Where its strong component is turned to, degrees counter-clockwise from x.
-    friction_static, friction_kinetic, restitution : float
     realisation : int
         0 for the scene as it is; others draw base, centre of mass and friction from their uncertainty.
-    preset : str
-    engine : str
     peak_displacement_m : float or None
         Largest ground displacement to impose.
     unmeasured : Unmeasured or None
@@ -85,7 +81,6 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
 
     Parameters
     ----------
-    spec : JobSpec
     assets : Assets
         Holding the scene and the record that the specification names.
 

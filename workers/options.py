@@ -29,33 +29,22 @@ class SolverOptions:
 class ContactOptions(NamedTuple):
     """Which contact points carry, and which the engine is told of. Lengths are shares of the half diagonal R.
 
-    Parameters
-    ----------
-    touching_share : float
-        Points so near touch: they may carry, and an impact meets all of them.
-    carrying_share : float
-        The same of points that the engine has left where they carry.
-    resting_share : float
-        The same of a rock at rest, as a seat leaves it.
-    penetrating_share : float
-        A point that is deeper has penetrated: its step is taken again in parts.
-    repeated_parts : int
-        So many.
-    raised_share : float
-        By which the engine has the rock higher where it only moves it: a point comes to the surface on an arc, and on
-        its tangent it is nearer.
-    checked_share : float
-        So near the engine looks at points where it only moves the rock: those that carry, by how it is raised.
-    prepared_share, prepared_steps : float
-        The engine is told of points that come down in a step, of those nearer than the first, and of none farther than
-        the second times g (step)^2.
-    highest_offset : float
-        Centripetal offset of a point that carries in an engine's step at most, over (step)^2 times its centripetal
-        acceleration.
-    allowed_speed : float
-        Over sqrt(g R): so much faster a point may come nearer than its gap allows.
-    friction_direction_rad, impact_friction_direction_rad : float
-        By which friction may be off the slip's direction, of a slip and of that which an impact leaves.
+    touching_share: points so near touch: they may carry, and an impact meets all of them.
+    carrying_share: the same of points that the engine has left where they carry.
+    resting_share: the same of a rock at rest, as a seat leaves it.
+    penetrating_share: a point that is deeper has penetrated: its step is taken again in parts.
+    repeated_parts: so many.
+    raised_share: by which the engine has the rock higher where it only moves it: a point comes to the surface on an
+    arc, and on its tangent it is nearer.
+    checked_share: so near the engine looks at points where it only moves the rock: those that carry, by how it is
+    raised.
+    prepared_share, prepared_steps: the engine is told of points that come down in a step, of those nearer than the
+    first, and of none farther than the second times g (step)^2.
+    highest_offset: centripetal offset of a point that carries in an engine's step at most, over (step)^2 times its
+    centripetal acceleration.
+    allowed_speed: over sqrt(g R): so much faster a point may come nearer than its gap allows.
+    friction_direction_rad, impact_friction_direction_rad: by which friction may be off the slip's direction, of a slip
+    and of that which an impact leaves.
     """
 
     touching_share: float = 1e-8
@@ -76,20 +65,13 @@ class ContactOptions(NamedTuple):
 class ImpactOptions(NamedTuple):
     """How impacts are resolved. Times are shares of the step.
 
-    Parameters
-    ----------
-    most : int
-        Impacts that are resolved within a step; points that land later in it are stopped at its end.
-    at_once : float
-        A contact that comes sooner is met where the rock is.
-    engine_step : float
-        Duration of the step in which the engine solves an impact.
-    engine_tries : int
-        Of friction axes for it.
-    terminal_share : float
-        Of the way to an impact that points slip on: its last part, which has the velocity of its end.
-    left_out : float
-        Share of the gap of the nearest point that comes down, beyond which the engine is told of none on that way.
+    most: impacts that are resolved within a step; points that land later in it are stopped at its end.
+    at_once: a contact that comes sooner is met where the rock is.
+    engine_step: duration of the step in which the engine solves an impact.
+    engine_tries: of friction axes for it.
+    terminal_share: of the way to an impact that points slip on: its last part, which has the velocity of its end.
+    left_out: share of the gap of the nearest point that comes down, beyond which the engine is told of none on that
+    way.
     """
 
     most: int = 40
@@ -104,26 +86,18 @@ class ImpactOptions(NamedTuple):
 class TerminationOptions:
     """When a shake has ended. Times are over sqrt(R / g), speeds over sqrt(g R).
 
-    Parameters
-    ----------
-    block : int
-        Steps between two looks.
-    certain_share, calm_share : float
-        Of the least energy that overturns: with less, a rock will stand, on ground at rest, which adds none, and on
-        ground that moves weakly.
-    weak_share : float
-        A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal.
-    weak_tilt_deg, weak_yaw_deg : float
-        What tips the rock is known for its first pose, so only near that is a motion called weak.
-    calmed_after : float
-        After the motion, until which a rock is given to come near rest; from then on it is enough that its energy
-        cannot overturn it.
-    cap_after : float
-        The same until which that must be so, or its fate is undecided.
-    moved_share : float
-        Of R: a rock that slid farther has moved.
-    moved_deg : float
-        A rock that turned farther has moved.
+    block: steps between two looks.
+    certain_share, calm_share: of the least energy that overturns: with less, a rock will stand, on ground at rest,
+    which adds none, and on ground that moves weakly.
+    weak_share: a motion is weak that stays within this share of what would tip the rock slowly or drag it over its
+    pedestal.
+    weak_tilt_deg, weak_yaw_deg: what tips the rock is known for its first pose, so only near that is a motion called
+    weak.
+    calmed_after: after the motion, until which a rock is given to come near rest; from then on it is enough that its
+    energy cannot overturn it.
+    cap_after: the same until which that must be so, or its fate is undecided.
+    moved_share: of R: a rock that slid farther has moved.
+    moved_deg: a rock that turned farther has moved.
     """
 
     block: int = 64
@@ -151,16 +125,12 @@ class NumericalOptions:
         an error of the first order.
     rest_speed : float
         A rock whose points move slower than this share of sqrt(g R), on points that can hold it, rests.
-    solver : SolverOptions
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
     own_steps : bool
         Whether steps in which no point slips are taken without the engine: their motion is known.
     checked_steps : float
         Share of these, drawn by a seed, that the engine repeats; one that it takes otherwise is an error.
-    contact : ContactOptions
-    impact : ImpactOptions
-    termination : TerminationOptions
     """
 
     step_share: float

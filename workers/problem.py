@@ -26,16 +26,8 @@ _LOOKED_AT = 1024
 class Problem:
     """A shake as every integrator takes it.
 
-    Parameters
-    ----------
-    scene : Scene
-    motion : Motion
-    options : NumericalOptions
-    time_step_s : float
-    start : State or None
-        Where and how fast the rock starts; None where it rests as the scene has it.
-    shortcuts : bool
-        Whether time in which nothing can move is skipped, and the shake ends as soon as its answer is certain.
+    start: where and how fast the rock starts; None where it rests as the scene has it.
+    shortcuts: whether time in which nothing can move is skipped, and the shake ends as soon as its answer is certain.
     """
 
     scene: Scene
@@ -54,10 +46,7 @@ class Problem:
     def initial(self) -> tuple[Array, Array]:
         """Pose (7,) and velocity (6,) at time 0, support frame.
 
-        Raises
-        ------
-        InputError
-            If the start is given too deep inside the ground.
+        Raises InputError if the start is given too deep inside the ground.
         """
         return start_of(self.contact, self.start)
 

@@ -26,10 +26,7 @@ _STEPS_PER_PERIOD = 12.0
 def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s: float | None) -> float:
     """The step that is asked for, or that of the options and the motion.
 
-    Raises
-    ------
-    InputError
-        If the one asked for does not resolve a rock of this size.
+    Raises InputError if the one asked for does not resolve a rock of this size.
     """
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     if asked_s is None:

@@ -46,10 +46,7 @@ class State:
 def start_of(contact: ContactModel, start: State | None) -> tuple[Array, Array]:
     """Pose (7,) and velocity (6,), support frame; of the scene, at rest, where none is given.
 
-    Raises
-    ------
-    InputError
-        If the start is given too deep inside the ground.
+    Raises InputError if the start is given too deep inside the ground.
     """
     if start is None:
         return contact.start_pose, np.zeros(6)
@@ -77,10 +74,7 @@ def checked_start(initial: State | Mapping[str, Any]) -> State:
 
     A world that is given what is not finite loses its contacts, also for the jobs that come after: it is refused here.
 
-    Raises
-    ------
-    InputError
-        If a field is unknown, of the wrong size or not finite, or the quaternion is zero.
+    Raises InputError if a field is unknown, of the wrong size or not finite, or the quaternion is zero.
     """
     given = dict(initial) if isinstance(initial, Mapping) else vars(initial)
     for name, value in given.items():
@@ -113,10 +107,7 @@ def _out_of_the_ground(contact: ContactModel, pose: Array) -> Array:
     The engine lets a point out in one step, and so the faster the deeper it is: a block that leaned by one degree, its
     corner .007 R deep, was shot up and toppled.
 
-    Raises
-    ------
-    InputError
-        If the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
+    Raises InputError if the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
     """
     deep_share = -float(contact.gaps_m(pose).min()) / contact.half_diagonal_m
     if deep_share > _DEEPEST_START_SHARE:

@@ -65,7 +65,6 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
 
     Parameters
     ----------
-    path : path
     required : bool
         Refuse a file without a digest; it is else named in the log and taken as it is, as older versions wrote it.
 

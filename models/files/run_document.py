@@ -61,7 +61,6 @@ def check_run_document(
 
     Parameters
     ----------
-    document : dict
     path : Path
         Of the file.
     whole_document : bool

@@ -47,7 +47,6 @@ def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
 
     Parameters
     ----------
-    path : Path
     required : bool
         Refuse a file without a digest.
     how

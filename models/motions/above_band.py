@@ -29,10 +29,8 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     ----------
     motion : Motion
         Of whose content nothing is known above `corner_hz`.
-    corner_hz : float
     share : float
         Root mean square of the noise over that of the component in the octave below.
-    random : numpy.random.Generator
 
     Returns
     -------

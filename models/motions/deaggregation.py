@@ -59,7 +59,6 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
 
     Parameters
     ----------
-    table : Path
     imt : str or None
         OpenQuake's measure, such as PGV, where its table has several; the first if not given.
     poe : float or None

@@ -216,7 +216,6 @@ def import_records(
         As from :func:`record_files`.
     table : sequence of Entry
         Rows of a metadata table; rows none of whose files are given are passed over and counted.
-    options : ImportOptions
     advance : callable
         Called with the number of files that were read, and again when they have become records.
 

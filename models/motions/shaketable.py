@@ -93,7 +93,6 @@ def read_experiment(folder: Path, outcome: str) -> Experiment:
 
     Parameters
     ----------
-    folder : Path
     outcome : str
         Column of 0 and 1, such as `sp1_overturned`; empty where the specimen was not on the table.
 

@@ -32,7 +32,6 @@ def pick_server(
 
     Parameters
     ----------
-    files : tuple of path
     out : path
         Folder that the page's scene is saved to; must not exist.
     given : dict

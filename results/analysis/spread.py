@@ -26,13 +26,13 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     share, and what is left (Searle, Casella and McCulloch 1992, chapter 4). Of the variance that realisations share,
     friction has what a straight line through the logarithm of friction explains, the base the rest.
 
+    Where bases do not weigh alike (`base_weight`, from `Run.weighted`), means and variances are of draws so weighted,
+    with 1 - sum of squared shares in the place of (n - 1) / n.
+
     Parameters
     ----------
     frame : DataFrame
         Rows of results of one scene, preset and restitution.
-
-    Where bases do not weigh alike (`base_weight`, from `Run.weighted`), means and variances are of draws so weighted,
-    with 1 - sum of squared shares in the place of (n - 1) / n.
 
     Returns
     -------

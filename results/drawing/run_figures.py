@@ -53,7 +53,6 @@ def write_maps(
         Rows of results; each contact goes to a folder of its own if there are several.
     folder : Path
         Made if absent; files of the same names are replaced.
-    planes : iterable of Plane
     directions : int
         Direction bins of the vector PGA.
     reference : DataFrame or None

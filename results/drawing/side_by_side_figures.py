@@ -35,7 +35,6 @@ def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = 
 
     Parameters
     ----------
-    rocks : sequence of Beside
     measure : str
         That all curves are over.
     width_in : float

@@ -80,7 +80,6 @@ def toppling_probability(
 
     Parameters
     ----------
-    fragility : Lognormal, or a function of the motion in SI
     mean, sigma : arrays
         Of the logarithm of the motion.
     """
@@ -104,7 +103,6 @@ def motion_grid(
 
     Parameters
     ----------
-    models : sequence of Model
     weights : sequence of float
         Summing to 1.
     distances_km : array or None
@@ -229,10 +227,8 @@ def excluded_bins(
 
     Parameters
     ----------
-    bins : sequence of Bin
     models, weights : sequences
         Ground-motion models, and their weights.
-    occurrences : sequence of Occurrence
 
     Returns
     -------

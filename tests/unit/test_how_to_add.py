@@ -26,6 +26,17 @@ def read(path, text):
     samples = np.array(text.split()[2:], float)
     return [Component(samples, 0.01, code_direction("h1"), path, 1, NAME, label="h1")]
 '''
+HAZARD = '''
+"""Levels in one line, rates in the next."""
+from toppling.results.hazard.readers.stated import Statement
+
+def matches(file):
+    return file.text.startswith("LEVELS OF PGA")
+
+def read(file):
+    levels, rates = ([file.number(2, cell) for cell in line.split()] for line in file.lines[1:3])
+    return [Statement(file.curve("pga_m_s2", levels, rates, 0.0))]
+'''
 FIGURE = '''
 """A figure."""
 from matplotlib.figure import Figure
@@ -59,6 +70,12 @@ ADDED = {
         "models/motions/formats/one_line.py": FORMAT,
         "models/motions/formats/reading.py": (
             ("import columns,", "import columns, one_line,"), ("= (peer,", "= (one_line, peer,"),
+        ),
+    },
+    "hazard file": {
+        "results/hazard/readers/two_lines.py": HAZARD,
+        "results/hazard/readers/__init__.py": (
+            ("    text_columns,\n)", "    text_columns,\n    two_lines,\n)"), ('"text": (', '"text": (two_lines, '),
         ),
     },
     "intensity measure": {
@@ -125,6 +142,7 @@ from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.campaign import KEYS
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.step import step_figure
+from toppling.results.hazard.readers import read_hazard
 from toppling.results.drawing.style import short_name
 from toppling.results.schema import SCHEMA
 from toppling.workers.engines import ENGINES
@@ -137,12 +155,14 @@ def written(name, text):
 rows = "".join(f"{i / 100}|{i}.5|2.5|3.5\\n" for i in range(20))
 table = written("a.csv", "time [s]|N [m/s2]|E [m/s2]|Z [m/s2]\\n" + rows)
 one = written("a.one", "ONE LINE 1 2 3 4")
+two_lines = written("a.txt", "LEVELS OF PGA\\n1.0 3.0\\n0.01 0.001\\n")
 row = outcome_of(shake(Scene.block(0.3, 0.3, 1.0), Motion(np.full((20, 3), 0.01), 0.01), "fast"))
 measured = measure(Motion(np.full((100, 3), 0.5), 0.01))
 toppling = lambda *words: CliRunner().invoke(cli, words).output
 print(json.dumps({
     "CSV dialect": len(read_file(table)) == 3,
     "record format": read_file(one)[0].acceleration_m_s2.tolist() == [1.0, 2.0, 3.0, 4.0],
+    "hazard file": read_hazard(two_lines)[0].branches[0].curve.annual_rate.tolist() == [1e-2, 1e-3],
     "intensity measure": all("rms_m_s2" in each for each in (measured, COMPARED, SCHEMA.names))
         and short_name("rms_m_s2") == "RMS",
     "column": row["rise_m"] >= 0.0 and "rise_m" in SCHEMA.names,

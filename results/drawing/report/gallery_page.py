@@ -46,7 +46,6 @@ def gallery_page(
     ----------
     atlases : sequence of Run
         That the rocks are of.
-    rocks : sequence of Beside
     measure : str
         That all fragilities are over.
     folder : Path

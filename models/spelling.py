@@ -1,10 +1,21 @@
-"""What a misspelt word was probably meant to be."""
+"""Words as they are written: what a misspelt one was probably meant to be, and the plural."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 _LONGEST = 60
 """Letters of a word that a person may have misspelt; comparing costs their square."""
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things in words.
+
+    Examples
+    --------
+    >>> counted(1, "record"), counted(12000, "record")
+    ('1 record', '12,000 records')
+    """
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

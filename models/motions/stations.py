@@ -63,7 +63,9 @@ def triple(group: Sequence[Component]) -> Triple:
             f" {len(horizontal)} horizontal and {len(vertical)} vertical",
             where=", ".join(dict.fromkeys(str(c.path) for c in group)),
             expected="two horizontal channels and one vertical",
-            remedy="give the missing files, or name h1, h2 and v in the metadata table",
+            remedy="give the missing files, or name h1, h2 and v in the metadata table"
+            if len({c.path for c in group}) > 1 or len(group) < 3
+            else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table",
         )
     first, second = horizontal
     return Triple(first, second, vertical[0] if vertical else None)

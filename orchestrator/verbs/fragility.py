@@ -9,6 +9,7 @@ import pandas as pd
 from click.core import ParameterSource
 
 from toppling.models.errors import InputError
+from toppling.models.spelling import counted
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
@@ -150,4 +151,4 @@ def _files(folder: Path, written: list[Path]) -> str:
 
 def _records(known: pd.DataFrame) -> str:
     records = known["record_id"].nunique()
-    return f"{len(known):,} jobs of {records:,} {'record' if records == 1 else 'records'}"
+    return f"{counted(len(known), 'job')} of {counted(records, 'record')}"

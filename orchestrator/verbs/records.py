@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError
+from toppling.models.spelling import counted
 from toppling.orchestrator.misspelt import Verbs
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs import shared_options as shared
@@ -90,7 +91,8 @@ def _import(
     show_refusals(outcome.refusals)
     show_notes(outcome.warnings)
     click.echo(
-        f"{len(outcome.records)} records from {len(files)} files in {out}, {len(outcome.refusals)} left out"
+        f"{counted(len(outcome.records), 'record')} from {counted(len(files), 'file')} in {out}, "
+        f"{len(outcome.refusals)} left out"
     )
     if outcome.unused_rows:
         click.echo(f"{outcome.unused_rows} of {len(table)} rows of {metadata} name files that were not given")
@@ -170,7 +172,7 @@ def fetch(
         raise _no_record(len(came.files), str(out / "raw"))
     show_notes(outcome.warnings)
     Ensemble.write(out, outcome.records)
-    click.echo(f"{len(outcome.records)} records in {out}, originals in {out / 'raw'}")
+    click.echo(f"{counted(len(outcome.records), 'record')} in {out}, originals in {out / 'raw'}")
 
 
 def _refuse_unclear_request(
@@ -240,7 +242,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
     Ensemble.write(out, made)
     for line in against_targets(made):
         click.echo(line)
-    click.echo(f"{count} records in {out}")
+    click.echo(f"{counted(count, 'record')} in {out}")
 
 
 def _no_record(files: int, where: str) -> InputError:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.errors import InputError
+from toppling.models.spelling import counted
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
@@ -89,7 +90,7 @@ def select(
     choice = Choice(**asked)
     selection = chosen(loaded, choice)
     names = list(selection.record_ids)
-    click.echo(f"{len(loaded.record_ids)} records in {ensemble}")
+    click.echo(f"{counted(len(loaded.record_ids), 'record')} in {ensemble}")
     for condition, left in selection.left:
         click.echo(f"{condition}: {left} left")
     if 0 < len(names) < choice.count:
@@ -101,7 +102,7 @@ def select(
     written = Ensemble.write(
         out, [dataclasses.replace(loaded.record(name), weight=weights[name]) for name in names]
     )
-    click.echo(f"{len(written.record_ids)} of {len(loaded.record_ids)} records in {out}")
+    click.echo(f"{len(written.record_ids)} of {counted(len(loaded.record_ids), 'record')} in {out}")
 
 
 def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregation") -> dict[str, float]:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from toppling.models.spelling import counted
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -71,7 +73,7 @@ def show_catalog(rows: list[dict]) -> None:
         )
         for row in rows
     ]  # fmt: skip
-    show_table(heads, words, range(3), f"{len(rows)} records")
+    show_table(heads, words, range(3), counted(len(rows), "record"))
     undirected = sum(row["directionality"] > 0.9 for row in rows)
     click.echo(
         "toward: azimuth of the vector PGA, counter-clockwise from east;\n"

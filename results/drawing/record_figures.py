@@ -12,6 +12,7 @@ from toppling.models.arrays import Array
 from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
+from toppling.models.spelling import counted
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style
 
 _FENCE = 3.0
@@ -63,12 +64,8 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         if not known.any():  # axes would state numbers that are of nothing
             source.set_axis_off()
         events = len(set(ensemble.catalog.column("event").to_pylist()))
-        figure.suptitle(f"{_counted(len(names), 'record')}, {_counted(events, 'event')}")
+        figure.suptitle(f"{counted(len(names), 'record')}, {counted(events, 'event')}")
     return figure
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _upper_limit(values: Array) -> float:

@@ -17,6 +17,7 @@ from toppling.models.motions.formats.component import DOWN, UP, Component, beari
 from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.formats.numbers import exactly
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
+from toppling.models.motions.measures import STANDARD_G_M_S2
 
 _NAME = "ObsPy"
 FORMATS = (
@@ -31,6 +32,8 @@ _MOST_SAMPLES = 10**9
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """By SAC's `idep`."""
 _SAME_STEP = 1e-6
+_EPISENSOR, _LEAST_OF_24_BIT = 32, 2**15
+"""Kinemetrics' number of its accelerometer, and a count that no sample of 16 bits reaches."""
 _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
 """ObsPy takes the factor for one of gal, whatever is said."""
 
@@ -86,7 +89,27 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
             refuse(f"samples of {trace.id} are missing", path, expected="all samples")
         if trace.data.dtype.kind not in "iuf":
             refuse(f"{trace.id} holds no numbers", path, expected="samples", remedy="give the record's file")
-    return [_header(trace.stats) for trace in stream], [trace.data for trace in stream]
+    headers = [_header(trace.stats) for trace in stream]
+    if file_format == "KINEMETRICS_EVT":
+        whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) >= _LEAST_OF_24_BIT
+        for header, trace in zip(headers, stream, strict=True):
+            header |= _of_kinemetrics(trace.stats.kinemetrics_evt, whole)
+    return headers, [trace.data for trace in stream]
+
+
+def _of_kinemetrics(said: Any, whole: bool) -> dict[str, Any]:
+    """What a Kinemetrics file says of a channel: its name, where it has one, and one count of an EpiSensor in m/s2.
+
+    whole: whether samples have 24 bits, which the header's calibration is for.
+    """
+    name = str(said.get("chan_id") or "").strip()
+    stated = {"channel": name} if name else {}
+    sensitivity_v_g, full_scale_v = (
+        float(said.get(f"chan_{key}") or 0) for key in ("sensitivity", "fullscale")
+    )
+    if whole and said.get("chan_sensortype") == _EPISENSOR and sensitivity_v_g > 0 and full_scale_v > 0:
+        stated["count_m_s2"] = STANDARD_G_M_S2 * full_scale_v / (2**23 * sensitivity_v_g)
+    return stated
 
 
 def _header(stats: Any) -> dict[str, Any]:
@@ -233,6 +256,8 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
     kind = stats.get("_format", "")
     if kind == "KNET":
         return Converted(values * stats.calib, True, (f"calibration {stats.calib:.6g} m/s2 per count",))
+    if count := stats.get("count_m_s2"):
+        return Converted(values * count, True, (f"calibration {count:.6g} m/s2 per count",))
     if kind != "SAC":
         return Converted(values) if inventory is None else in_m_s2(trace, inventory, path)
     quantity = _SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
@@ -261,6 +286,8 @@ def _direction(stats: Any, inventory: Any | None) -> tuple[float | str | None, t
     code = stats.channel[-1:] if len(stats.channel) in (1, 3) else ""
     if stats.get("_format") == "KNET":
         return bearing(stats.channel.rstrip("12")), ()
+    if stats.get("_format") == "KINEMETRICS_EVT":
+        return (None if stats.channel.isdecimal() else bearing(stats.channel)), ()
     stated = _stated_direction(stats, inventory)
     by_code = bearing(code) if code in {"N", "E", "Z"} else None
     if (

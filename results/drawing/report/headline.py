@@ -4,6 +4,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from toppling.models.spelling import counted
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.ranking import observed_shares
 from toppling.results.analysis.regression import Fit
@@ -79,7 +80,7 @@ def _how_likely(content: Content) -> str:
     weighted = ", with weighted bases" if "base_weight" in known else ""
     shares = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
-        f"Of {len(known):,} shakings ({known['record_id'].nunique():,} records, scaled to a PGA of "
+        f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
         f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
         f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}{weighted}: {', '.join(shares)}."
     )

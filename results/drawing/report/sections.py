@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from toppling.models.files.digest import check
 from toppling.models.hidden_base.intervals import base_sentences
+from toppling.models.spelling import counted
 from toppling.results.analysis import fits, ranking, resampling
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
@@ -96,7 +97,11 @@ def _records_section(content: Content, document: Document) -> str:
     """Records with their effect, and their figure."""
     frame = content.frame
     used = frame.drop_duplicates("record_id")
-    lines = [paragraph(f"{len(used):,} records of {used['event'].nunique():,} named earthquakes.")]
+    lines = [
+        paragraph(
+            f"{counted(len(used), 'record')} of {counted(used['event'].nunique(), 'named earthquake')}."
+        )
+    ]
     if (weight := records_weight(frame)) is not None:
         least, most = weight[used.index].min(), weight[used.index].max()
         lines.append(

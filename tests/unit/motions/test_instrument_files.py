@@ -1,5 +1,8 @@
 """miniSEED in pieces, SAC of any convention, and peaks that a mistaken unit would explain."""
 
+import gzip
+from pathlib import Path
+
 import numpy as np
 import obspy
 import pytest
@@ -161,3 +164,21 @@ def test_one_damaged_station_xml_does_not_take_the_others_with_it(tmp_path):
     outcome = import_records(record_files([tmp_path]))
     assert len(outcome.records) == 1
     assert [refusal.subject for refusal in outcome.refusals] == [str(tmp_path / "other.xml")]
+
+
+KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"
+
+
+def test_an_episensors_file_says_its_unit_and_which_channel_is_vertical(tmp_path):
+    packed = KINEMETRICS / "STNA.20020722.044649.evt.gz"
+    (tmp_path / "rec.evt").write_bytes(gzip.decompress(packed.read_bytes()))
+    found = read_file(tmp_path / "rec.evt")
+    assert [(each.label, each.direction) for each in found] == [("X", None), ("Y", None), ("Z", "up")]
+    by_obspy = obspy.read(str(tmp_path / "rec.evt"), apply_calib=True)
+    for each, trace in zip(found, by_obspy, strict=True):  # which takes g to be 9.81
+        np.testing.assert_allclose(each.acceleration_m_s2, trace.data * 9.80665 / 9.81, rtol=1e-9)
+
+
+def test_channels_of_one_file_that_are_only_numbered_are_refused_with_what_a_table_can_name():
+    refused = import_records([KINEMETRICS / "BI008_MEMA-04823.evt"]).refusals
+    assert [one.reason.remedy[:38] for one in refused] == ["export each channel as a file of its o"]

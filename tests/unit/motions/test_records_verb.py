@@ -25,7 +25,7 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
     WRITERS["peer"](folder, shaking())
     (folder / "broken.AT2").write_text("PEER NGA STRONG MOTION DATABASE RECORD\nx\n")
     result = run("import", folder, "--out", tmp_path / "out")
-    assert "1 records from 4 files" in result.output
+    assert "1 record from 4 files" in result.output
     assert "broken.AT2" in result.output
     ensemble = Ensemble.load(tmp_path / "out")
     (row,) = ensemble.catalog.to_pylist()

@@ -58,7 +58,7 @@ def main() -> None:
         if expected is not None:
             rows.append({
                 "campaign": name, "jobs": len(planned), "expected_work_s": expected.work_s, "work_s": progress.work_s,
-                "ratio": expected.work_s / progress.work_s, "expected_s": expected.wall_s(workers),
+                "ratio": expected.work_s / progress.work_s, "expected_s": expected.work_s / workers,
                 "took_s": progress.elapsed_s,
             })  # fmt: skip
             print(rows[-1], flush=True)

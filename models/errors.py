@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 _LONGEST = 1500
 """Characters of what is wrong, and of where."""
@@ -32,14 +33,14 @@ class InputError(ValueError):
         super().__init__(f"{self.where}: {self.what}\n  expected: {expected}\n  remedy:   {remedy}")
 
     def __reduce__(self) -> tuple:
-        return _rebuild, (self.what, self.where, self.expected, self.remedy)
+        kind = (
+            UsageError if isinstance(self, UsageError) else InputError
+        )  # those of files need their names alone
+        return partial(kind, where=self.where, expected=self.expected, remedy=self.remedy), (self.what,)
 
 
 class UsageError(InputError):
     """What was asked does not go together or is no value of its kind; exit code 2 on the command line."""
-
-    def __reduce__(self) -> tuple:
-        return _rebuild_usage, (self.what, self.where, self.expected, self.remedy)
 
 
 def refusals(expected: str, remedy: str) -> Callable[[str, object], InputError]:
@@ -58,11 +59,3 @@ def _shortened(text: str) -> str:
     """Text with its middle left out where a file's own words in it have no end."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
-
-
-def _rebuild_usage(what: str, where: str, expected: str, remedy: str) -> UsageError:
-    return UsageError(what, where=where, expected=expected, remedy=remedy)
-
-
-def _rebuild(what: str, where: str, expected: str, remedy: str) -> InputError:
-    return InputError(what, where=where, expected=expected, remedy=remedy)

@@ -48,19 +48,6 @@ class TimeEstimate:
     work_s: float  # of one worker that does all of it
     timed: int  # jobs that it is known from
 
-    def wall_s(self, workers: int) -> float:
-        """Time on so many workers."""
-        return self.work_s / workers
-
-    def words(self, jobs: int, workers: int | None) -> str:
-        """Say it; of the cores here unless a number of workers is given."""
-        count = workers or os.cpu_count() or 1
-        if self.wall_s(count) < _BRIEF_S:
-            on = f"on {count} workers" if count > 1 else "on 1 worker"
-            return f"{jobs:,} jobs are expected to take less than a minute {on} ({self.timed} timed)"
-        here = f"{duration(self.wall_s(count))} on {count} workers like this machine's cores"
-        return f"{jobs:,} jobs are expected to take {duration(self.work_s)} of one worker, {here} ({self.timed} timed)"
-
 
 def _spread(count: int, wanted: int) -> NDArray[np.int64]:
     """Numbers below a count, each once, of which every beginning is spread evenly: multiples of the golden ratio.
@@ -86,10 +73,17 @@ def _sampled_rows(planned: Plan) -> NDArray[np.int64]:
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
-    """How long jobs are expected to take, or why that is not known."""
-    if estimated is not None:
-        return estimated.words(jobs, workers)
-    return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
+    """How long jobs are expected to take on so many workers, or on the cores here; or that it is not known."""
+    if estimated is None:
+        return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
+    count = workers or os.cpu_count() or 1
+    if (wall_s := estimated.work_s / count) < _BRIEF_S:
+        on = f"on {count} workers" if count > 1 else "on 1 worker"
+        return f"{jobs:,} jobs are expected to take less than a minute {on} ({estimated.timed} timed)"
+    return (
+        f"{jobs:,} jobs are expected to take {duration(estimated.work_s)} of one worker, {duration(wall_s)} on {count} "
+        f"workers like this machine's cores ({estimated.timed} timed)"
+    )
 
 
 def estimate(planned: Plan) -> TimeEstimate | None:

@@ -100,7 +100,7 @@ def shares_of(run: Path) -> list[Share]:
 
 def words_to_go_on(run: Path, workers: int | None) -> str:
     """How long the jobs that an interrupted run has left are expected to take; empty where none is left or has run."""
-    from toppling.orchestrator.estimate import TimeEstimate
+    from toppling.orchestrator.estimate import TimeEstimate, words_of
 
     try:
         jobs = describe(run)["jobs"]
@@ -110,7 +110,7 @@ def words_to_go_on(run: Path, workers: int | None) -> str:
     cost_s, left = pc.mean(rows["wall_s"]).as_py(), jobs - len(rows)
     if left <= 0 or cost_s is None:
         return ""
-    summary = TimeEstimate(cost_s * left, len(rows)).words(left, workers)
+    summary = words_of(TimeEstimate(cost_s * left, len(rows)), left, workers)
     return f"{len(rows):,} of {jobs:,} jobs have run; the other {summary}"
 
 

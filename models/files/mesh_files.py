@@ -49,21 +49,15 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
 
     Raises InputError if the file is absent, of another format or holds no triangles.
     """
-    suffix = Path(path).suffix.lower()
+    suffix, expected = Path(path).suffix.lower(), f"a triangle mesh: {', '.join(MESH_FORMATS)}"
     if suffix not in MESH_FORMATS:
-        raise InputError(
+        what, remedy = (
             f"{suffix or 'no suffix'} is not a mesh format that is read",
-            where=str(path),
-            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
-            remedy="convert the mesh, or correct the file's name",
+            "convert it, or correct its name",
         )
+        raise InputError(what, where=str(path), expected=expected, remedy=remedy)
     if not Path(path).is_file():
-        raise InputError(
-            "there is no such file",
-            where=str(path),
-            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
-            remedy="check the path",
-        )
+        raise InputError("there is no such file", where=str(path), expected=expected, remedy="check the path")
     found = read_mesh(Path(path)) if suffix == ".ply" else None
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:

@@ -87,6 +87,7 @@ _SHAPE: dict[str, Any] = {
 }  # fmt: skip
 
 
+_ANEW = "make the scene anew with 'toppling scan' or Scene.save"
 _foreign = refusals(
     expected="the files of one scene, as they were written into its folder",
     remedy="put the scene's own file back from where the folder was copied, or make the scene anew",
@@ -111,28 +112,19 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     """
     document = read_json(path)
     if document.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(
-            f"schema version {shown(document.get('schema_version'))}",
-            where=str(path),
-            expected=f"a scene of schema version {SCHEMA_VERSION}",
-            remedy="make the scene anew with 'toppling scan' or Scene.save",
+        version, expected = (
+            shown(document.get("schema_version")),
+            f"a scene of schema version {SCHEMA_VERSION}",
         )
+        raise InputError(f"schema version {version}", where=str(path), expected=expected, remedy=_ANEW)
     check_shape(document, _SHAPE, path)
-    normal = document["interface"]["normal"]
+    normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
-        raise InputError(
-            f"interface.normal is {normal}",
-            where=str(path),
-            expected="a unit vector that points up",
-            remedy="make the scene anew with 'toppling scan' or Scene.save",
-        )
-    if len(document["quasi_static_toppling_m_s2"]) > _MOST_AZIMUTHS:
-        raise InputError(
-            f"quasi_static_toppling_m_s2 has {len(document['quasi_static_toppling_m_s2'])} rows",
-            where=str(path),
-            expected=f"at most {_MOST_AZIMUTHS} azimuths",
-            remedy="make the scene anew with 'toppling scan' or Scene.save",
-        )
+        what, expected = f"interface.normal is {normal}", "a unit vector that points up"
+        raise InputError(what, where=str(path), expected=expected, remedy=_ANEW)
+    if rows > _MOST_AZIMUTHS:
+        what, expected = f"quasi_static_toppling_m_s2 has {rows} rows", f"at most {_MOST_AZIMUTHS} azimuths"
+        raise InputError(what, where=str(path), expected=expected, remedy=_ANEW)
     return document
 
 

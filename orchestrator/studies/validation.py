@@ -133,12 +133,7 @@ def ensemble_of(
     asked = [test.record_id for test in experiment.tests]
     shas = [motion_sha(motion, 0.0) for motion in experiment.motions]
     if dict(zip(asked, shas, strict=True)) != {name: found.sha(name) for name in found.record_ids}:
-        raise InputError(
-            "holds the motions of other tests",
-            where=str(target),
-            expected=f"the motions of {len(asked)} tests",
-            remedy="give another --out, or remove the folder",
-        )
+        raise _foreign("holds the motions of other tests", target, f"the motions of {len(asked)} tests")
     return found
 
 
@@ -151,12 +146,10 @@ def scene_of(
         digest.write_json(settings, drawn_bases(sampling))
         specimen(mesh, sampling, progress).save(target)
     if not settings.exists() or digest.read_json(settings) != drawn_bases(sampling):
-        raise InputError(
-            "holds bases that were drawn otherwise",
-            where=str(target),
-            expected=f"seed {sampling.seed} and the distribution of this version, as {settings.name} states them",
-            remedy="give another --out, or remove the folder",
+        expected = (
+            f"seed {sampling.seed} and the distribution of this version, as {settings.name} states them"
         )
+        raise _foreign("holds bases that were drawn otherwise", target, expected)
     found = Scene.load(target)
     bare = Scene.from_mesh(mesh, 0.5 * sum(_FRICTION))
     if (
@@ -164,13 +157,14 @@ def scene_of(
         or replace(found, unseen=None).id != bare.id
         or len(found.unseen) < sampling.most_draws
     ):
-        raise InputError(
-            "holds another specimen, or too few bases",
-            where=str(target),
-            expected=f"the rock of {mesh} with {sampling.most_draws} bases",
-            remedy="give another --out, or remove the folder",
-        )
+        expected = f"the rock of {mesh} with {sampling.most_draws} bases"
+        raise _foreign("holds another specimen, or too few bases", target, expected)
     return found
+
+
+def _foreign(what: str, target: Path, expected: str) -> InputError:
+    remedy = "give another --out, or remove the folder"
+    return InputError(what, where=str(target), expected=expected, remedy=remedy)
 
 
 def shake_tests(

@@ -88,7 +88,7 @@ def test_less_than_a_minute_is_told_as_that(workers, on):
 
 
 def test_the_words_tell_the_time_of_one_worker_and_of_several():
-    words = TimeEstimate(7200.0, 48).words(21280, 4)
+    words = words_of(TimeEstimate(7200.0, 48), 21280, 4)
     assert words.startswith(
         "21,280 jobs are expected to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"
     )

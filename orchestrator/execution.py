@@ -56,7 +56,7 @@ _FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
 ROUNDS = 3
-"""Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
+"""Times that the plan is gone through: more than once only if a stored part was lost to another program or a disk."""
 
 _Task = Callable[[RunKey, Sequence[JobSpec], float], list[Row]]
 

@@ -41,7 +41,7 @@ _EQUAL_SHARE_S = 40.0
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
-    """Tell what jobs are expected to cost, in a unit of its own, from their records' durations together."""
+    """What jobs are expected to cost, in a unit of its own, by the summed durations of their records."""
     return motion_s + _EQUAL_SHARE_S * jobs
 
 
@@ -206,7 +206,7 @@ def plan_of(campaign: Campaign) -> Plan:
 
 
 def _check_atlas(parts: Sequence[Plan]) -> None:
-    """Refuse a rock that is there already, and more jobs than a table holds."""
+    """Refuse a rock that is there twice, and more jobs than a table holds."""
     last = parts[-1].scenes[0]
     for other in (part.scenes[0] for part in parts[:-1]):
         if other.scene_id == last.scene_id:

@@ -212,7 +212,7 @@ def ended(notes: dict[str, Any]) -> dict[str, Any]:
 
 
 def place_in(run: Path, name: str) -> Path:
-    """Tell where in a run a verb writes what it makes of it.
+    """Place in a run's folder for what a verb makes of the run.
 
     Raises InputError if something there is a link: a run may come from a stranger.
     """
@@ -235,12 +235,12 @@ def is_running(run: Path) -> bool:
 
 
 def _now() -> str:
-    """Tell the time, UTC, to the second."""
+    """The time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _take(lock: IO[str]) -> None:
-    """Lock for writing, past readers: each look at whether the run goes on holds the lock for an instant."""
+    """Lock for writing; readers who look whether the run goes on hold the lock for an instant, and are waited for."""
     end = time.monotonic() + _LOCK_PATIENCE_S
     while True:
         try:

@@ -72,14 +72,14 @@ class Run:
 
     @property
     def rocks(self) -> tuple["Run", ...]:
-        """Each rock of an atlas, to be read like a run of its own; none of a run of one rock."""
+        """Each rock of an atlas, to be read like a run of its own; none for a run of one rock."""
         if self.root != self.path:
             return ()
         return tuple(Run(self.path / SCENES / one["rock"]) for one in self.provenance().get("scenes") or ())
 
     @property
     def entry(self) -> dict[str, Any]:
-        """What `run.json` says of one rock of an atlas; empty of a run of one rock."""
+        """What `run.json` says of one rock of an atlas; empty for a run of one rock."""
         if self.root == self.path:
             return {}
         return next(one for one in self.provenance()["scenes"] if one["rock"] == self.path.name)
@@ -265,7 +265,7 @@ class Run:
         return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
-        """One row about the scene; None where the run has none. Of an atlas one row a rock, with its site."""
+        """One row about the scene; None where the run has none. For an atlas one row a rock, with its site."""
         check_files(self.root)
         if self.rocks:
             return pa.concat_tables(table for one in self.rocks if (table := one.scene()) is not None)

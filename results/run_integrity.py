@@ -67,7 +67,7 @@ def written_once(run: Path) -> list[str]:
 
 
 def digests_of(run: Path) -> dict[str, str | None]:
-    """Digest of each file that is there of those that a run is begun with, None of one that carries none."""
+    """Digest of each file of a run that was written at its beginning and is there; None for one without a digest."""
     return {name: _stated(run / name) for name in written_once(run)}
 
 
@@ -162,7 +162,7 @@ def _compare(run: Path) -> None:
 def _ids(
     run: Path, document: Mapping[str, Any], recorded: Mapping[str, Any]
 ) -> list[tuple[str, str, object]]:
-    """Of files without a recorded digest what they are by their own word: name, key of `run.json`, value."""
+    """What files without a recorded digest say of themselves: name, key of `run.json`, value."""
     readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
         ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
         (f"ensemble/{CATALOG}", "ensemble_id", _ensemble_id),

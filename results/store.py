@@ -175,7 +175,7 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], _Answer]) ->
     """Answer of a reading, which is done again if files of the runs were merged away, cut or damaged meanwhile.
 
     Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to
-    them. Files that only came are no reason: they may count or not. A bit that flips leaves no trace but the refusal.
+    them. New files are no reason to read again: their rows may count or not.
     """
     folders = [Path(folder) for folder in run_folders]
     before = _stamps(folders)

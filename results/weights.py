@@ -151,7 +151,7 @@ class Weights:
 
 
 def weights_of(run: Path) -> Weights | None:
-    """Weights of a run's bases; None of a run whose campaign asks for none.
+    """Weights of a run's bases; None where its campaign asks for none.
 
     Raises InputError if it asks for them, and they are not there or are damaged.
     """

@@ -232,7 +232,7 @@ def _digest(file: IO[bytes], place: int) -> bytes:
 
 
 def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
-    """The same of a text whose lines ended as the program ends them; nothing of another file."""
+    """The same of a text whose lines ended as the program ends them; empty for any other file."""
     if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > _MOST_TEXT_BYTES:
         return b""
     file.seek(0)

@@ -14,7 +14,7 @@ class Measure:
     """One intensity measure."""
 
     description: str  # of the columns of catalogues and rows; its unit is the end of its name
-    # Power of the scale by which it grows with the motion; None of an azimuth, which turns with it.
+    # Power of the scale by which it grows with the motion; None for an azimuth, which turns with it.
     scaling_power: int | None
     short_name: str = ""  # as people call it; its own name if empty
     compared: bool = False  # whether curves are fitted over it and runs rank it

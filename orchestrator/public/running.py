@@ -36,11 +36,11 @@ class Planned:
     campaign : Campaign
     plan : Plan
     settling : Settling or None
-        How far the rock settles with the friction with which it tilts most; None of many rocks.
+        How far the rock settles under the friction with which it tilts most; None for many rocks.
     warnings : list of str
         Probable mistakes.
     rocks : dict
-        Of many rocks `scenes`, what is known of each, and `left_out`, those that cannot be read.
+        For many rocks: `scenes`, what is known of each, and `left_out`, those that cannot be read.
     """
 
     campaign: Campaign

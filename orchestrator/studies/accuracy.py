@@ -129,7 +129,7 @@ def answers(
     processor_s, simulated_s and penetration_share (of R).
     Raises InputError if the rock does not stand.
     """
-    stands = settled(scene)  # here: what a process of the pool raises as it starts is not told
+    stands = settled(scene)  # here, as an error in a process that starts would not reach the user
     name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)
     path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
     rows = _read(path) if path and path.exists() else []

@@ -49,7 +49,7 @@ class Weighing:
     before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:
-        """Whether there are such motions, and no weights yet; damaged ones are told before work is done."""
+        """Whether there are such motions and no weights yet; damaged weights are refused before any work."""
         if not planned.recorded:
             return False
         if (folder / WEIGHTS_FILE).exists():

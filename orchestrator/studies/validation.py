@@ -37,8 +37,8 @@ _FRICTION = (0.5, 1.0)
 """Granite on steel or concrete."""
 _RESTITUTION = (0.0, 0.3)
 _ABOVE_BAND = (0.0, 0.6)
-"""Of the octave below the band's end: on the tables whose accelerometer was looked at it says .55, and part of that is
-the table's bearings."""
+"""Share of the motion in the octave below the band's end: accelerometers that were looked at show .55, of which part
+is noise of the table's bearings."""
 _YAW_DEG = 5.0
 """How well a heavy rock is set down along the table's axis."""
 _BASE_STD_PER_HEIGHT, _BASE_WAVELENGTH_PER_HEIGHT = (1 / 2000, 1 / 500), 0.2

@@ -169,7 +169,7 @@ def _compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str =
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
     repeated: rows of the same jobs done again.
     measure: the intensity whose median is asked for.
-    Returns Audit or None: None of fewer than `LEAST_JOBS`.
+    Returns Audit or None: None for fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
     again = repeated[[*_JOB, "toppled", "max_tilt_deg"]].assign(drawn=True)

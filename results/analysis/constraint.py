@@ -45,7 +45,7 @@ class Constraint:
 
     @cached_property
     def random_rock(self) -> RandomRock | None:
-        """One fragility of the site; None of a single rock."""
+        """One fragility of the site; None for a single rock."""
         return random_rock(self.rocks)
 
     def tables(self) -> dict[str, pd.DataFrame]:

@@ -4,8 +4,8 @@ OpenQuake states a continuous fragility by mean and standard deviation of the lo
 median and beta, and has units of its own: g for accelerations, cm/s for velocity, cm for displacement. The
 conversion is done here and nowhere else. PGA and PGV are of the horizontal vector, as everywhere here.
 
-Each file also keeps what each curve rests on, so that an extrapolation, or a run that was not finished, is known for
-one wherever the file goes. NRML has no place for it but a comment; files of other programs need not state it.
+Each file also keeps what each curve rests on, so that an extrapolation, or a run that was not finished, is recognised
+wherever the file goes. NRML has no place for it but a comment; files of other programs need not state it.
 """
 
 import csv

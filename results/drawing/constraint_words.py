@@ -13,10 +13,10 @@ _MOST_NAMED = 6
 """Branches that are stated one by one, at most."""
 
 _LEAST_AGE_YEARS = 100.0
-"""Fragile rocks are dated to thousands of years; a lower number is one of thousands."""
+"""Fragile rocks are thousands of years old: a lower number is probably in thousands of years."""
 
 _FIRST_RATES = (1e-4, *sorted(RATES))
-"""Annual rates that the first line may be about: the first that the hazard reaches before and after."""
+"""Annual rates that the first line may be about: it takes the first that the hazard reaches before and after."""
 
 _VARY = {
     "event": "other events", "fragility": "other records like these", "age": "other ages",

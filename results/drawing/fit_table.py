@@ -1,4 +1,4 @@
-"""Fits in words: medians and betas with their intervals, and what few records leave unsaid."""
+"""Fits in words: medians and betas with their intervals, and what few records cannot tell."""
 
 from collections.abc import Iterable
 
@@ -51,7 +51,7 @@ def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
 
 
 def few_records(records: int) -> str:
-    """What so few records leave unsaid; empty of enough."""
+    """What so few records cannot tell; empty where they are enough."""
     if records < LEAST_RECORDS:
         return (
             f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
@@ -63,7 +63,7 @@ def few_records(records: int) -> str:
 
 
 def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
-    """Lognormal fits as a terminal shows them, and what the number of records leaves unsaid.
+    """Lognormal fits as a terminal shows them, and what so many records cannot tell.
 
     Parameters
     ----------

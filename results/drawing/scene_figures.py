@@ -254,9 +254,9 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
 
 
 def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
-    """Azimuths (a closed round), and between what toppling accelerations bases that nobody saw leave the rock.
+    """Azimuths (a closed round), and the toppling accelerations between which the unseen bases leave the rock.
 
-    With the share of the bases; empty of a scene whose base was not drawn.
+    And the share of the bases that these hold; empty for a scene whose base was not drawn.
     """
     found = scene.report.get("unseen_base") or {}
     table = found.get("toppling", [])

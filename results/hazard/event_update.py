@@ -169,7 +169,7 @@ class EventUpdate:
 
     @cached_property
     def left_out(self) -> pd.DataFrame | None:
-        """Table of `leave_one_out`; None of a single rock."""
+        """Table of `leave_one_out`; None for a single rock."""
         return leave_one_out(self.rocks, self.events, self.exposure) if len(self.rocks) > 1 else None
 
     @property

@@ -23,12 +23,13 @@ _Numbers = NDArray[np.int64]
 
 _FIRST_ROUND = 32
 _GROWTH = (0.3, 1.0)
-"""Least and largest next round, of the jobs so far: whoever looks often ends on a curve that happens to look steep."""
+"""Least and largest next round, as shares of the jobs so far: who looks often stops at a curve that looks steep by
+chance."""
 _RANDOM_SHARE = 0.15
 """Of the jobs at random levels."""
 _OUTSIDE = 1.0 / 3.0
-"""Of the shares outside the range that tells most, up to which a record is shaken for the curve's sake: one that no
-level of the campaign brings there has only jobs at random levels."""
+"""How far beyond the range of probabilities that tells most a record may lie and still get designed jobs, as a part of
+what is left to 0 and to 1: a record that no level of the campaign brings so near has only jobs at random levels."""
 _LEAST_JOBS, _LEAST_OF_EACH = 48, 5
 """Jobs, and jobs of each answer, before a statement may end a run."""
 _SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300

@@ -104,10 +104,11 @@ class Curve:
         return -a / b + z / b * (1.0 + 2.0 * math.sqrt(self.slope_variance))
 
     def student(self, times: float = 1.0) -> float:
-        """Standard errors in half an interval of 95 %, of so many times the jobs.
+        """How many standard errors half an interval of 95 % has, were there so many times the jobs.
 
-        They are proportional to beta, which is itself an estimate: known to a relative standard deviation c it is worth
-        1 / (2 c^2) degrees of freedom, if records do not bear fewer, and too small by c^2 on the average.
+        A standard error is proportional to beta, which is itself estimated, with a relative standard deviation c. That
+        is worth 1 / (2 c^2) degrees of freedom, or fewer if there are fewer records, and beta is too small by c^2 on
+        average.
         """
         c2 = self.slope_variance / times
         freedom = max(self.records - 1.0, 1.0)

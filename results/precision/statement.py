@@ -72,7 +72,7 @@ def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id
 
 
 def statements_of(run: Path) -> list[dict[str, Any]]:
-    """What a run states; empty of one that was not asked.
+    """What a run states; empty for one that was not asked.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
 
 
 def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What a person should know, a sentence a contact."""
+    """What a person should know, one sentence for each contact."""
     said = [one["sentence"] for one in statements]
     if len(said) > 1:
         under = "with friction {friction_static:g} and restitution {restitution:g} "

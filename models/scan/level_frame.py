@@ -20,7 +20,10 @@ _LEAST_SHARE = 0.1
 """Of the patches that lie about level, in one level."""
 _WIDE_VOXELS, _APART_VOXELS = 8.0, 6.0
 """How wide a level is (standard deviation of its patches' places), and how far over another."""
-_TRIALS, _PLANES, _ROUNDS = 200, 4, 6
+_TRIALS, _PLANES, _ROUNDS = 200, 4, 12
+_REFINED = 20
+"""Of the trials, those with most patches: a plane through one patch and its normal is degrees off where a wide level
+is uneven, and ends in a part of it."""
 _NEAR_VOXELS, _ABOUT_VOXELS, _TURNED_DEG = 0.5, 2.0, 8.0
 """How far off a plane, and turned from it, its patches lie; how far off others about it do."""
 _EVEN_SHARE = 0.8
@@ -95,16 +98,20 @@ def _largest(
         near = np.abs((points_m - middle_m) @ normal) < voxels * voxel_m
         return np.asarray(near & (normals @ normal > np.cos(np.deg2rad(_TURNED_DEG))))
 
+    def refined(start: int) -> tuple[NDArray[np.bool_], _Level]:
+        middle_m, normal, spread_m = points_m[start], normals[start], np.zeros(3)
+        for _ in range(_ROUNDS):
+            on = points_m[on_plane(middle_m, normal)]
+            if len(on) < 3:
+                break
+            middle_m = on.mean(axis=0)
+            _, spread_m, axes = np.linalg.svd(on - middle_m, full_matrices=False)
+            spread_m, normal = spread_m / np.sqrt(len(on)), axes[2] * (np.sign(axes[2, 2]) or 1.0)
+        about, last = on_plane(middle_m, normal, _ABOUT_VOXELS), on_plane(middle_m, normal)
+        share = float(last.sum() / max(about.sum(), 1))
+        return last, _Level(middle_m, normal, float(spread_m[2]), share, float(spread_m[1]))
+
     tried = random.integers(0, len(points_m), _TRIALS)
-    best = max(tried, key=lambda number: on_plane(points_m[number], normals[number]).sum())
-    middle_m, normal, spread_m = points_m[best], normals[best], np.zeros(3)
-    for _ in range(_ROUNDS):
-        on = points_m[on_plane(middle_m, normal)]
-        if len(on) < 3:
-            break
-        middle_m = on.mean(axis=0)
-        _, spread_m, axes = np.linalg.svd(on - middle_m, full_matrices=False)
-        spread_m, normal = spread_m / np.sqrt(len(on)), axes[2] * (np.sign(axes[2, 2]) or 1.0)
-    about, last = on_plane(middle_m, normal, _ABOUT_VOXELS), on_plane(middle_m, normal)
-    share = float(last.sum() / max(about.sum(), 1))
-    return last, _Level(middle_m, normal, float(spread_m[2]), share, float(spread_m[1]))
+    held = [int(on_plane(points_m[number], normals[number]).sum()) for number in tried]
+    starts = tried[np.argsort(held, kind="stable")[::-1][:_REFINED]]
+    return max((refined(start) for start in starts), key=lambda found: int(found[0].sum()))

@@ -60,16 +60,17 @@ def check_frame(
 
     Raises InputError with the options to give.
     """
-    found = [] if placement.says_up else [_sideways(vertices, faces, path)]
+    usual = _usual_up(path)
+    found = [] if placement.says_up else [_sideways(vertices, faces, usual)]
     found += [] if placement.says_scale or unit_given else [_sized(vertices)]
     told = [each for each in found if each is not None]
     if told:
         raise InputError(
             "; ".join(what for what, _ in told),
             where=str(path),
-            expected="a mesh in metres with z up, or options that say what it is in",
-            remedy=f"give {' '.join(option for _, option in told)}; --up z and --units m keep it as it is, and control "
-            "points (--gcp) say both",
+            expected=f"a mesh in metres with {usual} up, or options that say what it is in",
+            remedy=f"give {' '.join(option for _, option in told)}; --up {usual} and --units m keep it as it is, and "
+            "control points (--gcp) say both",
         )
     if placement.by.startswith("--gcp"):
         facing = _facing(vertices @ placement.turn.T, faces)
@@ -98,11 +99,15 @@ def _facing(vertices: Array, faces: NDArray[np.int64]) -> Array | None:
     return total / size if size > _OPEN_SHARE * whole else None
 
 
-def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[str, str] | None:
+def _usual_up(path: Path) -> str:
+    """What points upward in files of this format, unless somebody says otherwise."""
+    return "y" if path.suffix.lower() in UPWARD_Y else "z"
+
+
+def _sideways(vertices: Array, faces: NDArray[np.int64], usual: str) -> tuple[str, str] | None:
     facing = _facing(vertices, faces)
     if facing is None:
         return None
-    usual = "y" if path.suffix.lower() in UPWARD_Y else "z"
     off = _angle_deg(facing, AXES[usual])
     if off < _TILTED_DEG:
         return None
@@ -115,7 +120,11 @@ def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[st
     if _angle_deg(facing, AXES[axis]) < _NEAR_AXIS_DEG:
         return f"it looks {axis} up: its surface faces {axis} in the mean, not {usual}", f"--up {axis}"
     way = ",".join(f"{each:.2f}" for each in facing)
-    return f"its surface faces {way} in the mean, {off:.0f} degrees from {usual}", f"--up {way}"
+    what = (
+        f"its surface faces {way} in the mean, {off:.0f} degrees from {usual} (what is up differs from {way} by the "
+        "slope of the ground)"
+    )
+    return what, f"--up {way}"
 
 
 def _sized(vertices: Array) -> tuple[str, str] | None:

@@ -450,3 +450,5 @@ def test_a_statue_on_its_plinth_is_found_without_a_hint_and_with_its_plane(hint)
     assert 6.5 < found.scene.rock.volume_m3 < 6.65
     # The crown was not seen: its invented rise counts.
     assert found.scene.report["uncertainty"]["height_std_m"] > 0.05
+    # Its steps dip as its ground does, whatever the height by which patches are sized.
+    assert any("dip alike" in note for note in found.notes)

@@ -143,9 +143,22 @@ def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path)
     path = exported(tmp_path / "site.ply", turn=turn)
     with pytest.raises(InputError, match="60 degrees from z") as refused:
         read_clouds([path])
+    assert "differs from" in str(refused.value)  # ground need not be level in the mean
     way = refused.value.remedy.split("--up ")[1].split(";")[0]
     placed = bounds(read_clouds([path], None, placement_of(up=way)))
     assert np.ptp(placed[:, 2]) == pytest.approx(1.6, abs=0.1)
+
+
+def test_the_option_that_keeps_a_gltf_as_it_is_names_its_own_axis(tmp_path):
+    path = exported(
+        tmp_path / "site.glb", turn=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    )
+    sideways = exported(tmp_path / "sideways.glb")
+    with pytest.raises(InputError, match="it looks z up") as refused:
+        read_clouds([sideways])
+    assert "--up y and --units m keep it" in refused.value.remedy
+    kept = read_clouds([path], None, placement_of(up="y"))
+    np.testing.assert_allclose(bounds(kept), bounds(read_clouds([path])), atol=0.05)
 
 
 def test_a_slope_is_no_reason_to_doubt_the_axis(tmp_path):

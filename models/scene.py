@@ -17,7 +17,7 @@ from toppling.models.contact import ContactProperties
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
-from toppling.models.files.folder import local, new_folder
+from toppling.models.files.folder import instead, local, new_folder
 from toppling.models.files.mesh_files import MeshLike, read_triangles, write_ply
 from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, rotation_between
@@ -336,7 +336,7 @@ class Scene:
         try:
             described = read_own(source)
         except (FileNotFoundError, NotADirectoryError):
-            raise _scene_error("no scene.json", source) from None
+            raise _scene_error(f"no scene.json{instead(source)}", source) from None
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
         surface: tuple[Any, Any] = (None, None)
         if described["pedestal"]["kind"] == "surface":

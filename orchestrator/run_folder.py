@@ -16,7 +16,7 @@ from typing import IO, Any
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.documents import read_toml, shown
-from toppling.models.files.folder import new_folder, rock_name
+from toppling.models.files.folder import instead, new_folder, rock_name
 from toppling.models.files.run_document import check_run_document
 from toppling.models.files.stores import is_written_elsewhere
 from toppling.models.files.tables import write_table
@@ -137,7 +137,7 @@ def describe(run: Path) -> dict[str, Any]:
             raise digest.unopened(run / "run.json", error) from None
         raise _error(
             run,
-            "is not a run's folder: there is no run.json",
+            f"is not a run's folder, there is no run.json{instead(run)}",
             expected="a folder that 'toppling run' made",
             remedy="give the folder named with --out, or another name for a new run",
         ) from None

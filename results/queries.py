@@ -125,7 +125,9 @@ def _asked_once(runs: Sequence[Readable], question: _Question, trusted: bool) ->
                 str(error),
                 where="SQL",
                 expected="DuckDB's SQL over the tables results, motions, scene",
-                remedy="'toppling query RUN --describe' names every column",
+                remedy="write toppled::int to count or average it"
+                if "BOOLEAN" in str(error)
+                else "'toppling query RUN --describe' names every column, and texts stand between single quotes",
             ) from error
 
 

@@ -12,7 +12,7 @@ import pyarrow.dataset as ds
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import read_toml
-from toppling.models.files.folder import rock_name
+from toppling.models.files.folder import instead, rock_name
 from toppling.models.files.run_document import check_run_document
 from toppling.models.files.scene_document import read_scene_document
 from toppling.models.files.stores import at_hand
@@ -51,10 +51,10 @@ class Run:
 
     def __init__(self, path: PathLike) -> None:
         self.path = at_hand(path)
-        marks = ("campaign.toml", "run.json", "results.parquet", "parts")
+        marks = ("run.json", "results.parquet", "parts")
         if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
             raise InputError(
-                "is not a run" if self.path.exists() else "does not exist",
+                f"is not a run{instead(self.path)}" if self.path.exists() else "does not exist",
                 where=str(self.path),
                 expected="the folder of a run, with " + ", ".join(marks),
                 remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",

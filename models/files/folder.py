@@ -66,6 +66,24 @@ def _spelled(path: Path) -> Path:
     return next((one for one in there if unicodedata.normalize("NFC", one.name) == asked), folder / path.name)
 
 
+_KINDS = {
+    "scene.json": "a scene",
+    "catalog.parquet": "an ensemble",
+    "run.json": "a run",
+    "campaign.toml": "a run",
+}
+"""What a folder is that holds a file."""
+
+
+def instead(path: Path) -> str:
+    """What a path is that was given for something else, as the end of an error; empty where it is nothing known."""
+    folder = path.parent if path.is_file() else path
+    kind = next((kind for mark, kind in _KINDS.items() if (folder / mark).is_file()), "")
+    if path.is_file():
+        return f": this is a file of the folder {folder}, {kind}" if kind else ": this is a file"
+    return f": this is {kind}" if kind else ""
+
+
 def refuse_existing(target: Path) -> None:
     """Say so, before work is done that could not be written.
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
-from toppling.models.files.folder import local
+from toppling.models.files.folder import instead, local
 from toppling.models.files.tables import check_bounds, read_table, table_writer, write_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
@@ -90,7 +90,7 @@ class Ensemble:
         path = local(folder)
         for name in (CATALOG, MOTIONS):
             if not (path / name).is_file():
-                raise _ensemble_error(f"there is no {name}", path)
+                raise _ensemble_error(f"there is no {name}{instead(path)}", path)
         try:
             sealed = digest.check(path / CATALOG)
             catalog = read_table(path / CATALOG)

@@ -53,20 +53,24 @@ def query(
                                from results group by all order by all"
     toppling query runs/first --spread
     """
+    queries = [
+        text for text in runs if len(text.split()) > 1 and not Path(text).is_dir()
+    ]  # SQL has two words at least
+    runs = tuple(text for text in runs if text not in queries)
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
         _say_unfinished(runs)
         table = _spread(runs)
-    elif len(runs) < 2 or len(runs[-1].split()) < 2 or Path(runs[-1]).is_dir():  # SQL has two words at least
-        of = " ".join(runs)
+    elif not runs or len(queries) != 1:
+        of = " ".join(runs) or "RUN"
         raise click.UsageError(
-            f"the query in SQL is missing after {of}: give one, such as toppling query {of} "
+            f"give one run or more and one query in SQL, such as toppling query {of} "
             f'"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
         )
     else:
-        table = answer_of(runs[:-1], runs[-1], trusted=trusted)
-        _say_unfinished(runs[:-1])
+        table = answer_of(runs, queries[0], trusted=trusted)
+        _say_unfinished(runs)
     if parquet:
         with new_file(parquet) as hidden:
             pq.write_table(table, hidden, compression="zstd")

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError
+from toppling.models.files.folder import instead
 from toppling.models.spelling import counted
 from toppling.orchestrator.misspelt import Verbs
 from toppling.orchestrator.progress import bar
@@ -247,7 +248,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
 def _no_record(files: int, where: str) -> InputError:
     return InputError(
-        f"none of {files} files gave a record",
+        f"none of {files} files gave a record{instead(Path(where))}",
         where=where,
         expected="three-component records",
         remedy="see the table above",

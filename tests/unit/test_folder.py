@@ -2,7 +2,10 @@
 
 import pytest
 
+from toppling.models.errors import InputError
 from toppling.models.files.folder import named_beside, new_file, new_folder
+from toppling.models.scene import Scene
+from toppling.results.reader import open_run
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
@@ -44,3 +47,23 @@ def test_a_name_in_a_table_is_found_whether_or_not_its_accents_stand_apart(tmp_p
     assert named_beside(tmp_path, f"{together}/\u00e4.csv").exists()
     assert named_beside(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
     assert named_beside(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("scene", "this is a scene"),
+        ("ensemble", "this is an ensemble"),
+        ("ensemble/catalog.parquet", "a file of the folder .*, an ensemble"),
+        ("", ""),
+    ],
+)
+def test_what_is_given_for_a_run_is_named(given, said, tmp_path):
+    Scene.block(0.2, 0.2, 0.6, friction=0.8).save(tmp_path / "scene")
+    (tmp_path / "ensemble").mkdir()
+    (tmp_path / "ensemble" / "catalog.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match=f"is not a run.*{said}"):
+        open_run(tmp_path / given)
+    if given != "scene":
+        with pytest.raises(InputError, match=f"no scene.json.*{said}"):
+            Scene.load(tmp_path / given)

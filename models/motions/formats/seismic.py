@@ -103,7 +103,7 @@ def _of_kinemetrics(said: Any, whole: bool) -> dict[str, Any]:
     whole: whether samples have 24 bits, which the header's calibration is for.
     """
     name = str(said.get("chan_id") or "").strip()
-    stated = {"channel": name} if name else {}
+    stated: dict[str, Any] = {"channel": name} if name else {}
     sensitivity_v_g, full_scale_v = (
         float(said.get(f"chan_{key}") or 0) for key in ("sensitivity", "fullscale")
     )

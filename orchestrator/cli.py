@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import os
 import re
 import sys
 from pathlib import Path
@@ -139,15 +140,23 @@ def call() -> None:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             written = error.filename2 or error.filename  # a copy names its source first
-            of = f" of {Path(written)}" if written else ""
+            of = f" of {_asked_for(written)}" if written else ""
             click.echo(
                 f"toppling: the disk{of} is full: make room, then give the same command again; what is stored stays",
                 err=True,
             )
             sys.exit(1)
-        where = f"{Path(error.filename)}: " if error.filename else ""
-        click.echo(f"toppling: {where}{error.strerror or error}", err=True)  # Arrow's have a message only
+        where = f"{_asked_for(error.filename)}: " if error.filename else ""
+        elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
+        click.echo(
+            f"toppling: {where}{error.strerror or error}{elsewhere}", err=True
+        )  # Arrow's have a message only
         sys.exit(1)
+
+
+def _asked_for(path: Any) -> Path:
+    """Place that was asked for, of one where it is hidden until it is whole."""
+    return Path(re.sub(r"(?<=/)\.([^/]+)\.\d+\.tmp(?=/|$)", r"\1", os.fspath(path)))
 
 
 def _at_hand(word: str) -> str:

@@ -70,7 +70,6 @@ _KINDS = {
     "scene.json": "a scene",
     "catalog.parquet": "an ensemble",
     "run.json": "a run",
-    "campaign.toml": "a run",
 }
 """What a folder is that holds a file."""
 

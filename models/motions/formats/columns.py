@@ -16,6 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.motions.formats.column_cells import (
+    COMMENT,
+    SEPARATORS,
+    cells_of,
+    is_body,
+    is_decimal_comma,
+    plain_line,
+    separated,
+    unquoted,
+)
 from toppling.models.motions.formats.column_names import (
     Column,
     Roles,
@@ -27,7 +37,6 @@ from toppling.models.motions.formats.column_names import (
 )
 from toppling.models.motions.formats.column_times import (
     UNITS_S,
-    as_seconds,
     past_midnight,
     time_step,
     unit_of_times_s,
@@ -35,6 +44,7 @@ from toppling.models.motions.formats.column_times import (
 from toppling.models.motions.formats.component import Component, code_direction, refuse
 from toppling.models.motions.formats.header_text import (
     check_stated,
+    stated_counts,
     stated_direction,
     stated_peak_m_s2,
     stated_step_s,
@@ -44,18 +54,10 @@ from toppling.models.motions.formats.numbers import numbers_in, parted
 from toppling.models.motions.formats.units import counted_unit, known_names
 
 NAME = "plain columns"
-_COMMENT = ("#", "%", "!", "//", ";")
 _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
-_COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
-SEPARATORS = ";\t,"
-"""What stands between numbers, beside blanks; of names the first of these that a line has."""
-_AS_BLANKS = str.maketrans(dict.fromkeys(SEPARATORS, " "))
-_NOT_COMMA = SEPARATORS.replace(",", "")
-_BETWEEN = re.compile(rf",(?=[\s{_NOT_COMMA}]|$)")
-"""A comma with a blank behind it, which stands between two numbers whatever other commas do."""
 _WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
 _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
@@ -93,12 +95,22 @@ def recognises(head: str) -> bool:
         return understood or layout.names_at is None or _is_header(head, layout)
     if len(layout.columns) == layout.width and names_time(layout.columns[0]):
         return True  # which `read` refuses by the names
-    return layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout)
+    if layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout):
+        return True
+    return _is_wrapped(head.splitlines(), layout)
+
+
+def _is_wrapped(lines: Sequence[str], layout: _Layout) -> bool:
+    """Whether rows are one component's samples, so many a line: the text above states their number and time step."""
+    above = lines[: layout.first]
+    return (
+        layout.width > _WIDTHS[-1] and len(stated_counts(above)) == 1 and stated_step_s(above, 0) is not None
+    )
 
 
 def _is_header(head: str, layout: _Layout) -> bool:
     """Whether what stands above the rows is one line of names, with comments perhaps, and no other program's header."""
-    above = [line for line in head.splitlines()[: layout.first] if _is_body(line)]
+    above = [line for line in head.splitlines()[: layout.first] if is_body(line)]
     return len(above) <= 2
 
 
@@ -110,11 +122,11 @@ def _whole_numbers(head: str, layout: _Layout) -> bool:
 
 def _layout(lines: Sequence[str]) -> _Layout | None:
     """Layout of a file by its first lines; None where no rows of numbers follow on each other."""
-    plain = [_plain(line) for line in lines]
+    plain = [plain_line(line) for line in lines]
     numeric = [line for line in plain if re.match(r"\s*[-+.,\d]", line)]
     middle = len(numeric) // 2
-    comma = _is_decimal_comma(numeric[middle : middle + 20])
-    rows = {n: _split(plain[n], comma) for n in range(len(lines)) if _is_body(lines[n])}
+    comma = is_decimal_comma(numeric[middle : middle + 20])
+    rows = {n: cells_of(plain[n], comma) for n in range(len(lines)) if is_body(lines[n])}
     widths = {n: len(row) if all(map(_NUMBER.match, row)) else 0 for n, row in rows.items()}
     places = list(rows)
     for at, place in enumerate(places):
@@ -147,7 +159,7 @@ def _units_in(line: str, width: int) -> list[str]:
 
 def _parts(line: str) -> list[str]:
     """Cells of a header."""
-    text = line.strip().lstrip("".join(_COMMENT)).strip(" ")
+    text = line.strip().lstrip("".join(COMMENT)).strip(" ")
     between = next((separator for separator in SEPARATORS if separator in text), None)
     parts = text.split(between) if between else _WORD.findall(text)
     return parts[:-1] if between and len(parts) > 1 and not parts[-1].strip() else parts
@@ -157,7 +169,7 @@ def _columns(line: str, width: int) -> list[Column]:
     """Columns as a line names them; none if it is a comment or numbers, of another number of words, and no header."""
     found = [column_of(part) for part in _parts(line)]
     numbers = all(_NUMBER.match(each.name) for each in found)
-    return [] if len(found) != width and (numbers or line.lstrip().startswith(_COMMENT)) else found
+    return [] if len(found) != width and (numbers or line.lstrip().startswith(COMMENT)) else found
 
 
 def _roles(layout: _Layout) -> Roles | None:
@@ -178,10 +190,11 @@ def read(path: Path, text: str) -> list[Component]:
         refuse("no rows of numbers follow on each other", path, 1, expected="columns of numbers")
     first, width = layout.first, layout.width
     end, warnings = _end(lines, layout, path)
-    rows = [_separated(_plain(line), layout.decimal_comma) for line in lines[first:end]]
+    rows = [separated(plain_line(line), layout.decimal_comma) for line in lines[first:end]]
     rows = [_EXPONENT.sub("E", row) if "D" in row or "d" in row else row for row in rows]
     rows = [row if len(row.split()) == width else parted(row) for row in rows]
-    for offset, row in enumerate(rows):
+    wrapped = _is_wrapped(lines, layout)
+    for offset, row in enumerate(() if wrapped else rows):
         if row.strip() and len(row.split()) != width:
             refuse(
                 f"{len(row.split())} numbers where the lines before have {width}",
@@ -191,8 +204,8 @@ def read(path: Path, text: str) -> list[Component]:
                 remedy="fill an empty cell, or fetch the file again if it is damaged or truncated here",
             )
     _refuse_two_commas(lines[first], width, rows, path, first + 1)
-    values = numbers_in(rows, path, first + 1).reshape(-1, width)
-    roles = _roles(layout)
+    values = numbers_in(rows, path, first + 1).reshape(-1, 1 if wrapped else width)
+    roles = Roles(None, {0: ""}) if wrapped else _roles(layout)
     if roles is None:
         _refuse_columns(layout, path)
     if roles.components == {1: "h1", 2: "h2", 3: "v"}:
@@ -200,8 +213,10 @@ def read(path: Path, text: str) -> list[Component]:
     step = _step(values, rows, layout, roles, lines, path)
     if roles.left_out:
         warnings = (*warnings, f"{path.name}: columns left out: {', '.join(roles.left_out)}")
-    named = layout.columns if len(layout.columns) == width else (Column("", ""),) * width
-    told = [line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns]
+    named = layout.columns if len(layout.columns) == width and not wrapped else (Column("", ""),) * width
+    told = [
+        line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns or wrapped
+    ]
     check_stated(told, step, (len(values), len(roles.components)), path)
     above = stated_unit(told)
     found = [
@@ -226,7 +241,7 @@ def _end(lines: Sequence[str], layout: _Layout, path: Path) -> tuple[int, tuple[
         end -= 1
     last = end
     while last > layout.first + _LEAST_ROWS and _TEXT.match(lines[last - 1]):
-        if all(map(_NUMBER.match, _split(lines[last - 1], layout.decimal_comma))):
+        if all(map(_NUMBER.match, cells_of(lines[last - 1], layout.decimal_comma))):
             break
         last -= 1
     if not 0 < end - last <= _MOST_FOOTER:
@@ -250,7 +265,7 @@ def _step(
     unit = (
         layout.columns[roles.time].unit.lower().replace("µ", "u").replace("μ", "u") if layout.columns else ""
     )
-    clock = _plain(lines[layout.first]) != _unquoted(lines[layout.first])
+    clock = plain_line(lines[layout.first]) != unquoted(lines[layout.first])
     if not clock and unit not in UNITS_S:
         refuse(
             f"the time is in {unit!r}",
@@ -342,46 +357,6 @@ def _component(
         label=label,
         no_unit=no_unit,
     )
-
-
-def _is_decimal_comma(lines: list[str]) -> bool:
-    """Whether commas in lines of numbers are decimal points: where something else stands between the numbers.
-
-    One comma a line may be either: it stands between two columns if what is before it goes on as times do.
-    """
-    bare = [_BETWEEN.sub(" ", line.strip(f" {SEPARATORS}")) for line in lines if _is_body(line)]
-    rows = [re.split(rf"[\s{_NOT_COMMA}]+", line) for line in bare]
-    numbers = [number for row in rows for number in row]
-    if not any("," in number for number in numbers) or not all(map(_COMMA_NUMBER.match, numbers)):
-        return False
-    if all(len(row) > 1 for row in rows):
-        return True
-    before = [int(row[0].partition(",")[0] or 0) for row in rows]
-    return any(b <= a for a, b in pairwise(before))
-
-
-def _plain(line: str) -> str:
-    """Line without quotes, a time of day as seconds."""
-    return as_seconds(_unquoted(line))
-
-
-def _unquoted(line: str) -> str:
-    return line.replace('"', "")
-
-
-def _is_body(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith(_COMMENT)
-
-
-def _separated(line: str, decimal_comma: bool) -> str:
-    """Line with a blank between its numbers, and their decimals behind a point."""
-    if decimal_comma:
-        line = _BETWEEN.sub(" ", line).replace(",", ".")
-    return line.translate(_AS_BLANKS)
-
-
-def _split(line: str, decimal_comma: bool) -> list[str]:
-    return _separated(line, decimal_comma).split()
 
 
 def _refuse_two_commas(example: str, width: int, rows: list[str], path: Path, line: int) -> None:

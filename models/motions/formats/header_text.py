@@ -91,6 +91,11 @@ def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
     return found.pop() if len(found) == 1 else None
 
 
+def stated_counts(lines: Sequence[str]) -> set[int]:
+    """Numbers of samples that the lines state."""
+    return {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
+
+
 def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
     """Refuse samples that are not those that the lines above them tell of.
 
@@ -105,7 +110,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
             expected="one time step",
             remedy="correct the text, or the times",
         )
-    counts = {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
+    counts = stated_counts(lines)
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
         if abs(count - n) <= max(_ROWS_OFF, _COUNT_OFF * n)

@@ -400,3 +400,19 @@ def test_one_column_points_where_the_text_above_says_whatever_the_files_are_call
 def test_a_number_of_a_component_is_no_bearing(tmp_path):
     (tmp_path / "rec.txt").write_text("Component: 2\nUnits: m/s2\nSampling rate: 100 Hz\n0.1\n0.2\n0.3\n")
     assert read_file(tmp_path / "rec.txt")[0].direction is None
+
+
+@pytest.mark.parametrize("across", [5, 7, 8])
+def test_samples_that_fill_lines_are_one_component_where_their_number_and_step_are_stated(across, tmp_path):
+    motion = shaking()
+    for label, series in zip("ENZ", motion.T, strict=True):
+        head = f"ACCELERATION IN CM/S2, COMPONENT {label}\nNPTS= {len(series)}, DT= {STEP_S:.5f} SEC\n"
+        words = [f"{100 * x:.4f}" for x in series]
+        rows = [" ".join(words[n : n + across]) for n in range(0, len(words), across)]
+        (tmp_path / f"rec_{label}.txt").write_text(head + "\n".join(rows))
+    (record,) = import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, motion, atol=1e-5)
+    cut = tmp_path / "rec_E.txt"
+    cut.write_text("\n".join(cut.read_text().splitlines()[:-5]))
+    with pytest.raises(InputError, match=f"{len(motion)} samples by the text above"):
+        read_file(cut)

@@ -63,6 +63,10 @@ def test_an_unknown_verb_is_wrong_usage():
             "disk of run/motions",
         ),
         (
+            OSError(errno.EROFS, "Read-only file system", "/runs/a/.report.html.17.tmp"),
+            "toppling: /runs/a/report.html: Read-only file system: write to another place with --out",
+        ),
+        (
             ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"),
             "correct the file, or move it away",
         ),

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
-from toppling.models.files.digest import check, read_json, stated, unopened
+from toppling.models.files.digest import check, read_json, stamp, stated, unopened
 from toppling.models.files.run_document import check_run_document
 from toppling.models.files.scene_document import BASES, read_scene_document
 from toppling.models.files.tables import read_table, write_table
@@ -111,15 +111,10 @@ def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
 
 def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
     """Compare, unless that was done with the same state of the files."""
-    stamps: list[object] = []
-    for path in files:
-        state = path.stat()
-        stamps.append(
-            (str(path), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-        )
-    if _CHECKED.get(key) != tuple(stamps):
+    stamps = tuple((str(path), stamp(path.stat())) for path in files)
+    if _CHECKED.get(key) != stamps:
         compare()
-        _CHECKED[key] = tuple(stamps)
+        _CHECKED[key] = stamps
 
 
 def _document(run: Path) -> dict[str, Any]:

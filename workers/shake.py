@@ -103,22 +103,14 @@ def _answer(problem: Problem, engine: str, pool: Pool, *, trajectory: bool) -> S
 
 
 def _check_kinds(scene: object, motion: object) -> None:
-    for what, kind, given, remedy in (
-        ("scene", Scene, scene, "make one with Scene.load, Scene.from_mesh or Scene.block"),
-        (
-            "motion",
-            Motion,
-            motion,
-            "Motion(acceleration, time_step): (n, 3) in m/s2, and seconds",
-        ),
+    for kind, given, remedy in (
+        (Scene, scene, "make one with Scene.load, Scene.from_mesh or Scene.block"),
+        (Motion, motion, "Motion(acceleration, time_step): (n, 3) in m/s2, and seconds"),
     ):
         if not isinstance(given, kind):
-            raise InputError(
-                f"{what} is a {type(given).__name__}",
-                where="shake",
-                expected=f"a {kind.__name__}",
-                remedy=remedy,
-            )
+            name = kind.__name__
+            what = f"{name.lower()} is a {type(given).__name__}"
+            raise InputError(what, where="shake", expected=f"a {name}", remedy=remedy)
 
 
 def compile_once() -> None:

@@ -107,7 +107,7 @@ def _out_of_the_ground(contact: ContactModel, pose: Array) -> Array:
     The engine lets a point out in one step, and so the faster the deeper it is: a block that leaned by one degree, its
     corner .007 R deep, was shot up and toppled.
 
-    Raises InputError if the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
+    Raises InputError if the lowest point is deeper than `_DEEPEST_START_SHARE` of the half diagonal.
     """
     deep_share = -float(contact.gaps_m(pose).min()) / contact.half_diagonal_m
     if deep_share > _DEEPEST_START_SHARE:

@@ -39,7 +39,7 @@ _UNSETTLED_S = 2.0
 _PathLike = str | os.PathLike[str]
 
 _verified: dict[str, tuple[tuple[int, ...], bool]] = {}
-"""Of each path what it looked like (inode, size, times) when it was verified, and whether it had a digest."""
+"""Of each path what it looked like when it was verified, and whether it had a digest."""
 
 
 def seal(path: Path) -> None:
@@ -58,6 +58,11 @@ def seal_archive(path: Path) -> None:
     with zipfile.ZipFile(path, "a") as archive:
         archive.comment = BLANK.encode()
     seal(path)
+
+
+def stamp(state: os.stat_result) -> tuple[int, ...]:
+    """What a file looks like, by which one that has changed is told: its inode, size and times."""
+    return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 
 def check(path: _PathLike, *, required: bool = False) -> bool:
@@ -84,9 +89,8 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
     _refuse_irregular(Path(path))
     with Path(path).open("rb") as file:
         state = os.fstat(file.fileno())
-        stamp = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
         seen, sealed = _verified.get(name, ((), False))
-        if seen != stamp:
+        if seen != stamp(state):
             place = _place(file, state.st_size)
             sealed = place is not None
             if (
@@ -98,7 +102,7 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
             if not sealed and not required:
                 log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
             if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > _UNSETTLED_S * 1e9:
-                _verified[name] = stamp, sealed
+                _verified[name] = stamp(state), sealed
     if required and not sealed:
         raise damaged(path, _why_none(Path(path)))
     return sealed

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.digest import BLANK, KEY, check, damaged, seal, unopened
+from toppling.models.files.digest import BLANK, KEY, check, damaged, seal, stamp, unopened
 from toppling.models.files.folder import new_file
 
 _LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
@@ -90,8 +90,7 @@ def check_bounds(path: Path) -> None:
         If there is no such file, or it is no Parquet.
     """
     state = path.stat()
-    stamp = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-    if _BOUNDED.get(str(path)) == stamp:
+    if _BOUNDED.get(str(path)) == stamp(state):
         return
     footer = pq.read_metadata(path)
     most = _LEAST_BOUND_BYTES + _BYTES_PER_BYTE * state.st_size
@@ -111,7 +110,7 @@ def check_bounds(path: Path) -> None:
         raise _unbounded(f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory", path)
     for index in sorted(repeated):
         _check_repeated(path, footer.schema.column(index).path, most)
-    _BOUNDED[str(path)] = stamp
+    _BOUNDED[str(path)] = stamp(state)
 
 
 def _check_repeated(path: Path, name: str, most: int) -> None:

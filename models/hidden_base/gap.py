@@ -29,7 +29,7 @@ Index = NDArray[np.intp]
 _JITTER = 1e-6
 """Of the variance, added to the diagonal of a covariance so that it can be inverted."""
 _ROUNDS = 80
-"""Of the active set, in each of which up to MOST_AT_ONCE places are added."""
+"""Of the active set, in each of which up to `_MOST_AT_ONCE` places are added."""
 _MOST_AT_ONCE = 12
 _TRIANGLES = 12
 """Of the hull that are looked at below the line of the weight."""

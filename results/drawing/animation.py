@@ -11,9 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 from toppling.models.arrays import Array
 from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
 from toppling.results.drawing.painted_mesh import (
-    faces_eye,
-    far_to_near,
-    shades,
+    Surface,
+    painted,
     smooth_surface,
     surfaces_of,
     view_frame,
@@ -34,8 +33,9 @@ _OVERSAMPLING = 2
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What stays the same from frame to frame: axes of the view, its middle and half width in metres."""
+    """What stays the same from frame to frame: pedestal, axes of the view, its middle and half width in metres."""
 
+    pedestal: Surface
     frame: Array
     middle: Array
     half_m: float
@@ -96,29 +96,20 @@ def _view_of(replay: Replay, position: Array) -> _View:
     reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
     centres = position @ frame[:, :2]
     low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    return _View(frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
+    pedestal = surfaces_of(replay.scene)[1]
+    return _View(pedestal, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
 
 
 def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s: float) -> Image.Image:
     """Triangles painted from far to near (orthographic), and the ground's acceleration as an arrow."""
-    rock, pedestal = smooth_surface(replay.placed(centre_m, attitude), replay.scene.rock.faces, ROCK_COLOUR), (
-        surfaces_of(replay.scene)[1]
-    )  # fmt: skip
-    light = view.frame @ np.array([-0.4, 0.55, 0.75])
-    corners, painted = [], []
-    for surface in (rock, pedestal):
-        corner = surface.vertices_m[surface.faces] @ view.frame
-        shown = faces_eye(corner)
-        corners.append(corner[shown])
-        painted.append(shades(surface, light)[shown])
-    triangles, colours = np.concatenate(corners), np.concatenate(painted)
-    order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
+    rock = smooth_surface(replay.placed(centre_m, attitude), replay.scene.rock.faces, ROCK_COLOUR)
+    triangles, colours, _ = painted((rock, view.pedestal), view.frame, replay.scene.pedestal)
     size = _OVERSAMPLING * _WIDTH
-    places = 0.5 * size * (1.0 + (triangles[order, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
+    places = 0.5 * size * (1.0 + (triangles[:, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
     image = Image.new("RGB", (size, size), "#f4f6f8")
     draw = ImageDraw.Draw(image)
     for outline, shade in zip(
-        places.reshape(-1, 6).tolist(), (255 * colours[order]).astype(int).tolist(), strict=True
+        places.reshape(-1, 6).tolist(), (255 * colours).astype(int).tolist(), strict=True
     ):
         draw.polygon(outline, fill=tuple(shade))
     _draw_arrow(draw, replay, view, time_s, size)

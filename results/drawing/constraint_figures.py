@@ -37,8 +37,8 @@ def constraint_figure(
 ) -> Figure:
     """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
 
-    bound: from `analysis.constraint.bound_table`.
-    verdicts: from `analysis.constraint.branch_table`: survival and verdict of each branch, for the legend.
+    bound: rates that are rejected whatever the hazard, `Constraint.bound`.
+    verdicts: `Constraint.branches`: survival and verdict of each branch, for the legend.
     rocks: their ages stand above the figure.
     """
     measure = bound.columns[0]

@@ -1,5 +1,6 @@
 """Surfaces for pictures: shaded smoothly up to their edges, painted from far to near, and what they hide."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ _CREASE_DEG = 35.0
 
 _AMBIENT = 0.45
 """Share of light that comes from everywhere."""
+_LIGHT = np.array([-0.4, 0.55, 0.75])
+"""Where the rest comes from: the upper left of every view, as a reader expects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,30 @@ def view_frame(elevation_deg: float, azimuth_deg: float) -> Array:
     return np.column_stack([right, np.cross(toward, right), toward])
 
 
-def shades(surface: Surface, light: Array) -> Array:
+def painted(
+    surfaces: Sequence[Surface], frame: Array, pedestal: Pedestal
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Triangles of a rock, and perhaps of its pedestal, as they are painted in a view: from far to near.
+
+    surfaces: the rock's first; of the pedestal's, which is open, one may see the inside.
+    frame: from `view_frame`.
+
+    Returns (n, 3, 3) array: their corners along the axes of the view.
+    Returns (n, 3) array: their colours, between 0 and 1.
+    Returns (n,) array: whether they are the rock's.
+    """
+    corner = np.concatenate([surface.vertices_m[surface.faces] @ frame for surface in surfaces])
+    colour = np.concatenate([_shades(surface, frame @ _LIGHT) for surface in surfaces])
+    of_rock = np.arange(len(corner)) < len(surfaces[0].faces)
+    depth = corner[:, :, 2].mean(axis=1)
+    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
+        depth[~of_rock] = -np.inf
+    order = np.argsort(depth)
+    order = order[(faces_eye(corner) | ~of_rock)[order]]
+    return corner[order], colour[order], of_rock[order]
+
+
+def _shades(surface: Surface, light: Array) -> Array:
     """Colour of each face (k, 3), between 0 and 1, lit from a direction; the side in shadow keeps its shape."""
     normal = surface.normals[surface.faces].mean(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -70,14 +96,6 @@ def shades(surface: Surface, light: Array) -> Array:
 def faces_eye(corners: Array) -> NDArray[np.bool_]:
     """Which triangles (n, 3, 3), third axis toward the eye, show it their outer side."""
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0)
-
-
-def far_to_near(corners: Array, of_rock: int, pedestal: Pedestal) -> NDArray[np.intp]:
-    """Order in which triangles (n, 3, 3), third axis toward the eye, are painted: those of the rock come first."""
-    depth = corners[:, :, 2].mean(axis=1)
-    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
-        depth[of_rock:] = -np.inf
-    return np.argsort(depth)
 
 
 def hidden(points: Array, corners: Array, tolerance_m: float) -> NDArray[np.bool_]:

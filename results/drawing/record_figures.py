@@ -13,7 +13,7 @@ from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
 from toppling.models.spelling import counted
-from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, cut, plain_log, style
 
 _FENCE = 3.0
 """Interquartile ranges above the third quartile, beyond which a value would stretch an axis."""
@@ -109,7 +109,7 @@ def _scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -
             linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
         farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
-        lines += [f"{sign} {_shortened(names[index])}: {value[index]:.3g}" for index in farthest]
+        lines += [f"{sign} {cut(names[index], _LONGEST_NAME)}: {value[index]:.3g}" for index in farthest]
     more = [f"and {len(lines) - _MOST_NAMED} more beyond"] if len(lines) > _MOST_NAMED else []
     axes.set_title("\n".join(lines[:_MOST_NAMED] + more), size=6.5, loc="right")
 
@@ -130,7 +130,3 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
     axes.set(xlabel="period (s)", ylabel="SA RotD50, 5 % damping (m/s²)")
     plain_log(axes.xaxis)
     axes.legend(frameon=False)
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…"

@@ -17,14 +17,7 @@ from toppling.models.arrays import Array
 from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
-from toppling.results.drawing.painted_mesh import (
-    faces_eye,
-    far_to_near,
-    hidden,
-    shades,
-    surfaces_of,
-    view_frame,
-)
+from toppling.results.drawing.painted_mesh import faces_eye, hidden, painted, surfaces_of, view_frame
 from toppling.results.drawing.roses import emptiest_deg, mark_winds
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
@@ -110,17 +103,11 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     # From below, as from behind a slope steeper than the eye is high, an endless plane would hide the rock.
     if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
         surfaces.append(pedestal)
-    light = frame @ np.array([-0.4, 0.55, 0.75])  # from the upper left of every view, as a reader expects
-    corner = np.concatenate([surface.vertices_m[surface.faces] @ frame for surface in surfaces])
-    painted = np.concatenate([shades(surface, light) for surface in surfaces])
-    shown = faces_eye(corner)
-    shown[len(rock.faces) :] = True  # of a pedestal, which is open, one may see the inside
-    corner, painted, of_rock = corner[shown], painted[shown], int(shown[: len(rock.faces)].sum())
-    order = far_to_near(corner, of_rock, scene.pedestal)
-    axes.add_collection(_triangles(corner[order], painted[order]))
-    seen_through = corner if not scene.pedestal.is_plane else corner[:of_rock]
-    for line, dashes, colour in interface_lines(scene):
-        _draw_line(axes, line @ frame, seen_through, _ON_SURFACE * scene.rock.height_m, dashes, colour)
+    corner, colour, of_rock = painted(surfaces, frame, scene.pedestal)
+    axes.add_collection(_triangles(corner, colour))
+    before_lines = corner[of_rock] if scene.pedestal.is_plane else corner
+    for line, dashes, of_line in interface_lines(scene):
+        _draw_line(axes, line @ frame, before_lines, _ON_SURFACE * scene.rock.height_m, dashes, of_line)
     # The same scale in all views, about the rock: a wide pedestal would make it small.
     projected = scene.rock.vertices_m @ frame
     middle = 0.5 * (projected.min(axis=0) + projected.max(axis=0))

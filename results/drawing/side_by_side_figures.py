@@ -15,6 +15,7 @@ from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,
     FULL_WIDTH_IN,
+    cut,
     measure_label,
     plain_log,
     short_name,
@@ -84,7 +85,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
         if curve.median_interval:
             axes.plot(curve.median_interval, [index, index], color=colour, lw=1.4)
         axes.plot(curve.median, index, "o", ms=3.5, color=colour)
-    axes.set_yticks(range(len(shown)), [_short(rock.name) for rock in shown])
+    axes.set_yticks(range(len(shown)), [cut(rock.name, _NAME_LETTERS) for rock in shown])
     more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
     axes.set(
         xscale="log", xlabel=measure_label(measure), ylim=(-0.7, len(shown) - 0.3),
@@ -92,10 +93,6 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     )  # fmt: skip
     axes.grid(axis="x", lw=0.4, alpha=0.5)
     plain_log(axes.xaxis)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= _NAME_LETTERS else f"{name[: _NAME_LETTERS - 1]}…"
 
 
 def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
@@ -167,7 +164,7 @@ def _name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
     """Name each point; those at one place share a label."""
     together: dict[tuple[float, float], list[str]] = {}
     for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
-        together.setdefault((x, y), []).append(_short(name))
+        together.setdefault((x, y), []).append(cut(name, _NAME_LETTERS))
     for point, there in together.items() if len(together) <= _MOST_NAMED else ():
         label = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         left = point[0] > np.mean(axes.get_xlim())

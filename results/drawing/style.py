@@ -127,6 +127,11 @@ def short_name(measures: str) -> str:
     )
 
 
+def cut(name: str, letters: int) -> str:
+    """A name of so many letters at most."""
+    return name if len(name) <= letters else f"{name[: letters - 1]}…"
+
+
 def unit_of(measure: str) -> str:
     """Unit of a measure of intensity: of a column of the results, or of a spectral acceleration at any period."""
     return "m/s2" if is_spectral(measure) else describe(SCHEMA.field(measure))["unit"]

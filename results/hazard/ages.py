@@ -38,7 +38,7 @@ _ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?)")
 _DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
 """Dots between thousands; nobody states an age to a thousandth of a year."""
 
-_ABSENT, _AS_NOW, STOUTER = 0, 1, 2
+_ABSENT, AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
 
 
@@ -46,7 +46,7 @@ _ABSENT, _AS_NOW, STOUTER = 0, 1, 2
 class Exposure:
     """How long which rocks stood together, in each draw of their ages."""
 
-    # (s, rocks): `_ABSENT`, `_AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
+    # (s, rocks): `_ABSENT`, `AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
     states: NDArray[np.int8]
     years: Array  # (s, draws): time spent in each state
 
@@ -227,7 +227,7 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
     starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)
     middle = ((starts + ends) / 2)[:, :, None]
     before = np.where(stouter & (middle < ages[:, None, :]), STOUTER, _ABSENT)
-    state = np.where(middle < fragile[:, None, :], _AS_NOW, before).astype(np.int8)
+    state = np.where(middle < fragile[:, None, :], AS_NOW, before).astype(np.int8)
     lasting = ends - starts
     some = (lasting > 0) & (state != _ABSENT).any(axis=2)
     states, which = np.unique(state[some], axis=0, return_inverse=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
-from toppling.results.hazard.ages import STOUTER, Exposure, Since
+from toppling.results.hazard.ages import AS_NOW, STOUTER, Exposure, Since
 from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
 
 _DRAWS = 200
@@ -120,7 +120,7 @@ def any_topples(
 ) -> Array:
     """Probability that an event topples at least one of the rocks, in each state: (s, m)."""
     now, before = shares
-    as_now, as_before = (states == 1).astype(float), (states == STOUTER).astype(float)
+    as_now, as_before = (states == AS_NOW).astype(float), (states == STOUTER).astype(float)
     return -np.expm1(np.maximum(as_now @ now[:, some] + as_before @ before[:, some], _LEAST_LOGARITHM))
 
 

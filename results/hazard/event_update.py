@@ -67,7 +67,7 @@ def _scale_factor_interval(
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
 ) -> tuple[float, float]:
-    """Interval (95 %) of the factor with everything uncertain resampled, as `events.bootstrap` draws it."""
+    """Interval (95 %) of the factor with everything uncertain resampled, as `bootstrap_branches` does."""
     random = np.random.default_rng(seed)
     readings = readings or (branch,)
     found = []

@@ -32,12 +32,11 @@ def motion_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float)
 
     Infinite where they do however strong the motions are, as there are so few events.
     """
-    spans = epochs(rocks)
+    together, stood = epochs(rocks)
 
     def above(log_factor: float) -> float:
         stronger = hazard.stronger(math.exp(log_factor))
-        exponent = sum(years * toppling_rate(standing, stronger) for standing, years in spans)
-        return float(np.exp(-np.asarray(exponent)).mean()) - chance
+        return stood.survival([toppling_rate(curves, stronger) for curves in together]) - chance
 
     return largest_factor(above, precision=1e-9)
 
@@ -54,8 +53,9 @@ def largest_factor(above: Callable[[float], float], precision: float) -> float:
 
 def rate_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:
     """Largest factor of a curve's rates under which the rocks survive with a probability; infinite if none topples."""
-    exposure = np.asarray(sum(years * toppling_rate(standing, hazard) for standing, years in epochs(rocks)))
-    return greatest_rate(exposure, chance)
+    together, stood = epochs(rocks)
+    rates = np.array([toppling_rate(curves, hazard) for curves in together])
+    return greatest_rate(rates @ stood.years, chance)
 
 
 def drawn_factors(

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.hazard.ages import Exposure, exposure
 from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_rate
 
 
@@ -37,10 +38,8 @@ def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
 
     Over the years that only the older rocks stood, only they could topple. Uncertain ages are averaged over.
     """
-    exponent = np.zeros(_age_draws(rocks))
-    for standing, years in epochs(rocks):
-        exponent += years * toppling_rate(standing, hazard)
-    return float(np.exp(-exponent).mean())
+    together, stood = epochs(rocks)
+    return stood.survival([toppling_rate(curves, hazard) for curves in together])
 
 
 def rejected_rate(rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95) -> Array:
@@ -51,10 +50,9 @@ def rejected_rate(rocks: Sequence[Standing], intensity: ArrayLike, confidence: f
     F(x) is 0.
     """
     values = np.atleast_1d(np.asarray(intensity, float))
-    exposure = np.zeros((_age_draws(rocks), len(values)))
-    for standing, years in epochs(rocks):
-        exposure += np.outer(years, any_topples(standing, values))
-    return np.array([greatest_rate(column, 1.0 - confidence) for column in exposure.T])
+    together, stood = epochs(rocks)
+    topple = np.array([any_topples(curves, values) for curves in together])
+    return np.array([greatest_rate(row, 1.0 - confidence) for row in topple.T @ stood.years])
 
 
 def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
@@ -66,11 +64,6 @@ def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
     if len(curves) == 1 or math.isinf(high):
         return high
     return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
-
-
-def _age_draws(rocks: Sequence[Standing]) -> int:
-    """Number of draws of the rocks' ages."""
-    return max(len(rock.years) for rock in rocks)
 
 
 def drawn_ages(rocks: Sequence[Standing], draws: int) -> Array:
@@ -94,19 +87,13 @@ def _resized(years: Array, draws: int) -> Array:
     return years[((np.arange(draws) + 0.5) * len(years) / draws).astype(int)]
 
 
-def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], Array]]:
-    """Find the sets of rocks that stood together, and how long in each draw of their ages."""
-    draws = _age_draws(rocks)
-    ages = drawn_ages(rocks, draws).T
-    order = np.argsort(-ages, axis=0)
-    epochs: dict[tuple[int, ...], Array] = {}
-    for draw in range(draws):
-        for count in range(len(rocks)):
-            standing = tuple(sorted(order[: count + 1, draw]))
-            younger = ages[order[count + 1, draw], draw] if count + 1 < len(rocks) else 0.0
-            years = ages[order[count, draw], draw] - younger
-            epochs.setdefault(standing, np.zeros(draws))[draw] += years
-    return [([rocks[number].curve for number in standing], years) for standing, years in epochs.items()]
+def epochs(rocks: Sequence[Standing]) -> tuple[list[list[Lognormal]], Exposure]:
+    """Find the sets of rocks that stood together, by their curves, and how long in each draw of their ages."""
+    stood = exposure(drawn_ages(rocks, max(len(rock.years) for rock in rocks)))
+    together = [
+        [rock.curve for rock, stands in zip(rocks, state, strict=True) if stands] for state in stood.states
+    ]
+    return together, stood
 
 
 def greatest_rate(exposure: Array, chance: float) -> float:

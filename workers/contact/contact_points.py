@@ -173,7 +173,7 @@ def contact_of(scene: Scene) -> ContactModel:
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:
     """Hull vertices that are lowest for some tilt up to the largest open one, and the least such tilt, deg.
 
-    As many as keep the hull within CORE_SHARE of the rock's size.
+    As many as keep the hull within `_CORE_SHARE` of the rock's size.
 
     A vertex is lowest for the directions in its normal cone, bounded by arcs between the normals of neighbouring
     facets: the least tilt is the angle from straight down to the nearest of its arcs, or 0 within the cone.

@@ -269,7 +269,7 @@ def _checked_sensitivity(
 ) -> tuple[float | None, tuple[str, ...]]:
     """Sensitivity, and what is to be told where the stages' gain at its frequency is another.
 
-    Raises InputError if the two differ by more than SAME_GAIN, or the sensitivity is no number.
+    Raises InputError if the two differ by more than `_SAME_GAIN`, or the sensitivity is no number.
     """
     stated = response.instrument_sensitivity
     if stated is None or stated.value is None:

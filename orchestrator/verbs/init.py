@@ -15,6 +15,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.folder import refuse_existing, write_text
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.models.spelling import counted
 from toppling.orchestrator.advice import REALISATIONS, least_static
 from toppling.orchestrator.campaign import KEYS, LARGEST_PGA_M_S2, Campaign
 from toppling.orchestrator.pilot import RECORDS, Pilot, Statics, levels_to_try, statics_of, try_out
@@ -174,7 +175,7 @@ class _CampaignTemplate:
 # {jobs} jobs: about {duration(jobs * self.pilot.job_s / self.workers)} on {self.workers} workers of this machine.
 
 scene = {_quoted(self.scene)}  # folders are relative to this file
-ensemble = {_quoted(self.ensemble)}  # {self.records} records
+ensemble = {_quoted(self.ensemble)}  # {counted(self.records, "record")}
 
 # pga_m_s2: {keys["pga_m_s2"].help}.
 # The least constant acceleration that topples the rock is {least_static(self.statics)}.
@@ -204,10 +205,10 @@ def _pilot_sentence(pilot: Pilot) -> str:
     shaken = len(pilot.topples_at_m_s2)
     first = min(pilot.topples_at_m_s2)
     if not pilot.toppled:
-        return f"On trial none of {shaken} records toppled it up to {pilot.highest_m_s2:.3g} m/s2."
+        return f"On trial none of {counted(shaken, 'record')} toppled it up to {pilot.highest_m_s2:.3g} m/s2."
     return (
-        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, and {pilot.toppled} of them up to "
-        f"{pilot.most_at_m_s2:.3g} m/s2."
+        f"On trial the first of {counted(shaken, 'record')} toppled it at {first:.3g} m/s2, "
+        f"and {pilot.toppled} of them up to {pilot.most_at_m_s2:.3g} m/s2."
     )
 
 

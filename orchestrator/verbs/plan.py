@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.files.folder import new_file
+from toppling.models.spelling import counted
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
@@ -78,10 +79,9 @@ def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[s
         "settling": found.settling and found.settling.to_json(), "ground": scene.ground.sentence,
         "warnings": found.warnings,
     }  # fmt: skip
-    head = (
-        "{jobs} jobs = {records} records x {levels} levels x {azimuths} azimuths x {frictions} frictions x "
-        "{restitutions} restitutions x {realisations} realisations, engine {engine}, preset {preset}"
-    )
+    axes = ("records", "levels", "azimuths", "frictions", "restitutions", "realisations")
+    product = " x ".join(counted(counts[name], name.removesuffix("s")) for name in axes)
+    head = f"{counted(counts['jobs'], 'job')} = {product}, engine {{engine}}, preset {{preset}}"
     notes = settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0])))
     ids = f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}"
     return [head.format(**counts)], [*notes, ids]
@@ -90,11 +90,13 @@ def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[s
 def _of_many(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
     """The same of many rocks."""
     counts |= {"rocks": len(found.plan.scenes), **found.rocks}
-    head = ["{jobs} jobs of {rocks} rocks, engine {engine}, preset {preset}".format(**counts)]
+    head = [
+        f"{counted(counts['jobs'], 'job')} of {counted(counts['rocks'], 'rock')}, "
+        "engine {engine}, preset {preset}".format(**counts)
+    ]
     for one, scene in zip(counts["scenes"], found.plan.scenes, strict=True):
         one["records"] = len(scene.record_sha)
         location = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
-        head.append(
-            f"  {one['rock']}, {one['site']}{location}: {one['jobs']} jobs with {one['records']} records"
-        )
+        jobs, records = counted(one["jobs"], "job"), counted(one["records"], "record")
+        head.append(f"  {one['rock']}, {one['site']}{location}: {jobs} with {records}")
     return head, []

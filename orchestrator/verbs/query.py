@@ -138,6 +138,8 @@ def _plain(value: Any) -> Any:
 
 
 def _readable(table: pa.Table) -> str:
+    if not len(table):
+        return f"no rows; the columns are {', '.join(table.column_names)}"
     shown = _frame(table.slice(0, _SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
     left = len(table) - _SHOWN_ROWS
     return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown

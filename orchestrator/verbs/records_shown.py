@@ -78,7 +78,7 @@ def show_catalog(rows: list[dict]) -> None:
     click.echo(
         "toward: azimuth of the vector PGA, counter-clockwise from east;\n"
         "D: 5 to 95 % of the integral of squared velocity;\n"
-        f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} records above 0.9)"
+        f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} above 0.9)"
     )
 
 

@@ -4,6 +4,7 @@ Units come from the names of the columns, the text above them or the metadata ta
 times from that text or the table.
 """
 
+import csv
 import math
 import re
 from collections.abc import Sequence
@@ -161,7 +162,9 @@ def _parts(line: str) -> list[str]:
     """Cells of a header."""
     text = line.strip().lstrip("".join(COMMENT)).strip(" ")
     between = next((separator for separator in SEPARATORS if separator in text), None)
-    parts = text.split(between) if between else _WORD.findall(text)
+    parts = (
+        next(csv.reader([text], delimiter=between, skipinitialspace=True)) if between else _WORD.findall(text)
+    )
     return parts[:-1] if between and len(parts) > 1 and not parts[-1].strip() else parts
 
 

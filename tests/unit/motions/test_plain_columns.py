@@ -58,6 +58,7 @@ def imported(path: Path, unit: str = "m/s2"):
         "time_s,up_m_s2,north_m_s2,east_m_s2",
         "Time (s),Up (m/s2),North (m/s2),East (m/s2),",
         "Station ROCK\nrecorded at night\nTime (s),UD,NS,EW",
+        '"Time (s)","Acc, UD (m/s2)","Acc, NS (m/s2)","Acc, EW (m/s2)"',
     ],
 )
 def test_columns_are_the_components_of_their_names_in_any_order(header, comma, tmp_path):
@@ -144,8 +145,9 @@ def test_names_whose_unit_is_none_leave_it_to_the_table(tmp_path):
     assert len(imported(path).records) == 1
 
 
-def test_times_in_milliseconds_are_read_as_such(tmp_path):
-    path = table_of(tmp_path, "t (ms),E,N,UP", shaking(), step=1000 * STEP_S)
+@pytest.mark.parametrize(("unit", "one_s"), [("ms", 1000.0), ("min", 1 / 60)])
+def test_times_in_another_unit_are_read_as_such(unit, one_s, tmp_path):
+    path = table_of(tmp_path, f"t ({unit}),E,N,UP", shaking(), step=one_s * STEP_S)
     assert [component.time_step_s for component in read_file(path)] == pytest.approx([STEP_S] * 3)
 
 
@@ -243,7 +245,7 @@ def test_two_horizontals_with_names_need_no_vertical_if_it_may_be_missing(tmp_pa
     ("header", "said"),
     [
         ("", "3 columns without names"),
-        ("Time (min),NS (m/s2),EW (m/s2)\n", "the time is in 'min'"),
+        ("Time (weeks),NS (m/s2),EW (m/s2)\n", "the time is in 'weeks'"),
         ("Time (s),NS (cm/s),EW (cm/s)\n", "a unit of velocity"),
     ],
 )

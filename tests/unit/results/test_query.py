@@ -193,6 +193,16 @@ def test_every_measure_of_results_has_a_description_and_a_unit():
         assert describe(field)["unit"] in {"m/s2", "m/s", "m", "s", "deg", "1"}
 
 
+def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_folder):
+    done = CliRunner().invoke(
+        cli, ["query", "select job_id from results where pga_m_s2 > 1e9", str(run_folder)]
+    )
+    assert done.output == "no rows; the columns are job_id\n"
+    two = CliRunner().invoke(cli, ["query", str(run_folder), "select 1 a", "select 2 b"])
+    assert two.exit_code == 2
+    assert "one query in SQL" in two.output
+
+
 def test_a_run_without_a_query_is_wrong_usage(run_folder):
     assert CliRunner().invoke(cli, ["query", str(run_folder)]).exit_code == 2
 

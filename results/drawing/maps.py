@@ -56,8 +56,9 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     jobs: rows of results, all of one contact.
     title: what the jobs have in common, as "μ = 0.8".
     """
-    table = cells(jobs, plane)
-    caption = [*_width_words(table, plane), *_left_out(plane, unplaced(jobs, plane), beyond(jobs, plane))]
+    table, records = cells(jobs, plane), records_on(jobs, plane)
+    left_out = unplaced(jobs, plane), beyond(jobs, plane)
+    caption = [*_width_words(table, plane), *_left_out(plane, *left_out)]
     height = 3.0 + _LINE_IN * len(caption)
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
@@ -65,7 +66,7 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
         axes = figure.subplots(gridspec_kw=margins)
         _frame_cells(axes, table, plane)
         _draw_cells(axes, table, plane, _full_share(table))
-        axes.set_title("\n".join(filter(None, (title, _counted(table, records_on(jobs, plane))))))
+        axes.set_title("\n".join(filter(None, (title, _counted(table, records)))))
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure, margins)
         _write_caption(figure, caption)

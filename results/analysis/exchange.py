@@ -26,7 +26,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import check_size
-from toppling.models.files.folder import write_text
+from toppling.models.files.folder import instead, write_text
 from toppling.models.files.spreadsheet import plain_table
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
@@ -371,7 +371,9 @@ def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
 
 
 def _suffix_error(path: Path) -> InputError:
+    absent = not path.suffix and not path.exists()
     return InputError(
-        f"the suffix is {path.suffix!r}", where=str(path), expected=".xml (NRML), .csv or .json",
-        remedy="rename the file by what it holds",
+        "does not exist" if absent else f"the suffix is {path.suffix!r}{instead(path)}", where=str(path),
+        expected="the folder of a run, or a file of curves: .xml (NRML), .csv or .json",
+        remedy="check the path" if absent else "rename the file by what it holds",
     )  # fmt: skip

@@ -273,3 +273,12 @@ def test_a_median_in_a_unit_that_nobody_names_is_refused(tmp_path):
     with pytest.raises(InputError, match="names no unit") as refused:
         read_curves(path)
     assert "pga_m_s2" in refused.value.remedy
+
+
+def test_what_is_no_file_of_curves_is_named(tmp_path):
+    with pytest.raises(InputError, match="nowhere: does not exist"):
+        read_curves(tmp_path / "nowhere")
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "results.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match=r"a file of the folder .*, a run"):
+        read_curves(tmp_path / "results.parquet")

@@ -32,13 +32,14 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     ['PGA (g),annual_rate', '0.1,1.5E-03']
     >>> plain_table(["PGA (g),return_period", '0.1,"2,475"'])
     ['PGA (g),return_period', '0.1,2475']
+    >>> plain_table(["# Lat, Lon: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
+    '1 475'
     >>> plain_table(["| PGA (g) | annual_rate |", "|---|---|", "| 0.1 | 1.5×10⁻³ |"])
     ['PGA (g),annual_rate', '', '0.1,1.5e-3']
     """
     lines = [_ascii_numbers(line) for line in table_text("\n".join(lines)).split("\n")]
     sign = _sign(lines)
-    if any(sign in line for line in lines):  # else blanks part cells
-        lines = [_SPACED.sub(lambda found: re.sub(r"\D", "", found[0]), line) for line in lines]
+    lines = [_joined_thousands(line) if sign in line else line for line in lines]  # else blanks part cells
     if sign == "," and not any('"' in line for line in lines):
         return lines
     bare = [_unquoted(line, sign) for line in lines]
@@ -56,6 +57,11 @@ def plain_table(lines: Sequence[str]) -> list[str]:
         return _BETWEEN.sub("." if decimal else "", text)
 
     return [_joined(row if row[:1] == ["#"] else [cell_of(cell) for cell in row]) for row in table]
+
+
+def _joined_thousands(line: str) -> str:
+    """Line without apostrophes and blanks between thousands."""
+    return _SPACED.sub(lambda found: re.sub(r"\D", "", found[0]), line)
 
 
 def _ascii_numbers(line: str) -> str:

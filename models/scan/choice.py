@@ -28,6 +28,8 @@ _LEAST_LOOP = 3
 _TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
 """How near to a thing such a top lies, in its heights, how high, as shares of the way from the ground to the thing's
 top, and how many of its patches are enough."""
+_LOW_SHARE = 0.1
+"""Of a terrace's patches, those lower than which it is said to begin."""
 _STEEP = 0.4
 """Upward part of the normals of a cliff's face at most."""
 _JOINED_VOXELS = 3.0
@@ -121,9 +123,13 @@ def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
     around = np.hypot(*away_m.T) < _TERRACE_HEIGHTS * thing.height_m
     lowest_m = float(coarse.points_m[around, 2].min())
     up = (coarse.points_m[:, 2] - lowest_m) / max(float(thing.top_m[2]) - lowest_m, coarse.voxel_m)
-    level = around & (coarse.normals[:, 2] > LEVEL) & (up > _TERRACE[0]) & (up < _TERRACE[1])
+    flat = around & (coarse.normals[:, 2] > LEVEL)
+    level = flat & (up > _TERRACE[0]) & (up < _TERRACE[1])
     if level.sum() < _LEAST_TERRACE:
         return "", ""
+    foot = float(np.quantile(up[level], _LOW_SHARE))
+    if (flat & (up > 0.5 * foot) & (up < foot)).sum() > level.sum():
+        return "", ""  # ground that rises all the way
     high_m = float(np.median(coarse.points_m[level, 2])) - lowest_m
     face = around & (np.abs(coarse.normals[:, 2]) < _STEEP) & (up < np.median(up[level]))
     if high_m < LEAST_PEAK_VOXELS * coarse.voxel_m or face.sum() < _LEAST_TERRACE:

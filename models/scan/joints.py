@@ -14,7 +14,7 @@ from toppling.models.scan.surfels import Surfels, thin
 
 _PATCHES = 5000
 """So many tell a joint, and are cut in a tenth of a second."""
-_WIDER, _WIDEST = 1.5, 4.5
+_WIDER, WIDEST = 1.5, 4.5
 """Than patches are wide, or than they lie apart where a cloud has few points: else no crease shows between them."""
 _WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
 _SEEDS = ((0.2, 0.8), (0.35, 0.9))
@@ -42,9 +42,7 @@ def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
     """
     apart = observed.patches_apart
     least = _WIDER * (apart if apart > SPARSE else 1.0)
-    found = [
-        _weakest_of(_coarser(observed, each), interface) for each in sorted({least, max(least, _WIDEST)})
-    ]
+    found = [_weakest_of(coarser(observed, each), interface) for each in sorted({least, max(least, WIDEST)})]
     return max(
         (each for each in found if each is not None), key=lambda each: each.creased_share, default=None
     )
@@ -73,7 +71,7 @@ def _weakest_of(patches: Surfels, interface: Interface) -> Joint | None:
     return found
 
 
-def _coarser(observed: ObservedRock, least: float) -> Surfels:
+def coarser(observed: ObservedRock, least: float) -> Surfels:
     """The rock's patches joined to wider ones, at least so many times as wide."""
     surfels, own = observed.surfels, observed.patches
     voxel = surfels.voxel_m * max(least, float(np.sqrt(own.sum() / _PATCHES)))

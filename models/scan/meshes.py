@@ -61,15 +61,19 @@ def check_frame(
     Raises InputError with the options to give.
     """
     usual = _usual_up(path)
-    found = [] if placement.says_up else [_sideways(vertices, faces, usual)]
-    found += [] if placement.says_scale or unit_given else [_sized(vertices)]
-    told = [each for each in found if each is not None]
+    sideways = None if placement.says_up else _sideways(vertices, faces, usual)
+    sized = None if placement.says_scale or unit_given else _sized(vertices)
+    told = {
+        as_it_is: doubt
+        for as_it_is, doubt in ((f"--up {usual}", sideways), ("--units m", sized))
+        if doubt is not None
+    }
     if told:
         raise InputError(
-            "; ".join(what for what, _ in told),
+            "; ".join(what for what, _ in told.values()),
             where=str(path),
             expected=f"a mesh in metres with {usual} up, or options that say what it is in",
-            remedy=f"give {' '.join(option for _, option in told)}; --up {usual} and --units m keep it as it is, and "
+            remedy=f"give {' '.join(option for _, option in told.values())}; {' '.join(told)} keeps it as it is, and "
             "control points (--gcp) say both",
         )
     if placement.by.startswith("--gcp"):

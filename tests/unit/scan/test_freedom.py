@@ -248,6 +248,25 @@ def test_an_offset_tells_a_stack_whose_joint_is_closed(offset, told):
     assert ("stack" in kinds(rock, ground())) == told
 
 
+def ellipsoid(half_m, centre_m, but_in=()):
+    """What of an ellipsoid lies above the ground, and outside others (half axes, centre)."""
+    unit, _ = ball_at((0.0, 0.0, 2.0), 1.0, 9000)
+    unit = unit - [0.0, 0.0, 2.0]
+    points, normals = unit * half_m + centre_m, unit / half_m
+    shown = points[:, 2] > 0.0
+    for half, centre in but_in:
+        shown &= (((points - centre) / half) ** 2).sum(axis=1) > 1.0
+    return points[shown], normals[shown] / np.linalg.norm(normals[shown], axis=1, keepdims=True)
+
+
+def test_a_stack_whose_joint_lies_in_no_plane_is_named():
+    """The joint of a long block across another rises and falls twice around them."""
+    lower, upper = ((0.45, 0.2, 0.35), (0.0, 0.0, 0.25)), ((0.18, 0.36, 0.3), (0.0, 0.03, 0.72))
+    rock = together(ellipsoid(*lower, [upper]), ellipsoid(*upper, [lower]))
+    assert "stack" in kinds(rock, ground(0.3))
+    assert "stack" not in kinds(ellipsoid((0.3, 0.25, 0.6), (0.0, 0.0, 0.5)), ground(0.3))
+
+
 def test_a_shrub_beside_a_rock_is_nothing_that_it_falls_against():
     leaves = np.random.default_rng(5).normal((0.7, 0.0, 0.5), (0.1, 0.3, 0.15), (6000, 3))
     shrub = leaves, np.tile((0.0, 0.0, 1.0), (len(leaves), 1))

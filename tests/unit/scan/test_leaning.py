@@ -134,6 +134,20 @@ def test_a_block_at_a_lower_wall_is_not_told_apart_and_the_wall_is_named_with_wh
 
 
 @pytest.mark.thorough
+def test_uneven_ground_about_a_pillar_that_grows_out_of_it_is_no_cliff():
+    rise = np.linspace(0.0, 2.0, 60)
+    foot = 0.24 * (1.0 - np.sqrt(1.0 - np.clip(1.0 - rise / 0.24, 0.0, 1.0) ** 2))
+    crown = np.sqrt(np.clip(1.0 - np.clip((rise - 1.6) / 0.401, 0.0, None) ** 2, 0.0, 1.0))
+    radius = np.repeat(((0.5 + foot) * crown)[:, None], 64, axis=1)
+    pillar = virtual_shapes.lathe(radius, rise, np.zeros((60, 2)), 64)
+    truth = virtual.on_slope(pillar, virtual_shapes.ground(5.0, 0.8, 3, bumps_m=0.1), 4.0, 250.0)
+    stations = virtual.scan_around(truth, 1, stations=4, resolution_per_height=0.015)
+    with pytest.raises(InputError, match="nothing in the cloud stands on anything") as found:
+        segment(np.vstack([station.points_m for station in stations]), np.zeros(3))
+    assert "cliff or wall" not in str(found.value)
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("height_m", [0.8, 1.4])
 def test_a_smooth_mound_that_nothing_stands_on_is_told_without_a_cliff(height_m):
     x, y = np.random.default_rng(3).uniform(-3.0, 3.0, (2, 20_000))

@@ -156,7 +156,7 @@ def test_the_option_that_keeps_a_gltf_as_it_is_names_its_own_axis(tmp_path):
     sideways = exported(tmp_path / "sideways.glb")
     with pytest.raises(InputError, match="it looks z up") as refused:
         read_clouds([sideways])
-    assert "--up y and --units m keep it" in refused.value.remedy
+    assert "; --up y keeps it as it is" in refused.value.remedy
     kept = read_clouds([path], None, placement_of(up="y"))
     np.testing.assert_allclose(bounds(kept), bounds(read_clouds([path])), atol=0.05)
 

@@ -54,7 +54,8 @@ def _answer(request: dict[str, Any], answers: BinaryIO) -> None:
     except MemoryError:
         answer = {"failure": f"it needs more than {request['memory_bytes'] / 1e6:.0f} MB of memory"}
     except BaseException as error:  # a panic of Rust is no Exception
-        answer = {"failure": f"{type(error).__name__}: {str(error)[:500]}"}
+        told = str(error).strip().partition("\n")[0]  # what follows is for the library's authors
+        answer = {"failure": f"{type(error).__name__}: {told[:500]}"}
     _unlimit()
     if "said" not in answer:
         arrays = []

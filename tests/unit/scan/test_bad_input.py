@@ -186,6 +186,7 @@ def test_a_file_that_is_no_cloud_is_refused_by_name(capsys, monkeypatch, tmp_pat
     said = refusal(capsys, monkeypatch, tmp_path, [path])
     assert what in said
     assert name in said.splitlines()[0]
+    assert said.splitlines()[1].startswith("  expected: ")
 
 
 def test_one_bad_file_among_good_ones_is_the_one_that_is_named(capsys, monkeypatch, tmp_path, stump):

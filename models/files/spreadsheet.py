@@ -32,7 +32,7 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     ['PGA (g),annual_rate', '0.1,1.5E-03']
     >>> plain_table(["PGA (g),return_period", '0.1,"2,475"'])
     ['PGA (g),return_period', '0.1,2475']
-    >>> plain_table(["# Lat, Lon: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
+    >>> plain_table(["Site: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
     '1 475'
     >>> plain_table(["| PGA (g) | annual_rate |", "|---|---|", "| 0.1 | 1.5×10⁻³ |"])
     ['PGA (g),annual_rate', '', '0.1,1.5e-3']

@@ -23,7 +23,7 @@ _MOST_CARRYING = 8
 
 _ROWS = 3 * _MOST_CARRYING
 
-_ROUNDS = 12
+_ROUNDS = 5
 """Newton's steps at most, with those after which a contact changed its state."""
 
 _DEPENDENT = 1e-7
@@ -32,7 +32,7 @@ _DEPENDENT = 1e-7
 _WITHIN = 0.999
 """Share of a friction's limit up to which a contact counts as one that sticks."""
 
-_MISSED = 500.0
+MISSED = 500.0
 """Times what sweeps let go: by so much a velocity whose equation is left out may differ, as gaps are not equal."""
 
 _LARGEST_TURN_RAD = 0.5
@@ -56,6 +56,7 @@ class SolverRoom(NamedTuple):
     matrix: Array  # (rows, rows + 1): the equations and their right side
     order: Indices  # (rows,): of their unknowns
     found: Array  # (rows,)
+    sticks: Indices  # (contacts,): those that are to stick
 
 
 def solver_room(most: int) -> SolverRoom:
@@ -65,6 +66,7 @@ def solver_room(most: int) -> SolverRoom:
         np.zeros((most, 3, 3)), np.zeros((most, 3, 3)), np.zeros((most, 3, 3)), np.zeros((most, 3)), np.zeros(6),
         np.zeros((4, 3)), np.zeros((3, 3)), np.zeros(k, np.int64), np.zeros(k, np.int64), np.zeros((k, 2)),
         np.zeros((rows, 12)), np.zeros((rows, rows + 1)), np.zeros(rows, np.int64), np.zeros(rows),
+        np.zeros(most, np.int64),
     )  # fmt: skip
 
 
@@ -100,7 +102,7 @@ def carry_at_once(at: Touching) -> bool:
             break
         if same:
             missed = _missed_m_s(at, count)
-            if missed <= at.enough_m_s or (moved <= at.enough_m_s and missed <= _MISSED * at.enough_m_s):
+            if missed <= at.enough_m_s or (moved <= at.enough_m_s and missed <= MISSED * at.enough_m_s):
                 return True
     copy(room.velocity, at.velocity)
     for i in range(at.number):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -79,6 +79,14 @@ class Pool(Protocol):
 
     def __hash__(self) -> int:
         """Pools are told apart by identity."""
+
+
+@cache
+def _is_there(package: str) -> bool:
+    """Whether a package can be imported; it is not: PyBullet then writes to every terminal when it was built."""
+    with contextlib.suppress(ImportError):  # of the package that it lies in
+        return find_spec(package) is not None
+    return False
 
 
 @dataclass(frozen=True)
@@ -162,12 +170,7 @@ class Engine:
         InputError
             If it is not.
         """
-        there = None
-        with contextlib.suppress(ImportError):  # of the package that it lies in
-            there = find_spec(
-                self.imports
-            )  # not imported: PyBullet then writes to every terminal when it was built
-        if there is None:
+        if not _is_there(self.imports):
             raise InputError(
                 f"{self.title} is not installed here",
                 where=f"engine {self.name}",

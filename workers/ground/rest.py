@@ -100,25 +100,26 @@ def energy_j_kg(body: GroundedBody, pose: Array, velocity: Array, rest: Array) -
     return float(kinetic + body.gravity_m_s2 * raised_m)
 
 
-def least_overturning_j_kg(body: GroundedBody, rest: Array) -> float:
+def least_overturning_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float = math.inf) -> float:
     """Least energy per mass that tips a rock over, of some directions, rolling on its outermost contacts.
 
-    That of the pose in which it stood serves as long as it has hardly moved from there.
+    Where that is more than `enough_j_kg`, something between the two. The energy of the pose in which it stood serves
+    as long as it has hardly moved from there.
     """
     start = body.resting_pose
     half_turn = math.acos(min(abs(float(start[3:] @ rest[3:])), 1.0))
     moved_m = float(np.linalg.norm(rest[:3] - start[:3])) + 2.0 * half_turn * body.farthest_m
     if moved_m < _UNMOVED_SHARE * body.size_m:
         return _least_where_it_stood_j_kg(body)
-    return _least_j_kg(body, rest)
+    return _least_j_kg(body, rest, enough_j_kg)
 
 
 @kept
 def _least_where_it_stood_j_kg(body: GroundedBody) -> float:
-    return _least_j_kg(body, body.resting_pose)
+    return _least_j_kg(body, body.resting_pose, math.inf)
 
 
-def _least_j_kg(body: GroundedBody, rest: Array) -> float:
+def _least_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float) -> float:
     """Of the directions the one whose height is least goes on: the first that sinks needs the least energy."""
     east, north, up = body.scene_from_support
     start_m = float(rest[:3] @ up)
@@ -127,9 +128,10 @@ def _least_j_kg(body: GroundedBody, rest: Array) -> float:
     waiting = [(start_m, way) for way in range(_WAYS)]
     while True:
         highest_m, way = waiting[0]
-        height_m = next(ways[way], -math.inf)
+        so_far_j_kg = body.gravity_m_s2 * max(highest_m - start_m, 0.0)
+        height_m = next(ways[way], -math.inf) if so_far_j_kg <= enough_j_kg else -math.inf
         if height_m < highest_m:
-            return body.gravity_m_s2 * max(highest_m - start_m, 0.0)
+            return so_far_j_kg
         heapreplace(waiting, (height_m, way))
 
 

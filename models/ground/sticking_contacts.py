@@ -1,0 +1,241 @@
+"""Impulses of contacts that all stick, in closed form. Compiled.
+
+Contacts that stick hold the rock like the bolts of a plate. The velocities that their points lack tell how the rock's
+motion changes, and that change tells the force and the moment on it. Of the impulses that add up to these the smallest
+are taken: an even share of the force, and of the moment a share that grows with the way from the contacts' middle. So
+forces between contacts that no motion depends on stay as they were. Contacts on one line leave the rock free to roll
+about it, and contacts at one point free to turn about that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from toppling.models.compiled import Array, Vector, inner
+from toppling.models.ground.carrying import MISSED, Touching
+from toppling.models.ground.rigid import square
+from toppling.models.ground.vectors import cross, dot, minus, plus
+
+_Symmetric = tuple[float, float, float, float, float, float]
+"""xx, yy, zz, xy, xz, yz of a matrix."""
+
+_AT_A_POINT, _ON_A_LINE = 1e-12, 1e-10
+"""Spread, as a share of the inertia, of contacts at one point; and across a line, as a share of that along it."""
+
+_ZERO, _NO_MOMENTS = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class _Clamped(NamedTuple):
+    """Change of the motion with which some contacts stick, and how it is shared among them."""
+
+    number: int
+    middle_m: Vector  # of their arms
+    force: Vector  # change of the velocity of the centre of mass
+    spin: Vector
+    moment: Vector  # of their impulses about their middle
+    bends: _Symmetric  # of this a contact takes, over its way from the middle
+
+
+@inner
+def stick_at_once(at: Touching) -> bool:
+    """Change impulses and velocity so that the contacts that carry now all stick; whether they can, else nothing.
+
+    They cannot where one would pull or slip, or where one that carries nothing would close. If impulses that change
+    least do not lie in their cones, those that are smallest are tried.
+    """
+    for i in range(at.number):
+        one = at.contacts[i]
+        at.room.sticks[i] = 1 if dot(one.impulse, one.normal) > 0.0 else 0
+    clamped = _clamp(at)
+    if clamped.number == 0:
+        return False
+    for kept in (1.0, 0.0):
+        shares = _shares(at, clamped, kept)
+        if _all_right(at, clamped, shares):
+            _apply(at, clamped, shares)
+            return True
+    return False
+
+
+@inner
+def _clamp(at: Touching) -> _Clamped:
+    """What the contacts that are to stick do to the motion."""
+    number, middle_m = _middle(at)
+    if number == 0:
+        return _Clamped(0, _ZERO, _ZERO, _ZERO, _ZERO, _NO_MOMENTS)
+    missing, turning, spread, along = _missing(at, middle_m, number)
+    mobility, bends = _symmetric(at.inverse_inertia), _NO_MOMENTS
+    inertia = _inverse(mobility)
+    wide = spread[0] + spread[1] + spread[2]
+    if wide <= _AT_A_POINT * (inertia[0] + inertia[1] + inertia[2]):
+        force = _times(_inverse(_mobility_at(middle_m, mobility)), missing)
+        spin = _times(mobility, cross(middle_m, force))
+    else:
+        on_a_line = wide - dot(along, _times(spread, along)) <= _ON_A_LINE * wide
+        if on_a_line:
+            bends = (1.0 / wide, 1.0 / wide, 1.0 / wide, 0.0, 0.0, 0.0)
+        else:
+            bends = _inverse(
+                (wide - spread[0], wide - spread[1], wide - spread[2], -spread[3], -spread[4], -spread[5])
+            )
+        spin = _times(bends, turning)
+        if on_a_line:
+            spin = plus(spin, _roll(inertia, middle_m, along, missing, spin), along)
+        force = minus(missing, cross(spin, middle_m))
+    moment = minus(_times(inertia, spin), cross(middle_m, force))
+    return _Clamped(number, middle_m, force, spin, moment, bends)
+
+
+@inner
+def _shares(at: Touching, clamped: _Clamped, kept: float) -> tuple[float, Vector, Vector]:
+    """What a contact keeps of its impulse, what it takes of the force, and of the moment over its way from the middle.
+
+    Where none is kept, they share all that they carry together.
+    """
+    force, moment = clamped.force, clamped.moment
+    for i in range(at.number if kept == 0.0 else 0):
+        if at.room.sticks[i] == 1:
+            one = at.contacts[i]
+            force = plus(force, 1.0, one.impulse)
+            moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
+    n = clamped.number
+    return kept, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
+
+
+@inner
+def _new_impulse(one: Any, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> Vector:
+    kept, share, bending = shares
+    return plus(plus(share, kept, one.impulse), 1.0, cross(bending, minus(one.arm_m, clamped.middle_m)))
+
+
+@inner
+def _apply(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> None:
+    for k in range(3):
+        at.velocity[k] += clamped.force[k]
+        at.velocity[3 + k] += clamped.spin[k]
+    for i in range(at.number):
+        if at.room.sticks[i] == 1:
+            new = _new_impulse(at.contacts[i], clamped, shares)
+            for k in range(3):
+                at.contacts[i].impulse[k] = new[k]
+
+
+@inner
+def _all_right(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> bool:
+    """Whether all that are to stick press and stick within their cones, and no other contact closes."""
+    for i in range(at.number):
+        one = at.contacts[i]
+        n = one.normal
+        lacks = minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
+        if at.room.sticks[i] == 0:
+            if dot(lacks, n) > at.enough_m_s:
+                return False
+            continue
+        new = _new_impulse(one, clamped, shares)
+        pressed = dot(new, n)
+        if not (pressed > 0.0 and _friction(new, n) <= at.friction[0] * pressed):
+            return False
+        if not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= MISSED * at.enough_m_s:
+            return False
+    return True
+
+
+@inner
+def _middle(at: Touching) -> tuple[int, Vector]:
+    """How many contacts are to stick, and the middle of their arms."""
+    number, middle = 0, _ZERO
+    for i in range(at.number):
+        if at.room.sticks[i] == 1:
+            number, middle = number + 1, plus(middle, 1.0, at.contacts[i].arm_m)
+    most = max(number, 1)
+    return number, (middle[0] / most, middle[1] / most, middle[2] / most)
+
+
+@inner
+def _friction(impulse: Any, normal: Any) -> float:
+    """Size of the part of an impulse along a contact."""
+    return math.sqrt(square(plus(impulse, -dot(impulse, normal), normal)))
+
+
+@inner
+def _missing_at(at: Touching, one: Any) -> Vector:
+    """Velocity that a contact lacks, to move with its floor along its normal and not at all across it."""
+    v, w = at.velocity, (at.velocity[3], at.velocity[4], at.velocity[5])
+    moves = plus(v, 1.0, cross(w, one.arm_m))
+    n, floor = one.normal, one.floor_m_s
+    return floor * n[0] - moves[0], floor * n[1] - moves[1], floor * n[2] - moves[2]
+
+
+@inner
+def _missing(at: Touching, middle_m: Vector, number: int) -> tuple[Vector, Vector, _Symmetric, Vector]:
+    """Mean of the velocities that contacts lack, their moment and the points' second moment about the middle.
+
+    And the direction in which the farthest lies.
+    """
+    total, turning, spread = _ZERO, _ZERO, _NO_MOMENTS
+    far, along = 0.0, _ZERO
+    for i in range(at.number):
+        if at.room.sticks[i] == 0:
+            continue
+        one = at.contacts[i]
+        lacks, r = _missing_at(at, one), minus(one.arm_m, middle_m)
+        total, turning = plus(total, 1.0, lacks), plus(turning, 1.0, cross(r, lacks))
+        spread = (
+            spread[0] + r[0] * r[0], spread[1] + r[1] * r[1], spread[2] + r[2] * r[2],
+            spread[3] + r[0] * r[1], spread[4] + r[0] * r[2], spread[5] + r[1] * r[2],
+        )  # fmt: skip
+        if square(r) > far:
+            far = square(r)
+            size = math.sqrt(far)
+            along = r[0] / size, r[1] / size, r[2] / size
+    return (total[0] / number, total[1] / number, total[2] / number), turning, spread, along
+
+
+@inner
+def _roll(inertia: _Symmetric, arm_m: Vector, axis: Vector, missing: Vector, spin: Vector) -> float:
+    """Spin about a line of contacts with which these, pushing at an arm, have no moment about it."""
+    pushed = cross(arm_m, minus(missing, cross(spin, arm_m)))
+    about = dot(axis, _times(inertia, axis)) + dot(axis, cross(arm_m, cross(axis, arm_m)))
+    return (dot(axis, pushed) - dot(axis, _times(inertia, spin))) / about
+
+
+@inner
+def _mobility_at(arm_m: Vector, mobility: _Symmetric) -> _Symmetric:
+    """Velocity, of a point at an arm, over an impulse there."""
+    x = _turned_about(arm_m, mobility, (1.0, 0.0, 0.0))
+    y = _turned_about(arm_m, mobility, (0.0, 1.0, 0.0))
+    z = _turned_about(arm_m, mobility, (0.0, 0.0, 1.0))
+    return 1.0 + x[0], 1.0 + y[1], 1.0 + z[2], x[1], x[2], y[2]
+
+
+@inner
+def _turned_about(arm_m: Vector, mobility: _Symmetric, impulse: Vector) -> Vector:
+    return cross(_times(mobility, cross(arm_m, impulse)), arm_m)
+
+
+@inner
+def _symmetric(a: Array) -> _Symmetric:
+    return a[0, 0], a[1, 1], a[2, 2], a[0, 1], a[0, 2], a[1, 2]
+
+
+@inner
+def _times(a: _Symmetric, b: Any) -> Vector:
+    """Symmetric matrix times a vector."""
+    return (
+        a[0] * b[0] + a[3] * b[1] + a[4] * b[2],
+        a[3] * b[0] + a[1] * b[1] + a[5] * b[2],
+        a[4] * b[0] + a[5] * b[1] + a[2] * b[2],
+    )
+
+
+@inner
+def _inverse(a: _Symmetric) -> _Symmetric:
+    """Inverse of a symmetric matrix, by its cofactors."""
+    xx, yy, zz, xy, xz, yz = a
+    c0, c1, c2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    det = xx * c0 + xy * c1 + xz * c2
+    return (
+        c0 / det, (xx * zz - xz * xz) / det, (xx * yy - xy * xy) / det,
+        c1 / det, c2 / det, (xy * xz - xx * yz) / det,
+    )  # fmt: skip

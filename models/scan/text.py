@@ -301,7 +301,7 @@ def _check_not_numbered(points: NDArray[np.float64], path: Path) -> None:
 
 def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
     """Refuse what looks like northing before easting: the scene would be mirrored."""
-    if not len(points) or is_geocentric(points):
+    if not np.isfinite(points).any(axis=0).all() or is_geocentric(points):
         return
     x, y = np.abs(np.nanmedian(points[:, :2], axis=0))
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:

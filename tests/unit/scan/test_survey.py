@@ -296,6 +296,7 @@ def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(
     assert f"{4000 - first} points are withheld or classed as noise" in cloud.sources[0].note
 
 
+@pytest.mark.filterwarnings("error")  # which a user would read in front of the refusal
 @pytest.mark.parametrize(
     ("name", "content", "what"),
     [

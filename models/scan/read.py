@@ -313,7 +313,7 @@ def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
 def _read_file(path: Path, said: _Said) -> _Read:
     """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
-        raise _unreadable("no such file", path)
+        raise _unreadable("a folder" if path.is_dir() else "no such file", path)
     suffix, unit_given = path.suffix.lower(), said.unit_given
     if suffix not in FORMATS + MESH_FORMATS:
         raise _unreadable(f"unknown format '{suffix}'", path)

@@ -167,6 +167,12 @@ def test_a_cloud_without_a_rock_that_stands_is_refused(
     assert where in said.splitlines()[0]
 
 
+def test_a_folder_in_place_of_a_cloud_is_named_as_one(capsys, monkeypatch, tmp_path):
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    assert "scans: a folder" in refusal(capsys, monkeypatch, tmp_path, [folder])
+
+
 @pytest.mark.parametrize(
     ("name", "content", "what"),
     [

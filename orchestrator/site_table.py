@@ -30,7 +30,7 @@ from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age, unit_years
 
 _SCENE_FILE = "scene.json"
-_NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&]{0,99}")
+_NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&#]{0,99}")
 _REMARKS = {"comment", "comments", "note", "notes", "remark", "remarks", "description", "reference", "photo"}
 """Names of columns that are for people alone."""
 _PLACE = ("longitude", "latitude")
@@ -71,8 +71,8 @@ def _latitude(given: Any, place: Place) -> float:
 
 SITE_KEYS = (
     Key("scene", path, "a folder, relative to the table", "the rock on its pedestal"),
-    Key("rock", _name, "letters, digits, blanks, .-_+'(),&", "name of the rock", "", "the scene's folder"),
-    Key("site", _name, "letters, digits, blanks, .-_+'(),&", "name of the site", "", "the rock's name"),
+    Key("rock", _name, "letters, digits, blanks, .-_+'(),&#", "name of the rock", "", "the scene's folder"),
+    Key("site", _name, "letters, digits, blanks, .-_+'(),&#", "name of the site", "", "the rock's name"),
     Key("longitude", _longitude, "degrees east (WGS 84)", "where it stands", None),
     Key("latitude", _latitude, "degrees north (WGS 84)", "where it stands", None),
     Key("ensemble", path, "a folder, relative to the table", "its own records", None, "the campaign's"),

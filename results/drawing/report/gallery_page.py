@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import pandas as pd
 
@@ -119,7 +120,7 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         )
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
-    link = f'<a href="{safe(os.path.relpath(report, folder))}">report</a>' if report.exists() else ""
+    link = f'<a href="{safe(quote(os.path.relpath(report, folder)))}">report</a>' if report.exists() else ""
     lines = [
         median,
         weakest,

@@ -1,7 +1,11 @@
 """Rocks beside each other: what they share, where they stand, and a page that shows each."""
 
 import json
+import os
+import re
 import shutil
+import urllib.parse
+import urllib.request
 from dataclasses import replace
 
 import numpy as np
@@ -210,3 +214,14 @@ def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_one_of_the
     stated = CliRunner().invoke(cli, ["magnitudes", str(atlas / "scenes" / "firm"), *options])
     assert stated.exit_code == 0
     assert "firm: median" in stated.output
+
+
+def test_a_rocks_report_is_linked_by_an_address_whatever_signs_its_folder_has(atlas, tmp_path):
+    run, page = tmp_path / "ridge #3 50%", tmp_path / "page"
+    shutil.copytree(atlas, run)
+    report = run / "scenes" / "firm" / "report.html"
+    report.write_text("made before")
+    options = ["--samples", "20", "--out", str(page)]
+    CliRunner().invoke(cli, ["atlas", str(run), *options], catch_exceptions=False)
+    (address,) = re.findall('href="([^"#][^"]*)"', (page / "atlas.html").read_text())
+    assert urllib.request.url2pathname(urllib.parse.urlsplit(address).path) == os.path.relpath(report, page)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from toppling.models.errors import InputError
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
@@ -117,6 +118,7 @@ def run(
     chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
     if precision is not None:
         chosen = chosen.with_precision(precision)
+    _refuse_moved(chosen, campaign, folder)
     from toppling.orchestrator.cluster import reported
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -128,6 +130,21 @@ def run(
     limits = Limits(job_limit, tries)
     shaken = _carry_out(chosen, folder, reported(cluster, report), limits, again, command)
     _tell(chosen, folder, shaken, command, as_json=as_json)
+
+
+def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
+    """Refuse a campaign whose scene or records are gone while the run keeps copies, and name these."""
+    kept = folder / "campaign.toml"
+    gone = next((path for path in (chosen.scene, chosen.ensemble) if not path.exists()), None)
+    if gone is None or not kept.is_file() or kept.samefile(campaign):
+        return
+    again = shlex.join(["toppling", "run", str(kept), "--out", str(folder)])
+    raise InputError(
+        f"{gone} is not there",
+        where=str(campaign),
+        expected="the folders that it names",
+        remedy=f"put it back, or go on with the copy that the run keeps: {again}",
+    )
 
 
 def _time_left(chosen: "Campaign", folder: Path, workers: int | None) -> str:
@@ -225,7 +242,6 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
     """Estimate a campaign's duration from a few of its jobs; empty if it is refused."""
     from rich.console import Console
 
-    from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.orchestrator.advice import shaking_warnings
     from toppling.orchestrator.estimate import estimate, words_of

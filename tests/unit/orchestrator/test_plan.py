@@ -173,6 +173,18 @@ def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
     assert describe(tmp_path / "run")["jobs"] == len(whole)
 
 
+def test_a_campaign_whose_scene_is_gone_points_to_the_copy_that_its_run_keeps(campaign, tmp_path):
+    run_folder = tmp_path / "run"
+    prepare(run_folder, planned(campaign), VERSIONS)
+    text = f'scene = "gone"\nensemble = "{campaign.ensemble}"\npga_m_s2 = [2]\nazimuth_deg = [0]\nfriction = [0.9]\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    asked = ["run", str(tmp_path / "campaign.toml"), "--out", str(run_folder)]
+    refused = CliRunner().invoke(cli, asked).exception
+    assert isinstance(refused, InputError)
+    assert "gone is not there" in str(refused)
+    assert f"toppling run {run_folder / 'campaign.toml'} --out {run_folder}" in refused.remedy
+
+
 def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(campaign, tmp_path):
     prepare(tmp_path / "run", planned(campaign), VERSIONS)
     before = (tmp_path / "run" / "run.json").read_bytes()

@@ -53,21 +53,21 @@ def query(
                                from results group by all order by all"
     toppling query runs/first --spread
     """
-    queries = [
-        text for text in runs if len(text.split()) > 1 and not Path(text).is_dir()
-    ]  # SQL has two words at least
+    # SQL has two words at least.
+    queries = [text for text in runs if len(text.split()) > 1 and not Path(text).is_dir()]
     runs = tuple(text for text in runs if text not in queries)
+    if not runs or (len(queries) != 1 and not (describe or spread)):
+        wrong = "these are several queries" if runs and queries else "the query in SQL is missing"
+        raise click.UsageError(
+            f"{wrong if runs else 'a run is missing'}: give one run or more and one query, such as "
+            f"toppling query {' '.join(runs) or 'RUN'} "
+            '"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
+        )
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
         _say_unfinished(runs)
         table = _spread(runs)
-    elif not runs or len(queries) != 1:
-        of = " ".join(runs) or "RUN"
-        raise click.UsageError(
-            f"give one run or more and one query in SQL, such as toppling query {of} "
-            f'"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
-        )
     else:
         table = answer_of(runs, queries[0], trusted=trusted)
         _say_unfinished(runs)

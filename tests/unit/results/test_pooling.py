@@ -69,6 +69,13 @@ def test_runs_without_sql_are_told_that_it_is_missing(tmp_path, last):
     assert "select run, level_pga_m_s2" in " ".join(done.output.split())
 
 
+@pytest.mark.parametrize("option", [[], ["--describe"], ["--spread"]])
+def test_a_query_without_a_run_is_told_that_the_run_is_missing(option):
+    done = CliRunner().invoke(cli, ["query", "select 1", *option])
+    assert done.exit_code == 2
+    assert "a run is missing" in done.output
+
+
 def test_every_verb_draws_the_same_bootstrap_samples_unless_told_otherwise(tmp_path):
     for verb in (report, fragility):
         assert next(one for one in verb.params if one.name == "samples").default == SAMPLES

@@ -19,7 +19,7 @@ _SWEEPS = 400
 """Over all contacts, at most."""
 
 _SWEEPS_BETWEEN = 12
-"""After so many, those that carry are solved for at once again."""
+"""After so many at least, and half as many as were taken, those that carry are solved for at once again."""
 
 _DIRECTIONS = 12
 """Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
@@ -34,15 +34,17 @@ def solve_cones(at: Touching) -> int:
         return 1
     for i in range(at.number):
         _prepare(at.contacts[i], i, at.inverse_inertia, at.room)
-    first = 1 if at.number == 1 else 0  # one that sticks is found in one sweep, and seen in the next
+    ask = 1 if at.number == 1 else 0  # one that sticks is found in one sweep, and seen in the next
     for sweep in range(_SWEEPS):
         largest = 0.0
         for i in range(at.number):
             largest = max(largest, _change_one(at, i))
         if largest < at.enough_m_s:
             return sweep + 1
-        if sweep % _SWEEPS_BETWEEN == first and carry_at_once(at):
-            return sweep + 1
+        if sweep == ask:
+            if carry_at_once(at):
+                return sweep + 1
+            ask = sweep + max(_SWEEPS_BETWEEN, sweep // 2)
     return _SWEEPS
 
 

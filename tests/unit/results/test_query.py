@@ -200,7 +200,7 @@ def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_fol
     assert done.output == "no rows; the columns are job_id\n"
     two = CliRunner().invoke(cli, ["query", str(run_folder), "select 1 a", "select 2 b"])
     assert two.exit_code == 2
-    assert "one query in SQL" in two.output
+    assert "these are several queries" in two.output
 
 
 def test_a_run_without_a_query_is_wrong_usage(run_folder):

@@ -148,9 +148,8 @@ def call() -> None:
             sys.exit(1)
         where = f"{_asked_for(error.filename)}: " if error.filename else ""
         elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
-        click.echo(
-            f"toppling: {where}{error.strerror or error}{elsewhere}", err=True
-        )  # Arrow's have a message only
+        # Arrow's errors have a message only.
+        click.echo(f"toppling: {where}{error.strerror or error}{elsewhere}", err=True)
         sys.exit(1)
 
 

@@ -48,11 +48,11 @@ def stick_at_once(at: Touching) -> bool:
         one = at.contacts[i]
         at.room.sticks[i] = 1 if dot(one.impulse, one.normal) > 0.0 else 0
     clamped = _clamp(at)
-    if clamped.number == 0:
+    if clamped.number == 0 or not _moves_right(at, clamped):
         return False
     for kept in (1.0, 0.0):
         shares = _shares(at, clamped, kept)
-        if _all_right(at, clamped, shares):
+        if _all_stick(at, clamped, shares):
             _apply(at, clamped, shares)
             return True
     return False
@@ -122,22 +122,29 @@ def _apply(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]
 
 
 @inner
-def _all_right(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> bool:
-    """Whether all that are to stick press and stick within their cones, and no other contact closes."""
+def _moves_right(at: Touching, clamped: _Clamped) -> bool:
+    """Whether with the change of the motion all that are to stick are at rest, and no other contact closes."""
     for i in range(at.number):
         one = at.contacts[i]
-        n = one.normal
         lacks = minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
         if at.room.sticks[i] == 0:
-            if dot(lacks, n) > at.enough_m_s:
+            if dot(lacks, one.normal) > at.enough_m_s:
                 return False
-            continue
-        new = _new_impulse(one, clamped, shares)
-        pressed = dot(new, n)
-        if not (pressed > 0.0 and _friction(new, n) <= at.friction[0] * pressed):
+        elif not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= MISSED * at.enough_m_s:
             return False
-        if not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= MISSED * at.enough_m_s:
-            return False
+    return True
+
+
+@inner
+def _all_stick(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> bool:
+    """Whether the new impulses of all that are to stick press, and lie in their cones."""
+    for i in range(at.number):
+        if at.room.sticks[i] == 1:
+            one = at.contacts[i]
+            new = _new_impulse(one, clamped, shares)
+            pressed = dot(new, one.normal)
+            if not (pressed > 0.0 and _friction(new, one.normal) <= at.friction[0] * pressed):
+                return False
     return True
 
 

@@ -130,9 +130,8 @@ def _name_series(component: Component) -> tuple[str, str]:
     if component.path.suffix and suffix is not None:
         return component.path.stem, component.path.suffix.lstrip(".")
     if match is None and component.direction is not None:
-        return component.path.stem.rstrip(
-            "0123456789._- "
-        ), ""  # files that are numbered, and say which way they point
+        # Files that are numbered, and say which way they point.
+        return component.path.stem.rstrip("0123456789._- "), ""
     return (match["series"], match["label"]) if match else (component.path.stem, "")
 
 

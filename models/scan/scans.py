@@ -31,9 +31,8 @@ def in_survey(
         nowhere += int((~returned).sum())
         points = points if returned.all() else points[returned]
         steps.append(coordinate_steps(points))
-        with np.errstate(
-            invalid="ignore", over="ignore"
-        ):  # points that are not finite are left out with others
+        # Points that are not finite are left out later.
+        with np.errstate(invalid="ignore", over="ignore"):
             points = points if turn is None else points @ turn
             placed.append(points if shift is None else points + shift)
     number = np.repeat(np.arange(len(steps) - 1, dtype=np.int32), [len(each) for each in placed[1:]])

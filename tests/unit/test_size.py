@@ -23,10 +23,10 @@ def modules():
 
 
 def functions(path):
-    """Each function of a module, named by its file."""
+    """Each function of a module, named by its place: classes of a file may have functions of one name."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield f"{path.relative_to(ROOT)}:{node.name}", node
+            yield f"{path.relative_to(ROOT)}:{node.lineno}:{node.name}", node
 
 
 def parameters(function):

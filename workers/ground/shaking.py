@@ -213,7 +213,7 @@ class GroundShaking:
             return False
         share = options.certain_share if calmed else options.calm_share
         energy = energy_j_kg(self.body, pose, velocity, rest)
-        if not energy < share * least_overturning_j_kg(self.body, rest, 1.01 * energy / share):
+        if not energy < share * least_overturning_j_kg(self.body, rest, energy / share):
             return False
         self._stands_in = rest
         return True

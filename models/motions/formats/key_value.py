@@ -105,16 +105,7 @@ class unam:  # noqa: N801
                 at + 1,
                 expected="Gal (cm/s/s)",
             )
-        labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
-        steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
-        counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
-        if not labels or not (len(labels) == len(steps) == len(counts)):
-            refuse(
-                f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts",
-                path,
-                1,
-                expected="one of each for every channel",
-            )
+        labels, steps, counts = _channels(header, path)
         numbered = (i for i in range(at + 1, len(lines)) if _is_row(lines[i]))
         first = next(numbered, len(lines))
         body = lines[first:]
@@ -246,6 +237,21 @@ def _refuse_gap(time: NDArray[np.float64], step: float, path: Path, line: int) -
 
 def _is_row(line: str) -> bool:
     return bool(line.strip()) and all(_is_number(word.replace(",", ".")) for word in line.split())
+
+
+def _channels(header: dict[str, str], path: Path) -> tuple[list[str], list[str], list[str]]:
+    """Orientations, time steps and counts of a file's channels."""
+    labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
+    steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
+    counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
+    if not labels or not (len(labels) == len(steps) == len(counts)):
+        refuse(
+            f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts",
+            path,
+            1,
+            expected="one of each for every channel",
+        )
+    return labels, steps, counts
 
 
 def _slashed(header: dict[str, str], key: str) -> list[str]:

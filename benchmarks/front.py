@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import time
 from collections.abc import Iterable
 from dataclasses import replace
 from datetime import date
@@ -20,10 +19,8 @@ from textwrap import fill
 
 import numpy as np
 import pandas as pd
-import pybullet
 import trimesh
 from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
-from representations import table_of_representations
 from rich.progress import track
 
 from toppling.models.motions.ensemble import Ensemble
@@ -47,7 +44,6 @@ STRONG_PART = (0.05, 0.75)
 """Of a record's horizontal Arias intensity: its significant duration D5-75."""
 
 SHORT = ("draft", "fast", "standard", "mujoco draft", "mujoco fast")
-BARE_STEPS = 20_000
 
 
 def scenes() -> dict[str, Scene]:
@@ -93,36 +89,6 @@ def strong_parts(ensemble: Ensemble, folder: Path) -> Ensemble:
         part = Motion(motion.acceleration_m_s2[first : last + 1], motion.time_step_s)
         records.append(Record.of(name, end_at_rest(taper(part)), component_azimuths_deg=(0.0, 90.0)))
     return Ensemble.write(folder, records)
-
-
-def bare_step_us() -> float:
-    """Processor time of setGravity, stepSimulation and a look at the pose, for a block on eight small spheres."""
-    client = pybullet.connect(pybullet.DIRECT)
-    b, h, radius = 0.2, 0.6, 6e-4
-    corners = [[x, y, z] for x in (-b, b) for y in (-b, b) for z in (radius - h, h - radius)]
-    shape = pybullet.createCollisionShapeArray(
-        shapeTypes=[pybullet.GEOM_SPHERE] * 8, radii=[radius] * 8, collisionFramePositions=corners,
-        physicsClientId=client,
-    )  # fmt: skip
-    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-    pybullet.createMultiBody(0.0, plane, physicsClientId=client)
-    body = pybullet.createMultiBody(1.0, shape, basePosition=[0.0, 0.0, h], physicsClientId=client)
-    began = time.process_time()
-    for _ in range(BARE_STEPS):
-        pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
-        pybullet.stepSimulation(physicsClientId=client)
-        pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
-    cost_s = time.process_time() - began
-    pybullet.disconnect(client)
-    return 1e6 * cost_s / BARE_STEPS
-
-
-def over_the_bare_loop(scene: Scene, ensemble: Ensemble, jobs: list[Job], setting: Setting) -> float:
-    """Processor time of whole jobs without shortcuts over that of the bare loop through as many whole steps."""
-    said = answers(scene, ensemble, jobs, replace(setting, shortcuts=False))
-    step_s = setting.settings.time_step_s(scene.rock.half_diagonal_m, scene.gravity_m_s2)
-    bare_us = float(np.median([bare_step_us() for _ in range(5)]))
-    return float(1e6 * said.processor_s.sum() / (said.simulated_s.sum() / step_s) / bare_us)
 
 
 def compared(
@@ -198,9 +164,7 @@ def main() -> None:
             "relative to Bullet's `reference`, the shift of the PGA at which half topple, of the share that "
             "topples (points) and of the largest tilt of rocks that stand (mean log ratio), ± one standard "
             "deviation over jobs; single answers near a threshold are chaotic. Costs are processor time, and only "
-            "their ratios are meaningful; MuJoCo's `fast` takes steps of 1/128 of sqrt(R/g). The bare loop of "
-            f"PyBullet (setGravity, stepSimulation, reading the pose; eight spheres) takes {bare_step_us():.0f} µs "
-            "a step.",
+            "their ratios are meaningful; MuJoCo's `fast` takes steps of 1/128 of sqrt(R/g).",
             110,
         )
         + "\n",
@@ -208,11 +172,10 @@ def main() -> None:
     for name, scene in scenes().items():
         jobs = draw(scene, ensemble, count)
         table = compared(scene, ensemble, jobs, every, CONVERGED)
-        over = over_the_bare_loop(scene, ensemble, jobs, every["standard"])
         parts += [
             f"## {name[0].upper()}{name[1:]}\n",
             *rows_of(table, CONVERGED),
-            f"\nWhole jobs of `standard` without shortcuts take {over:.1f} times the bare loop's time.\n",
+            "",
         ]
     with tempfile.TemporaryDirectory() as folder:
         strong, rock = strong_parts(ensemble, Path(folder)), scenes()["demo's rock"]
@@ -242,8 +205,6 @@ def main() -> None:
         "checks these cases, and harder ones, on every change.\n",
         f"| case | {presets} | target of `standard` |\n|---|---|---|---|---|",
         *exact_errors(),
-        "",
-        table_of_representations(),
     ]
     PAGE.write_text("\n".join(parts).rstrip() + "\n")
     print(PAGE.read_text())

@@ -4,17 +4,25 @@
     .venv/bin/python benchmarks/scaling.py pretended --pretend 1000 10  # a thousand workers, jobs of ten seconds
     .venv/bin/python benchmarks/scaling.py study --seconds-per-job 0.5  # for an engine or a scene of another cost
     .venv/bin/python benchmarks/scaling.py study --run runs/first       # with the costs of a real run's jobs
+    .venv/bin/python benchmarks/scaling.py atlas --client-us 300        # as if the client took so long for a job
 
 The workers that are pretended are Dask's own, hundreds in a process; scheduler and client have processes of their own,
 messages go over TCP, and only the engine is replaced by sleep. All share this machine's cores, so the rates are
 lower limits; the cores that scheduler and client used say how far each would go on a core of its own.
+
+The study and the atlas (100 rocks by 1,000 seismograms by 5 levels) are played against a clock. In the atlas client and
+scheduler are servers with one core each, for which batches wait, and a worker makes a rock ready whenever it gets a
+batch of a rock that it does not hold. What the client needs for a job (make its specification, send it, check its row,
+store it) is measured first, in this process; a task's cost to the scheduler is that of pretended runs.
 """
 
 import argparse
 import asyncio
 import contextlib
 import heapq
+import math
 import multiprocessing
+import pickle
 import resource
 import tempfile
 import time
@@ -38,11 +46,11 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from toppling.orchestrator.execution import Execution, budget_s, room_for
-from toppling.orchestrator.order import balanced_order
-from toppling.orchestrator.plan import Plan, plan
+from toppling.orchestrator.execution import Execution, budget_s, checked, room_for
+from toppling.orchestrator.order import balanced_order, taking_turns
+from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.run_folder import prepare
-from toppling.orchestrator.task import Row, RunKey, lost_row, versions
+from toppling.orchestrator.task import ROCKS_KEPT, Row, RunKey, lost_row, versions
 from toppling.results.store import compact, finished_ids, write_part
 from toppling.workers.job import JobSpec
 
@@ -60,6 +68,17 @@ TASKS_AT_ONCE = 5000
 PRETENDED = ((1, 0.1), (10, 0.1), (100, 0.1), (300, 1.0), (1000, 1.0), (1000, 10.0), (100, 0.0))
 """Workers and seconds a job; 0 for answers at once."""
 
+ATLAS, ATLAS_WORKERS = (100, 1000, 5), (16, 64, 256, 512, 1000)
+"""Rocks, records and levels."""
+
+TASK_S, HEARTBEAT_S, HEARTBEATS_A_SECOND = 1.8e-3, 0.8e-3, 0.17
+"""Of the scheduler, for a task and for a heartbeat; heartbeats of each of many workers."""
+
+READY_S = 0.32
+"""To load a rock and let it settle."""
+
+TIMED_JOBS = 20_000
+
 QUIET = {
     "distributed.admin.tick.interval": "60s",  # else 50 times a second: a core for 500 workers
     "distributed.admin.tick.limit": "1h",
@@ -70,8 +89,8 @@ QUIET = {
 """What each worker does beside its work; on hosts of their own it costs nobody else anything."""
 
 
-def inputs(folder: Path, records: int, azimuths: int) -> Campaign:
-    """Write a campaign of so many records and azimuths at 19 levels."""
+def planned_in(folder: Path, records: int, azimuths: int) -> Plan:
+    """Plan a campaign of so many records and azimuths at 19 levels, written into a folder."""
     Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
     pulses = [Record.of(f"R{n:04d}", ricker(2.0, 0.5 + 2.0 * n / records, 0.01)) for n in range(records)]
     Ensemble.write(folder / "ensemble", pulses)
@@ -79,13 +98,7 @@ def inputs(folder: Path, records: int, azimuths: int) -> Campaign:
         'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = { start = 1, stop = 19, step = 1 }\nfriction = [0.9]\n'
         f"azimuth_deg = {[round(360 * n / azimuths, 6) for n in range(azimuths)]}\n"
     )
-    return Campaign.read(folder / "campaign.toml")
-
-
-def planned_in(folder: Path, records: int, azimuths: int) -> Plan:
-    """Plan that campaign."""
-    campaign = inputs(folder, records, azimuths)
-    return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    return plan_of(Campaign.read(folder / "campaign.toml"))
 
 
 def apart(work: Callable[..., dict[str, float]], *arguments: object) -> dict[str, float]:
@@ -259,25 +272,76 @@ def rate_amidst(seen: Sequence[tuple[float, int]]) -> float:
     return float((done[last] - done[first]) / max(moments[last] - moments[first], 1e-9))
 
 
-def played(cost_s: NDArray[np.float64], length: NDArray[np.float64], workers: int) -> tuple[float, float]:
-    """Play a run of jobs in that order against a clock: time, and the share that workers idle at the end."""
-    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), length), budget_s(workers), JOBS_IN_BATCH
-    waiting: deque[Batch] = deque()
+def client_s() -> float:
+    """Processor time of the client for a job: specification, message, row, check, count, store."""
+    with tempfile.TemporaryDirectory() as name:
+        planned = planned_in(Path(name), RECORDS, AZIMUTHS)
+        rows = planned.pending(set())[:TIMED_JOBS]
+        answers = [pretended_row(planned.spec(int(row))) for row in rows]
+        sent = [pickle.dumps(answers[at : at + 60]) for at in range(0, len(rows), 60)]
+        progress, unstored = RunProgress(len(rows), 0), []
+        (Path(name) / "run").mkdir()
+        began = time.process_time()
+        for at, message in zip(range(0, len(rows), 60), sent, strict=True):
+            pickle.dumps([planned.spec(int(row)) for row in rows[at : at + 60]])
+            found = checked([planned.spec(int(row)) for row in rows[at : at + 60]], pickle.loads(message))
+            progress.count(found)
+            unstored += [{**row, "rock": None, "attempt": 1} for row in found]
+        write_part(Path(name) / "run", unstored)
+        return (time.process_time() - began) / len(rows)
+
+
+def played(
+    cost_s: NDArray[np.float64],
+    workers: int,
+    length: NDArray[np.float64],
+    scene: NDArray[np.int64] | None = None,
+    per_job_s: float = 0.0,
+) -> dict[str, float]:
+    """Play a run of jobs in that order against a clock; what it took, and the share that each part was busy.
+
+    scene: of an atlas the rock of each job; scheduler and client then take time too.
+    per_job_s: of the client.
+    """
+    rock = np.zeros(len(cost_s), np.int64) if scene is None else scene
+    order = taking_turns([np.flatnonzero(rock == number) for number in range(rock.max() + 1)])
+    dispatch, budget = Dispatch(order, length, scene=rock), budget_s(workers, rocks=rock.max() + 1)
+    of_atlas, room = scene is not None, JOBS_IN_BATCH
+    task_s = of_atlas * TASK_S / (1.0 - HEARTBEAT_S * HEARTBEATS_A_SECOND * workers)
+    ready: deque[tuple[float, Batch]] = deque()
+    held: list[deque[int]] = [deque(maxlen=ROCKS_KEPT) for _ in range(workers)]
     free = [(0.0, worker) for worker in range(workers)]
-    ended = np.zeros(workers)
+    client = scheduler = making_ready = 0.0
+    ended, tasks, handled = np.zeros(workers), 0, 0
     while True:
         # As many wait on the scheduler as work, and two more.
-        while len(waiting) < workers + 2 and (batch := dispatch.next_batch(workers, room)):
-            waiting.append(batch)
-        if not waiting:
-            return float(ended.max()), float(1 - ended.mean() / ended.max())
-        batch, (now, worker) = waiting.popleft(), heapq.heappop(free)
+        while len(ready) < workers + 2 and (batch := dispatch.next_batch(workers, room)):
+            client = max(client, free[0][0]) + 0.5 * per_job_s * len(batch.jobs)
+            ready.append((client, batch))
+            handled += len(batch.jobs)
+        if not ready:
+            break
+        (available, batch), (now, worker) = ready.popleft(), heapq.heappop(free)
+        scheduler = max(scheduler, now, available) + task_s if of_atlas else now
+        first = int(rock[batch.jobs[0]])
+        preparing = READY_S if of_atlas and first not in held[worker] else 0.0
+        if preparing:
+            held[worker].append(first)
         spent = np.cumsum(cost_s[list(batch.jobs)])
         done = min(int(np.searchsorted(spent, budget)) + 1, len(spent))
+        ended[worker] = scheduler + preparing + spent[done - 1]
         dispatch.came_back(batch, done)
         room = room_for([{"wall_s": cost} for cost in cost_s[list(batch.jobs[:done])]], budget)
-        ended[worker] = now + spent[done - 1]
+        client, making_ready = client + 0.5 * per_job_s * done, making_ready + preparing
+        tasks, handled = tasks + 1, handled + done
         heapq.heappush(free, (ended[worker], worker))
+    took = float(max(ended.max(), client))
+    return {
+        "workers": workers, "minutes": took / 60, "share_of_ideal": cost_s.sum() / workers / took,
+        "idle_at_end": 1 - ended.mean() / took, "client_busy": 0.5 * per_job_s * handled / took,
+        "scheduler_busy": task_s * tasks / took, "making_ready": making_ready / (took * workers),
+        "jobs_a_second": len(cost_s) / took, "tasks_a_second": tasks / took,
+    }  # fmt: skip
 
 
 def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -301,40 +365,53 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
 
 def tell_million() -> None:
     print("a million jobs, planned, handed out, counted and stored in one process")
-    print("  " + "  ".join(f"{name} {value:,.0f}" for name, value in apart(million).items()))
+    say(apart(million))
 
 
 def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
     print(f"pretended workers, for {seconds:g} s if nothing held them up")
     for workers, seconds_per_job in runs:
-        told = pretended_run(int(workers), seconds_per_job, seconds)
-        print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
+        say(pretended_run(int(workers), seconds_per_job, seconds))
 
 
 def tell_study(seconds_per_job: float, run: Path | None) -> None:
     cost, length = study_costs(seconds_per_job, run)
     print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
     for workers in WORKERS:
-        took, idle = played(cost, length, workers)
-        print(f"  {workers:5d} workers  {took / 60:9.2f} min  idle at the end {100 * idle:.1f} %")
+        say(played(cost, workers, length))
+
+
+def tell_atlas(seconds_per_job: float, client_us: float | None) -> None:
+    per_job_s = client_us * 1e-6 if client_us else client_s()
+    print(f"an atlas of {math.prod(ATLAS)} jobs; the client takes {1e6 * per_job_s:.0f} us for each")
+    rock = np.repeat(np.arange(ATLAS[0]), math.prod(ATLAS[1:]))
+    cost = np.random.default_rng(SEED).lognormal(0.0, 0.8, len(rock))
+    cost *= seconds_per_job / cost.mean()
+    for workers in ATLAS_WORKERS:
+        say(played(cost, workers, cost, rock, per_job_s))
+
+
+def say(told: dict[str, float]) -> None:
+    print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parts = ("million", "pretended", "study")
+    parts = ("million", "pretended", "study", "atlas")
     parser.add_argument(
         "parts", nargs="*", choices=[*parts, parts], default=parts, metavar="|".join(parts),
         help="all if none is named",
     )  # fmt: skip
-    parser.add_argument("--seconds-per-job", type=float, default=0.1, help="of the study")
+    parser.add_argument("--seconds-per-job", type=float, default=0.1, help="of study and atlas")
     parser.add_argument("--run", type=Path, help="take the costs of the study's jobs from this run")
     parser.add_argument(
         "--pretend", type=float, nargs=2, action="append", metavar=("WORKERS", "SECONDS_A_JOB"),
         help="a pretended run, 0 seconds for answers at once; several may be given",
     )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=60.0, help="length of each pretended run")
+    parser.add_argument("--client-us", type=float, help="of the client for a job; measured unless given")
     given = parser.parse_args()
     if "million" in given.parts:
         tell_million()
@@ -342,6 +419,8 @@ def main() -> None:
         tell_pretended(given.pretend or PRETENDED, given.seconds)
     if "study" in given.parts:
         tell_study(given.seconds_per_job, given.run)
+    if "atlas" in given.parts:
+        tell_atlas(given.seconds_per_job, given.client_us)
 
 
 if __name__ == "__main__":

@@ -26,9 +26,8 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-from base_rocks import base_rock
+from base_rocks import base_rock, true_hints
 from blind_rocks import blind_rock
-from known_hints import true_hints
 from numpy.typing import NDArray
 from pages import put
 from scipy.stats import t as student_t
@@ -99,6 +98,10 @@ BASES_SHAKEN = 16
 """Draws of the base that predict a fragility."""
 TRIED = 60
 """Jobs that find the levels."""
+FIRST_COLUMN = {
+    "accuracy": "shape", "blind": "rock", "family": "rock", "answers": "shape", "cost": "asked for",
+}  # fmt: skip
+"""Of the table of each command."""
 
 
 def errors(found: Scene, true: Scene) -> dict[str, float]:
@@ -149,32 +152,33 @@ class Known:
     true: Scene
     near_m: tuple[float, float] | None = None
 
+    @classmethod
+    def of(cls, truth: virtual.Truth, stations: list[virtual.Station], *, pointed_at: bool = True) -> "Known":
+        """A virtual rock as surveyed, with a word on where its top is unless it is to be found without."""
+        cloud, label = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
+        true = Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
+        top = true.rock.vertices_m[np.argmax(true.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
+        return cls(cloud, label, true, (float(top[0]), float(top[1])) if pointed_at else None)
+
 
 def own(name: str) -> Known:
     """A virtual shape, scanned from six stations at 0.6 % of its height."""
     truth = SHAPES[name]()
-    cloud, label = virtual.cloud_of(virtual.scan_around(truth, seed=1), virtual.DEMO_ORIGIN_M)
-    near = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
-    true = Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
-    return Known(cloud, label, true, (float(near[0]), float(near[1])))
+    return Known.of(truth, virtual.scan_around(truth, seed=1))
 
 
 def blind(seed: int) -> tuple[str, Known]:
     """A random rock that nothing was tuned on, its name saying pedestal and survey."""
     truth, kind, stations = blind_rock(seed)
-    cloud, label = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
     name = f"{seed}: {truth.rock.height_m:.1f} m, {kind}, {len(stations)} stations"
-    return name, Known(cloud, label, Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M))
+    return name, Known.of(truth, stations, pointed_at=False)
 
 
 def on_a_known_base(seed: int) -> tuple[str, Known]:
     """A random rock on a base of one of five kinds, half of some rims hidden; its name says which."""
     rock = base_rock(seed)
-    cloud, label = virtual.cloud_of(rock.stations, virtual.DEMO_ORIGIN_M)
-    true = Scene(rock.truth.rock, rock.truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
-    top = true.rock.vertices_m[np.argmax(true.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
     name = f"{seed}: {rock.kind}" + (", half of the rim hidden" if rock.half_hidden else "")
-    return name, Known(cloud, label, true, (float(top[0]), float(top[1])))
+    return name, Known.of(rock.truth, rock.stations)
 
 
 def base_coverage(found: Scene, true: Scene) -> dict[str, float]:
@@ -315,7 +319,6 @@ def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[s
     row["chaos, % equal"] = 100 * float((disturbed == said).mean())
     for what, scene in compared.items():
         row[f"{what}, % equal"] = 100 * float((answers(scene, ensemble, jobs, FAST).toppled == said).mean())
-        print(name, row, flush=True)
     return row
 
 
@@ -385,14 +388,12 @@ def cost(million: float) -> dict[str, float]:
         wall = time.perf_counter() - begin
         if process.returncode:
             raise RuntimeError(f"scan of {million} million points ended with {process.returncode}")
-    row = {
+    return {
         "points, million": int(made.stdout) / 1e6,
         "wall s": wall,
         "processor s": used.ru_utime + used.ru_stime,
         "peak memory GB": used.ru_maxrss * 1024 / 1e9,
     }
-    print({key: round(value, 2) for key, value in row.items()}, flush=True)
-    return row
 
 
 def table(rows: dict[str, dict[str, float]], first: str) -> str:
@@ -460,74 +461,67 @@ def mean_of(rows: list[dict[str, float]]) -> dict[str, float]:
     return {"rocks": float(len(rows)), **{each: float(middle[each](said[each])) for each in columns}}
 
 
+def costs(millions: list[float]) -> Iterator[tuple[str, dict[str, float]]]:
+    """Cost by the number of points, up to the first that is beyond what a scan may cost."""
+    for million in millions:
+        row = cost(million)
+        yield f"{million:g} million", row
+        if row["processor s"] > LIMIT_S or row["peak memory GB"] > LIMIT_GB:
+            print(f"beyond {LIMIT_S} s or {LIMIT_GB} GB: larger clouds are left out", flush=True)
+            return
+
+
+def measured(given: argparse.Namespace) -> Iterator[tuple[str, dict[str, float]]]:
+    """Rows of a command's table, each with its name."""
+    if given.command == "cost":
+        yield from costs(given.million)
+    elif given.command in ("blind", "family"):
+        for seed in range(given.first, given.first + given.count):
+            if given.command == "family":
+                yield family_row(seed)
+            else:
+                name, known = blind(seed)
+                yield name, accuracy(known, 8)
+    else:
+        for name, known in all_known(given.shape, given.scans):
+            if given.command == "accuracy":
+                yield name, accuracy(known, 8)
+            else:
+                yield name, agreement(name, known, Ensemble.load(given.ensemble), given.jobs)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    right = commands.add_parser("accuracy")
-    compare = commands.add_parser("answers")
-    compare.add_argument("ensemble", type=Path)
-    compare.add_argument("--jobs", type=int, default=500)
-    unseen = commands.add_parser("blind")
-    unseen.add_argument("--first", type=int, default=101)
-    unseen.add_argument("--count", type=int, default=16)
-    family = commands.add_parser("family")
-    family.add_argument("--first", type=int, default=0)
-    family.add_argument("--count", type=int, default=40)
-    based = commands.add_parser("base")
-    based.add_argument("--first", type=int, default=201)
-    based.add_argument("--count", type=int, default=60)
-    based.add_argument("--fragility", type=Path, metavar="ENSEMBLE")
-    based.add_argument("--rocks", type=int, default=12)
-    based.add_argument("--jobs", type=int, default=200)
-    based.add_argument("--hints", action="store_true", help="with each set of true hints too")
-    for command in (right, compare):
-        command.add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
-        command.add_argument("--scans", type=Path)
-    costs = commands.add_parser("cost")
-    costs.add_argument("--million", nargs="+", type=float, default=[1.0, 5.0, 10.0, 20.0])
-    make = commands.add_parser("make")
-    make.add_argument("path", type=Path)
-    make.add_argument("million", type=float)
+    called = {name: commands.add_parser(name) for name in (*FIRST_COLUMN, "base", "make")}
+    for name, first, count in (("blind", 101, 16), ("family", 0, 40), ("base", 201, 60)):
+        called[name].add_argument("--first", type=int, default=first)
+        called[name].add_argument("--count", type=int, default=count)
+    called["answers"].add_argument("ensemble", type=Path)
+    called["answers"].add_argument("--jobs", type=int, default=500)
+    called["base"].add_argument("--fragility", type=Path, metavar="ENSEMBLE")
+    called["base"].add_argument("--rocks", type=int, default=12)
+    called["base"].add_argument("--jobs", type=int, default=200)
+    called["base"].add_argument("--hints", action="store_true", help="with each set of true hints too")
+    for name in ("accuracy", "answers"):
+        called[name].add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
+        called[name].add_argument("--scans", type=Path)
+    called["cost"].add_argument("--million", nargs="+", type=float, default=[1.0, 5.0, 10.0, 20.0])
+    called["make"].add_argument("path", type=Path)
+    called["make"].add_argument("million", type=float)
     given = parser.parse_args()
     if given.command == "make":
         print(write_cloud(given.path, given.million))
-    elif given.command == "accuracy":
-        rows = {}
-        for name, known in all_known(given.shape, given.scans):
-            rows[name] = accuracy(known, 8)
-            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-        put(PAGE, "accuracy", table(rows, "shape"))
-    elif given.command == "blind":
-        rows = {}
-        for name, known in map(blind, range(given.first, given.first + given.count)):
-            rows[name] = accuracy(known, 8)
-            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-        put(PAGE, "blind", table(rows, "rock"))
-    elif given.command == "family":
-        rows = {}
-        for name, row in map(family_row, range(given.first, given.first + given.count)):
-            rows[name] = row
-            print(name, {key: round(value, 3) for key, value in row.items()}, flush=True)
-            put(PAGE, "family", table(rows, "rock"))
     elif given.command == "base":
         bases(given)
-    elif given.command == "answers":
-        rows = {}
-        for name, known in all_known(given.shape, given.scans):
-            rows[name] = agreement(name, known, Ensemble.load(given.ensemble), given.jobs)
-        put(PAGE, "answers", table(rows, "shape"))
     else:
-        rows = {}
-        for million in given.million:
-            row = cost(million)
-            within = row["processor s"] < LIMIT_S and row["peak memory GB"] < LIMIT_GB
-            rows[f"{million:g} million"] = row
-            put(PAGE, "cost", table(rows, "asked for"))
-            if not within:
-                print(f"beyond {LIMIT_S} s or {LIMIT_GB} GB: larger clouds are left out", flush=True)
-                break
+        rows: dict[str, dict[str, float]] = {}
+        for name, row in measured(given):
+            rows[name] = row
+            print(name, {key: round(value, 3) for key, value in row.items()}, flush=True)
+            put(PAGE, given.command, table(rows, FIRST_COLUMN[given.command]))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from toppling.models.motions.formats.component import Component, refuse
+from toppling.models.motions.formats.component import Component
 
 _QUESTIONABLE_M_S2 = 5 * 9.80665
 _TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
@@ -61,12 +61,10 @@ def check_apart(channels: Sequence[Component]) -> None:
         a, b = (c.acceleration_m_s2 for c in (one, other))
         count = min(len(a), len(b))
         if np.array_equal(a[:count], b[:count]) or np.array_equal(a[:count], -b[:count]):
-            refuse(
+            other.refuse(
                 f"the samples are those of {one.where}, another component",
-                other.path,
-                other.line,
-                expected="components of one shaking, each with its own samples",
-                remedy="give each component's own file, or accept it with --doubtful",
+                "components of one shaking, each with its own samples",
+                "give each component's own file, or accept it with --doubtful",
             )
 
 
@@ -218,10 +216,4 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 def _refuse_sample(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:
     time = sample * component.time_step_s
-    refuse(
-        f"{what} (sample {sample}, {time:.3f} s)",
-        component.path,
-        component.line,
-        expected=expected,
-        remedy=remedy,
-    )
+    component.refuse(f"{what} (sample {sample}, {time:.3f} s)", expected, remedy)

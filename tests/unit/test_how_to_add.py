@@ -22,9 +22,9 @@ NAME = "one line"
 def recognises(head):
     return head.startswith("ONE LINE")
 
-def read(path, text):
-    samples = np.array(text.split()[2:], float)
-    return [Component(samples, 0.01, code_direction("h1"), path, 1, NAME, label="h1")]
+def read(file):
+    samples = np.array(" ".join(file.lines).split()[2:], float)
+    return [Component(samples, 0.01, code_direction("h1"), file.path, 1, NAME, label="h1")]
 '''
 HAZARD = '''
 """Levels in one line, rates in the next."""

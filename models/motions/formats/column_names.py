@@ -2,11 +2,11 @@
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NoReturn
 
 from toppling.models.motions.formats.column_times import UNITS_S
-from toppling.models.motions.formats.component import bearing, refuse
+from toppling.models.motions.formats.component import bearing
+from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.units import unit_of
 
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
@@ -21,22 +21,8 @@ _TIME = re.compile(
     re.IGNORECASE,
 )
 _NUMBERS = {
-    "",
-    "no",
-    "nr",
-    "n",
-    "i",
-    "id",
-    "idx",
-    "index",
-    "row",
-    "sample",
-    "samples",
-    "point",
-    "points",
-    "#",
-    "count",
-}
+    "", "no", "nr", "n", "i", "id", "idx", "index", "row", "sample", "samples", "point", "points", "#", "count"
+}  # fmt: skip
 """Names of a column that counts rows."""
 _ACCELERATION = re.compile(
     r"a(?:cc(?:el(?:eration|erations)?)?)?|aceleraci[oó]n|beschleunigung|acc[eé]l[eé]ration|amplitude|samples?|data|values?",
@@ -52,24 +38,10 @@ _OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|vol
 _QUOTIENT = re.compile(r"(.+?)\s+/\s+(.+)")
 """A quantity over its unit: a_E / m s^-2."""
 _FILLING = {
-    "ACC",
-    "ACCEL",
-    "ACCELERATION",
-    "A",
-    "COMP",
-    "COMPONENT",
-    "CHANNEL",
-    "CHAN",
-    "CH",
-    "DIR",
-    "DIRECTION",
-    "LINEAR",
-    "BESCHLEUNIGUNG",
-    "ACELERACION",
-    "ACELERACIÓN",
-    "ACCÉLÉRATION",
-    "ACCELERAZIONE",
-}
+    "ACC", "ACCEL", "ACCELERATION", "A", "COMP", "COMPONENT", "CHANNEL", "CHAN", "CH", "DIR", "DIRECTION", "LINEAR",
+    "BESCHLEUNIGUNG", "ACELERACION", "ACELERACIÓN", "ACCÉLÉRATION", "ACCELERAZIONE",
+}  # fmt: skip
+"""Words of a component's name that say nothing of its direction."""
 _WORDS = {
     "NORTHSOUTH": "NS", "EASTWEST": "EW", "UPDOWN": "UD", "NORTE": "N", "ESTE": "E", "NORD": "N", "EST": "E",
     "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
@@ -161,20 +133,17 @@ def roles_of(columns: list[Column]) -> Roles | None:
     return Roles(time, labels, tuple(columns[place].name for place in others))
 
 
-def refuse_names(columns: list[Column], width: int, path: Path, line: int) -> NoReturn:
+def refuse_names(file: RecordText, at: int, columns: list[Column], width: int) -> NoReturn:
     """Refuse names that are not understood: in the order of a file without names, they might be other components."""
     other = "delete this line if they are the time, h1, h2 and v" if width == 4 else "leave other columns out"
     names = ", ".join(repr(each.name) for each in columns)
-    fits = width == len(columns)
-    refuse(
-        f"the names of {width} columns are {names}"
-        if fits
-        else f"rows of {width} numbers stand below {names}",
-        path,
-        line,
-        expected="the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v",
-        remedy=f"name them so, or {other}",
+    what = (
+        f"the names of {width} columns are"
+        if width == len(columns)
+        else f"rows of {width} numbers stand below"
     )
+    expected = "the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v"
+    file.refuse(at, f"{what} {names}", expected, f"name them so, or {other}")
 
 
 def _label(name: str) -> str:

@@ -1,12 +1,11 @@
 """Times of plain columns: the step that they go on by, whatever their digits, unit or clock."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.formats.component import positive, refuse
+from toppling.models.motions.formats.record_text import RecordText
 
 UNITS_S = {
     "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
@@ -51,21 +50,17 @@ def past_midnight(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return time_s + _DAY_S * np.concatenate([[0], np.cumsum(np.diff(time_s) < -_DAY_S / 2)])
 
 
-def time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: int) -> float:
+def time_step(file: RecordText, first: int, time: NDArray[np.float64], printed: list[str]) -> float:
     """Step of equally spaced times: their span by their number, as round as the last printed digit allows.
 
+    first: line of the first of them.
     Where nearly all differences are one number of whole digits, rounding explains no other.
     """
     if time[-1] < time[0]:
-        refuse(
-            f"the time goes back from {time[0]:g} to {time[-1]:g}",
-            path,
-            line,
-            expected="times that rise",
-            remedy="put the rows in the order of their times",
-        )
+        what = f"the time goes back from {time[0]:g} to {time[-1]:g}"
+        file.refuse(first, what, "times that rise", "put the rows in the order of their times")
     steps = np.diff(time)
-    mean = positive(float((time[-1] - time[0]) / len(steps)), "time step", path, line)
+    mean = file.positive(first, float((time[-1] - time[0]) / len(steps)), "time step")
     usual, digit = float(np.median(steps)), _print_error(printed)
     regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_SHARE
     step = usual if regular or usual > digit else mean
@@ -75,13 +70,9 @@ def time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: i
     if not len(wrong) and digit > _COARSE * step:
         wrong = _jump_of_coarse_times(time, digit)
     if len(wrong):
-        refuse(
-            f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
-            path,
-            line + 1 + int(wrong[0]),
-            expected="equal time steps",
-            remedy="fill or cut the gap, or resample the record to one step first",
-        )
+        what = f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
+        remedy = "fill or cut the gap, or resample the record to one step first"
+        file.refuse(first + 1 + int(wrong[0]), what, "equal time steps", remedy)
     return _round_step(mean, digit / len(steps))
 
 

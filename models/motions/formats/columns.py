@@ -10,7 +10,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -42,7 +41,7 @@ from toppling.models.motions.formats.column_times import (
     time_step,
     unit_of_times_s,
 )
-from toppling.models.motions.formats.component import Component, code_direction, refuse
+from toppling.models.motions.formats.component import Component, code_direction
 from toppling.models.motions.formats.header_text import (
     check_stated,
     stated_counts,
@@ -51,7 +50,7 @@ from toppling.models.motions.formats.header_text import (
     stated_step_s,
     stated_unit,
 )
-from toppling.models.motions.formats.numbers import numbers_in, parted
+from toppling.models.motions.formats.record_text import Counted, RecordText, parted
 from toppling.models.motions.formats.units import counted_unit, known_names
 
 NAME = "plain columns"
@@ -66,6 +65,7 @@ _OF_OBSPY = ("TIMESERIES", "WID2", "WID1")
 """First words of text formats of others, whose samples look like columns."""
 _DERIVED = 0.9
 """Correlation of a column with the slope of the next, from which this is its integral."""
+_USUAL = "acceleration alone, time and acceleration, or time and three components"
 _WIDTHS = (1, 2, 4)
 """Numbers of columns that are understood without names."""
 _MOST_COLUMNS, _MOST_ABOVE, _MOST_FOOTER, _SHOWN = 12, 500, 20, 60
@@ -185,48 +185,45 @@ def _roles(layout: _Layout) -> Roles | None:
     return Roles(0, {1: "h1", 2: "h2", 3: "v"}) if layout.width == 4 and not columns else None
 
 
-def read(path: Path, text: str) -> list[Component]:
+def read(file: RecordText) -> list[Component]:
     """Read the columns; the unit of their samples is that in their names, else the metadata table must name it."""
-    lines = text.splitlines()
+    lines = file.lines
     layout = _layout(lines[:_MOST_ABOVE])
     if layout is None:
-        refuse("no rows of numbers follow on each other", path, 1, expected="columns of numbers")
+        file.refuse(0, "no rows of numbers follow on each other", "columns of numbers")
     first, width = layout.first, layout.width
-    end, warnings = _end(lines, layout, path)
+    end, warnings = _end(file, layout)
     rows = [separated(plain_line(line), layout.decimal_comma) for line in lines[first:end]]
     rows = [_EXPONENT.sub("E", row) if "D" in row or "d" in row else row for row in rows]
     rows = [row if len(row.split()) == width else parted(row) for row in rows]
     wrapped = _is_wrapped(lines, layout)
     for offset, row in enumerate(() if wrapped else rows):
         if row.strip() and len(row.split()) != width:
-            refuse(
-                f"{len(row.split())} numbers where the lines before have {width}",
-                path,
-                first + 1 + offset,
-                expected="the same columns on every line",
-                remedy="fill an empty cell, or fetch the file again if it is damaged or truncated here",
-            )
-    _refuse_two_commas(lines[first], width, rows, path, first + 1)
-    values = numbers_in(rows, path, first + 1).reshape(-1, 1 if wrapped else width)
+            what = f"{len(row.split())} numbers where the lines before have {width}"
+            remedy = "fill an empty cell, or fetch the file again if it is damaged or truncated here"
+            file.refuse(first + offset, what, "the same columns on every line", remedy)
+    _refuse_two_commas(file, layout, rows)
+    values = RecordText(file.path, rows, first).numbers(0).reshape(-1, 1 if wrapped else width)
     roles = Roles(None, {0: ""}) if wrapped else _roles(layout)
     if roles is None:
-        _refuse_columns(layout, path)
+        _refuse_columns(file, layout)
     if roles.components == {1: "h1", 2: "h2", 3: "v"}:
-        _refuse_derived(values, path, first + 1)
-    step = _step(values, rows, layout, roles, lines, path)
+        _refuse_derived(file, first, values)
+    step = _step(file, layout, roles, values, rows)
     if roles.left_out:
-        warnings = (*warnings, f"{path.name}: columns left out: {', '.join(roles.left_out)}")
+        warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
     named = layout.columns if len(layout.columns) == width and not wrapped else (Column("", ""),) * width
     told = [
         line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns or wrapped
     ]
-    check_stated(told, step, (len(values), len(roles.components)), path)
+    check_stated(told, step, (len(values), len(roles.components)), str(file.path))
     above = stated_unit(told)
     found = [
-        _component(values[:, place], step, label, named[place], path, first + 1, above)
+        _component(
+            file, first, Counted(values[:, place], warnings=warnings), step, label, named[place], above
+        )
         for place, label in roles.components.items()
     ]
-    found = [replace(each, warnings=warnings) for each in found]
     if list(roles.components.values()) == [""]:
         found = [replace(found[0], direction=stated_direction(told))]
     peak = stated_peak_m_s2(told)
@@ -237,9 +234,9 @@ def read(path: Path, text: str) -> list[Component]:
     return found
 
 
-def _end(lines: Sequence[str], layout: _Layout, path: Path) -> tuple[int, tuple[str, ...]]:
+def _end(file: RecordText, layout: _Layout) -> tuple[int, tuple[str, ...]]:
     """Place behind the last row, and what is told of text below it: sums, or that it is the end."""
-    end = len(lines)
+    lines, end = file.lines, len(file.lines)
     while end > layout.first + _LEAST_ROWS and not lines[end - 1].strip():
         end -= 1
     last = end
@@ -249,54 +246,40 @@ def _end(lines: Sequence[str], layout: _Layout, path: Path) -> tuple[int, tuple[
         last -= 1
     if not 0 < end - last <= _MOST_FOOTER:
         return end, ()
-    told = f"{path.name}: text below the samples is left out: {lines[last].strip()[:_SHOWN]!r}"
+    told = f"{file.path.name}: text below the samples is left out: {lines[last].strip()[:_SHOWN]!r}"
     return last, (told,)
 
 
 def _step(
-    values: NDArray[np.float64],
-    rows: Sequence[str],
-    layout: _Layout,
-    roles: Roles,
-    lines: Sequence[str],
-    path: Path,
+    file: RecordText, layout: _Layout, roles: Roles, values: NDArray[np.float64], rows: Sequence[str]
 ) -> float:
     """Time step by the column of times, else by the text above; NaN where neither states it."""
     if roles.time is None:
-        above = stated_step_s([line for line in lines[: layout.first] if line.strip()], len(values))
+        above = stated_step_s([line for line in file.lines[: layout.first] if line.strip()], len(values))
         return math.nan if above is None else above
     unit = (
         layout.columns[roles.time].unit.lower().replace("µ", "u").replace("μ", "u") if layout.columns else ""
     )
-    clock = plain_line(lines[layout.first]) != unquoted(lines[layout.first])
+    clock = plain_line(file.lines[layout.first]) != unquoted(file.lines[layout.first])
     if not clock and unit not in UNITS_S:
-        refuse(
-            f"the time is in {unit!r}",
-            path,
-            (layout.names_at or 0) + 1,
-            expected=f"one of {', '.join(filter(None, UNITS_S))}",
-            remedy="correct the unit, or give the time in seconds",
-        )
+        expected = f"one of {', '.join(filter(None, UNITS_S))}"
+        remedy = "correct the unit, or give the time in seconds"
+        file.refuse(layout.names_at or 0, f"the time is in {unit!r}", expected, remedy)
     printed = [row.split()[roles.time] for row in rows if row.strip()]
     time = past_midnight(values[:, roles.time]) if clock else values[:, roles.time]
-    return time_step(time, printed, path, layout.first + 1) * (
+    return time_step(file, layout.first, time, printed) * (
         1.0 if clock else unit_of_times_s(unit, float(time[0]))
     )
 
 
-def _refuse_columns(layout: _Layout, path: Path) -> NoReturn:
+def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:
     if layout.columns:
-        refuse_names(list(layout.columns), layout.width, path, (layout.names_at or 0) + 1)
-    refuse(
-        f"{layout.width} columns without names",
-        path,
-        layout.first + 1,
-        expected="acceleration alone, time and acceleration, or time and three components",
-        remedy="name them in a line above, such as 'Time (s),NS (cm/s2),EW (cm/s2)'",
-    )
+        refuse_names(file, layout.names_at or 0, list(layout.columns), layout.width)
+    remedy = "name them in a line above, such as 'Time (s),NS (cm/s2),EW (cm/s2)'"
+    file.refuse(layout.first, f"{layout.width} columns without names", _USUAL, remedy)
 
 
-def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
+def _refuse_derived(file: RecordText, first: int, values: NDArray[np.float64]) -> None:
     """Refuse a column that is the integral of the one before it, as velocity and displacement beside acceleration."""
     slopes = np.diff(values, axis=0)[:, 1:]
     means = 0.5 * (values[1:] + values[:-1])[:, 1:]
@@ -304,56 +287,39 @@ def _refuse_derived(values: NDArray[np.float64], path: Path, line: int) -> None:
         pair = np.stack([means[:, place - 1], slopes[:, place]])
         if pair.std(axis=1).min() == 0 or np.asarray(np.corrcoef(pair))[0, 1] < _DERIVED:
             return
-    refuse(
+    file.refuse(
+        first,
         "its last two columns are integrals of the second: velocity and displacement beside the acceleration",
-        path,
-        line,
-        expected="acceleration alone, time and acceleration, or time and three components",
-        remedy="leave the columns of velocity and displacement out, and give one file a component",
+        _USUAL,
+        "leave the columns of velocity and displacement out, and give one file a component",
     )
 
 
 def _component(
-    values: NDArray[np.float64],
-    step: float,
-    label: str,
-    column: Column,
-    path: Path,
-    line: int,
-    above: float | None,
+    file: RecordText, first: int, found: Counted, step: float, label: str, column: Column, above: float | None
 ) -> Component:
     """One channel; its unit is its column's, else that of the text above."""
     unit, no_unit = counted_unit(column.unit), None
     if unit is not None and unit.quantity != "acceleration":
-        refuse(
-            f"the column {column.name!r} is in {column.unit!r}, a unit of {unit.quantity}",
-            path,
-            line,
-            expected="acceleration",
-            remedy="differentiate it to acceleration first",
-        )
+        what = f"the column {column.name!r} is in {column.unit!r}, a unit of {unit.quantity}"
+        file.refuse(first, what, "acceleration", "differentiate it to acceleration first")
     if unit is not None and above is not None and not math.isclose(unit.factor, above):
-        refuse(
-            f"the column {column.name!r} is in {column.unit!r}, and the text above names another unit",
-            path,
-            line,
-            expected="one unit of acceleration",
-            remedy="correct the text, or the names of the columns",
-        )
+        what = f"the column {column.name!r} is in {column.unit!r}, and the text above names another unit"
+        file.refuse(first, what, "one unit of acceleration", "correct the text, or the names of the columns")
     if unit is None and column.unit:
         no_unit = InputError(
             f"{column.unit!r} in the names of the columns does not say in which unit the samples are",
-            where=f"{path}:{line}",
+            where=file.where(first),
             expected=f"one of {known_names()}",
             remedy="correct it, or give a metadata table with the column 'unit' (--metadata)",
         )
     factor = unit.factor if unit else None if column.unit else above
-    return Component(
-        acceleration_m_s2=values * (factor or 1.0),
-        time_step_s=step,
+    return file.channel(
+        first,
+        found,
+        factor or 1.0,
+        step,
         direction=code_direction(label),
-        path=path,
-        line=line,
         file_format=NAME,
         unit_known=factor is not None,
         stated_unit_m_s2=factor,
@@ -362,17 +328,17 @@ def _component(
     )
 
 
-def _refuse_two_commas(example: str, width: int, rows: list[str], path: Path, line: int) -> None:
+def _refuse_two_commas(file: RecordText, layout: _Layout, rows: list[str]) -> None:
     """Refuse commas that part numbers and seem to be within them too: no time goes on, or there are twice as many."""
+    example, width = file.lines[layout.first], layout.width
     firsts = [row.split()[0] for row in rows[:20] if row.strip()]
     if "," not in example or "." in example or not all(map(str.isdigit, firsts)):
         return
     if width in _WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
         return
-    refuse(
+    file.refuse(
+        layout.first,
         f"{example.strip()[:60]!r} has commas, which may stand between its numbers or within them",
-        path,
-        line,
-        expected="a decimal point, or semicolons, tabs or blanks between numbers with decimal commas",
-        remedy="export the file with a decimal point",
+        "a decimal point, or semicolons, tabs or blanks between numbers with decimal commas",
+        "export the file with a decimal point",
     )

@@ -1,4 +1,4 @@
-"""One channel as a file gives it, and how a reader says that it cannot."""
+"""One channel as a file gives it, and the direction that its label names."""
 
 import re
 from dataclasses import dataclass, field
@@ -52,38 +52,21 @@ class Component:
         """File and line, as an error names them."""
         return f"{self.path}:{self.line}" if self.line else str(self.path)
 
-
-def refuse(
-    what: str, path: Path | str, line: int = 0, *, expected: str, remedy: str = "fetch the file again"
-) -> NoReturn:
-    """Raise the error that names file and line."""
-    raise InputError(what, where=f"{path}:{line}" if line else str(path), expected=expected, remedy=remedy)
+    def refuse(self, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+        """Refuse the channel."""
+        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
 
 
-def positive(value: float, name: str, path: Path, line: int) -> float:
-    """Value of a header, if it is a positive finite number."""
-    if not (np.isfinite(value) and value > 0):
-        refuse(
-            f"{name} is {value:g}",
-            path,
-            line,
-            expected=f"a positive {name}",
-            remedy="correct the header, or fetch the file again",
-        )
-    return value
-
-
-def check_time_step(value_s: float, path: Path | str, line: int = 0) -> float:
+def check_time_step(value_s: float, where: str) -> float:
     """Time step of a record, if it is one.
 
     Raises InputError if it is shorter or longer than that of any instrument.
     """
     least, most = TIME_STEPS_S
     if not least <= value_s <= most:
-        refuse(
+        raise InputError(
             f"the time step is {value_s:g} s",
-            path,
-            line,
+            where=where,
             expected=f"a time step of {least:g} to {most:g} s",
             remedy="correct the time step or its unit, or fetch the file again",
         )

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
-from toppling.models.motions.formats.component import code_direction, refuse
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import code_direction
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -96,7 +96,7 @@ def stated_counts(lines: Sequence[str]) -> set[int]:
     return {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
 
 
-def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
+def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], where: str) -> None:
     """Refuse samples that are not those that the lines above them tell of.
 
     shape: of the samples, rows and columns.
@@ -104,9 +104,9 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     """
     stated = stated_step_s(lines, shape[0])
     if stated is not None and abs(stated - step_s) > _STEP_OFF * step_s:
-        refuse(
+        raise InputError(
             f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above",
-            path,
+            where=where,
             expected="one time step",
             remedy="correct the text, or the times",
         )
@@ -116,9 +116,9 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
         if abs(count - n) <= max(_ROWS_OFF, _COUNT_OFF * n)
     ]  # fmt: skip
     if len(counts) == 1 and not near:
-        refuse(
+        raise InputError(
             f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above",
-            path,
+            where=where,
             expected="as many samples as stated",
             remedy="fetch the file again if it is cut, or correct the text",
         )

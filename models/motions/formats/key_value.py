@@ -1,14 +1,14 @@
 """Headers of keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
 
 import re
+from dataclasses import replace
 from itertools import zip_longest
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
-from toppling.models.motions.formats.numbers import counted, numbers_in
+from toppling.models.motions.formats.component import Component, bearing, code_direction
+from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _PRINTED_TIME_S = 0.0015
@@ -27,9 +27,9 @@ class esm:  # noqa: N801  (a reader, as the modules are)
         return bool(re.match(r"EVENT_NAME\s*:", upper)) and "SAMPLING_INTERVAL_S" in upper
 
     @staticmethod
-    def read(path: Path, text: str) -> list[Component]:
+    def read(file: RecordText) -> list[Component]:
         """Read one component."""
-        lines = text.splitlines()
+        lines = file.lines
         first = next(
             (i for i, line in enumerate(lines) if _is_number(line.strip().replace(",", "."))), len(lines)
         )
@@ -38,27 +38,24 @@ class esm:  # noqa: N801  (a reader, as the modules are)
             for key, _, value in (line.partition(":") for line in lines[:first])
         }
         if header.get("DATA_TYPE", "").upper() != "ACCELERATION":
-            refuse(
-                f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}", path, 1, expected="ACCELERATION",
-                remedy="give the file of acceleration",
-            )  # fmt: skip
+            what = f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}"
+            file.refuse(0, what, "ACCELERATION", "give the file of acceleration")
         unit = acceleration_m_s2(header.get("UNITS", ""))
         if unit is None:
-            refuse(f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2")
-        step = _number(header, "SAMPLING_INTERVAL_S", path)
-        body = lines[first:]
-        count = int(_number(header, "NDATA", path))
-        _refuse_other_duration(_optional(header.get("DURATION_S")), count, step, path)
-        found = counted(numbers_in(body, path, first + 1), count, body, path, 1)
+            file.refuse(0, f"UNITS is {header.get('UNITS')!r}", "cm/s^2")
+        step = _number(file, header, "SAMPLING_INTERVAL_S")
+        count = int(_number(file, header, "NDATA"))
+        _refuse_other_duration(file, _optional(header.get("DURATION_S")), count, step)
+        found = file.counted(0, count, first)
         peak_cm_s2 = _optional(header.get("PGA_CM/S^2"))
         stream = header.get("STREAM", "")
         return [
-            Component(
-                acceleration_m_s2=found.values * unit,
-                time_step_s=positive(step, "SAMPLING_INTERVAL_S", path, 1),
+            file.channel(
+                first,
+                found,
+                unit,
+                file.positive(0, step, "SAMPLING_INTERVAL_S"),
                 direction=code_direction(stream[-1:]),
-                path=path,
-                line=first + 1,
                 file_format=esm.NAME,
                 corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
                 stated_unit_m_s2=unit,
@@ -71,8 +68,6 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 distance_km=_optional(header.get("EPICENTRAL_DISTANCE_KM")),
                 series=stream[:-1],
                 stated_peak_m_s2=None if peak_cm_s2 is None else 0.01 * abs(peak_cm_s2),
-                warnings=found.warnings,
-                missing=found.missing,
             )
         ]
 
@@ -88,46 +83,36 @@ class unam:  # noqa: N801
         return "ARCHIVO ESTANDAR DE ACELERACION" in head
 
     @staticmethod
-    def read(path: Path, text: str) -> list[Component]:
+    def read(file: RecordText) -> list[Component]:
         """Read all channels."""
-        lines = text.splitlines()
+        lines = file.lines
         at = next((i for i, line in enumerate(lines) if line.startswith("DATOS DE ACELERACION:")), None)
         if at is None:
-            refuse("no 'DATOS DE ACELERACION:'", path, len(lines), expected="samples")
+            file.refuse(len(lines) - 1, "no 'DATOS DE ACELERACION:'", "samples")
         header = {
             key.strip(): value.strip() for key, _, value in (line.partition(" : ") for line in lines[:at])
         }
         unit = acceleration_m_s2(header.get("UNIDADES DE LOS DATOS", "").partition("(")[0])
         if unit is None:
-            refuse(
-                f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}",
-                path,
-                at + 1,
-                expected="Gal (cm/s/s)",
-            )
-        labels, steps, counts = _channels(header, path)
+            what = f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}"
+            file.refuse(at, what, "Gal (cm/s/s)")
+        labels, steps, counts = _channels(file, header)
         numbered = (i for i in range(at + 1, len(lines)) if _is_row(lines[i]))
         first = next(numbered, len(lines))
-        body = lines[first:]
-        count = int(numbers_in([counts[0]], path, 1)[0])
-        found = counted(numbers_in(body, path, first + 1), count, body, path, first + 1, None, len(labels))
+        count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
+        found = file.counted(first, count, first, channels=len(labels))
         if len(found.values) % len(labels):
-            refuse(
-                f"{len(found.values)} numbers of {len(labels)} channels",
-                path,
-                first + 1,
-                expected="whole rows",
-            )
+            file.refuse(first, f"{len(found.values)} numbers of {len(labels)} channels", "whole rows")
         table = found.values.reshape(-1, len(labels))
         peaks = [_optional(text) for text in _slashed(header, "ACEL. MAX.(Gal), C1-C6")]
         moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
         return [
-            Component(
-                acceleration_m_s2=table[:, channel] * unit,
-                time_step_s=positive(float(numbers_in([steps[channel]], path, 1)[0]), "time step", path, 1),
+            file.channel(
+                first,
+                replace(found, values=table[:, channel]),
+                unit,
+                file.positive(0, float(RecordText(file.path, [steps[channel]]).numbers(0)[0]), "time step"),
                 direction=bearing(label),
-                path=path,
-                line=first + 1,
                 file_format=unam.NAME,
                 corrected=False,
                 stated_unit_m_s2=unit,
@@ -136,8 +121,6 @@ class unam:  # noqa: N801
                 label=label,
                 magnitude=float(moment[1]) if moment else None,
                 stated_peak_m_s2=0.01 * abs(peak) if peak is not None else None,
-                warnings=found.warnings,
-                missing=found.missing,
             )
             for channel, (label, peak) in enumerate(zip_longest(labels, peaks[: len(labels)]))
         ]
@@ -154,43 +137,35 @@ class cwb:  # noqa: N801
         return "#StationCode:" in head.replace(" ", "") and "#SampleRate(Hz):" in head.replace(" ", "")
 
     @staticmethod
-    def read(path: Path, text: str) -> list[Component]:
+    def read(file: RecordText) -> list[Component]:
         """Read the three components."""
-        lines = text.splitlines()
+        lines = file.lines
         header = {
             key.replace(" ", ""): value.strip()
             for key, _, value in (line[1:].partition(":") for line in lines if line.startswith("#"))
         }
         order = re.findall(r"Time|[UNE](?=\()", header.get("DataSequence", ""))
         if sorted(order) != ["E", "N", "Time", "U"] or "gal" not in header.get("AmplitudeUnit", "").lower():
-            refuse(
-                f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}",
-                path,
-                1,
-                expected="Time U(+); N(+); E(+) in gal",
-            )
+            what = f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}"
+            file.refuse(0, what, "Time U(+); N(+); E(+) in gal")
         first = max(i for i, line in enumerate(lines) if line.startswith("#")) + 1
-        table = numbers_in(lines[first:], path, first + 1)
-        rate = positive(_number(header, "SampleRate(Hz)", path), "SampleRate(Hz)", path, 1)
-        count = round(_number(header, "RecordLength(sec)", path) * rate)
+        table = file.numbers(first)
+        rate = file.positive(0, _number(file, header, "SampleRate(Hz)"), "SampleRate(Hz)")
+        count = round(_number(file, header, "RecordLength(sec)") * rate)
         rows = len(table) // 4
         if len(table) % 4 or abs(rows - count) > 1:
-            refuse(
-                f"{len(table)} numbers where {count} rows of 4 are announced: truncated",
-                path,
-                len(lines),
-                expected=f"{count} rows of time, up, north and east",
-            )
+            what = f"{len(table)} numbers where {count} rows of 4 are announced: truncated"
+            file.refuse(len(lines) - 1, what, f"{count} rows of time, up, north and east")
         table = table.reshape(rows, 4)
-        _refuse_gap(table[:, order.index("Time")], 1 / rate, path, first + 1)
+        _refuse_gap(file, first, table[:, order.index("Time")], 1 / rate)
         magnitude = next((value for key, value in header.items() if key.startswith("Magnitude")), None)
         return [
-            Component(
-                acceleration_m_s2=table[:, column] * 0.01,
-                time_step_s=1 / rate,
+            file.channel(
+                first,
+                Counted(table[:, column]),
+                0.01,
+                1 / rate,
                 direction=bearing(letter),
-                path=path,
-                line=first + 1,
                 file_format=cwb.NAME,
                 corrected=False,
                 event=header.get("OriginTime(GMT+08)", ""),
@@ -210,47 +185,39 @@ def _cwb_peak_m_s2(extremes: str) -> float | None:
     return 0.01 * max(abs(value) for value in gal if value is not None) if None not in gal else None
 
 
-def _refuse_other_duration(duration_s: float | None, count: int, step_s: float, path: Path) -> None:
+def _refuse_other_duration(file: RecordText, duration_s: float | None, count: int, step_s: float) -> None:
     """Refuse a duration that is not that of the samples: one of step, count and duration is wrong."""
     if duration_s is None or abs(count * step_s - duration_s) <= 0.01 * duration_s + 2 * step_s:
         return
-    refuse(
+    file.refuse(
+        0,
         f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}",
-        path,
-        1,
-        expected="a duration that is the number of samples by their time step",
-        remedy="correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again",
+        "a duration that is the number of samples by their time step",
+        "correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again",
     )
 
 
-def _refuse_gap(time: NDArray[np.float64], step: float, path: Path, line: int) -> None:
+def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: float) -> None:
     """Refuse rows whose times do not go on by the step: printed to a millisecond, they are off by as much."""
     wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(_PRINTED_TIME_S, 0.5 * step))
     if len(wrong):
-        refuse(
-            f"the time goes from {time[wrong[0]]:g} to {time[wrong[0] + 1]:g} s where the step is {step:g} s",
-            path,
-            line + int(wrong[0]) + 1,
-            expected="equal time steps",
-        )
+        before, after = time[wrong[0]], time[wrong[0] + 1]
+        what = f"the time goes from {before:g} to {after:g} s where the step is {step:g} s"
+        file.refuse(first + int(wrong[0]) + 1, what, "equal time steps")
 
 
 def _is_row(line: str) -> bool:
     return bool(line.strip()) and all(_is_number(word.replace(",", ".")) for word in line.split())
 
 
-def _channels(header: dict[str, str], path: Path) -> tuple[list[str], list[str], list[str]]:
+def _channels(file: RecordText, header: dict[str, str]) -> tuple[list[str], list[str], list[str]]:
     """Orientations, time steps and counts of a file's channels."""
     labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
     steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
     counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
     if not labels or not (len(labels) == len(steps) == len(counts)):
-        refuse(
-            f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts",
-            path,
-            1,
-            expected="one of each for every channel",
-        )
+        what = f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts"
+        file.refuse(0, what, "one of each for every channel")
     return labels, steps, counts
 
 
@@ -259,10 +226,10 @@ def _slashed(header: dict[str, str], key: str) -> list[str]:
     return [part.strip() for part in header.get(key, "").lstrip("/").split("/") if part.strip()]
 
 
-def _number(header: dict[str, str], key: str, path: Path) -> float:
+def _number(file: RecordText, header: dict[str, str], key: str) -> float:
     text = header.get(key, "").replace(",", ".")
     if not _is_number(text):
-        refuse(f"{key} is {text!r}", path, 1, expected="a number")
+        file.refuse(0, f"{key} is {text!r}", "a number")
     return float(text)
 
 

@@ -1,10 +1,11 @@
 """PEER NGA acceleration files (AT2): four header lines, then samples in g."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
-from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
-from toppling.models.motions.formats.numbers import Counted, counted, numbers_in
+from toppling.models.motions.formats.component import Component, bearing, code_direction
+from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 NAME = "PEER AT2"
@@ -31,54 +32,49 @@ def recognises(head: str) -> bool:
     return at is not None and any(map(_numbers_of, lines[at + 1 : at + 3]))
 
 
-def read(path: Path, text: str) -> list[Component]:
+def read(file: RecordText) -> list[Component]:
     """Read one component; both header styles (`NPTS= 5437, DT= .0050 SEC` and `5437 0.0050 NPTS, DT`)."""
-    lines = text.splitlines()
+    lines = file.lines
     top = next(place for place, line in enumerate(lines) if line.strip())
     at = _series_line(lines)
     at = top + 2 if at is None else at
     named = _UNIT.search(lines[at])
     unit = acceleration_m_s2(named[1]) if named else None
     if "ACCELERATION" not in lines[at].upper() or unit is None:
-        refuse(
+        what, expected = (
             f"the title of the series is {lines[at].strip()[:60]!r}",
-            path,
-            at + 1,
-            expected="'ACCELERATION TIME SERIES IN UNITS OF G'",
-            remedy="give the acceleration file (.AT2), not velocity or displacement",
+            "'ACCELERATION TIME SERIES IN UNITS OF G'",
         )
+        file.refuse(at, what, expected, "give the acceleration file (.AT2), not velocity or displacement")
     numbers = next((n for n in range(at + 1, min(at + 3, len(lines))) if _numbers_of(lines[n])), at + 1)
-    count, step = _count_and_step(lines[numbers], path, numbers + 1)
+    count, step = _count_and_step(file, numbers)
     first = numbers + 1
-    values = numbers_in(lines[first:], path, first + 1)
     if count is None:
-        found = Counted(
-            values, warnings=(f"{path.name}: no NPTS, all {len(values)} samples that follow are read",)
-        )
+        values = file.numbers(first)
+        told = f"{file.path.name}: no NPTS, all {len(values)} samples that follow are read"
+        found = Counted(values, warnings=(told,))
     else:
-        found = counted(values, count, lines[first:], path, first)
+        found = file.counted(numbers, count, first)
     event, station, label = _title(lines[top + 1] if at > top + 1 else lines[top])
     return [
-        Component(
-            acceleration_m_s2=found.values * unit,
-            time_step_s=step,
+        file.channel(
+            first,
+            found,
+            unit,
+            step,
             direction=_direction(label),
-            path=path,
-            line=first + 1,
             file_format=NAME,
             corrected=True,
             stated_unit_m_s2=unit,
             event=event,
             station=station,
             label=label,
-            series=_series(path),
-            warnings=found.warnings,
-            missing=found.missing,
+            series=_series(file.path),
         )
     ]
 
 
-def _series_line(lines: list[str]) -> int | None:
+def _series_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names quantity and unit, which filters or blank lines may have moved."""
     return next((n for n, line in enumerate(lines[:_HEADER_LINES]) if _SERIES.search(line)), None)
 
@@ -91,19 +87,17 @@ def _numbers_of(line: str) -> tuple[str | None, str | None] | None:
     return (count and count[1], step and step[1]) if count or step else None
 
 
-def _count_and_step(line: str, path: Path, number: int) -> tuple[int | None, float]:
-    count, step = _numbers_of(line) or (None, None)
+def _count_and_step(file: RecordText, at: int) -> tuple[int | None, float]:
+    count, step = _numbers_of(file.lines[at]) or (None, None)
     try:
         seconds = float((step or "").upper().replace("D", "E").replace(",", "."))
     except ValueError:
-        refuse(
-            f"{line.strip()[:60]!r} has no readable time step",
-            path,
-            number,
-            expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
-            remedy="write NPTS and DT into this line, or fetch the file again",
+        what, expected = (
+            f"{file.lines[at].strip()[:60]!r} has no readable time step",
+            "a line such as 'NPTS=  5437, DT= .0050 SEC'",
         )
-    return (None if count is None else int(count)), positive(seconds, "time step", path, number)
+        file.refuse(at, what, expected, "write NPTS and DT into this line, or fetch the file again")
+    return (None if count is None else int(count)), file.positive(at, seconds, "time step")
 
 
 def _title(line: str) -> tuple[str, str, str]:

@@ -3,15 +3,16 @@
 import math
 import re
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from toppling.models.motions.formats.component import Component, check_time_step, refuse
+from toppling.models.motions.formats.component import Component, check_time_step
 from toppling.models.motions.formats.decoding import HEAD_BYTES, text_of
 from toppling.models.motions.formats.key_value import cwb, esm, unam
+from toppling.models.motions.formats.record_text import RecordText
 
 
 class Reader(Protocol):
@@ -22,7 +23,7 @@ class Reader(Protocol):
     def recognises(self, head: str, /) -> bool:
         """Whether a file that begins so is of this format."""
 
-    def read(self, path: Path, text: str, /) -> list[Component]:
+    def read(self, file: RecordText, /) -> list[Component]:
         """Read all channels of acceleration."""
 
 
@@ -54,74 +55,64 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     Raises InputError if no reader knows the format, or the file is damaged: with file and line.
     """
     if not path.is_file():
-        refuse("is no file", path, expected="a record", remedy="check the path")
+        _refuse(path, "is no file", remedy="check the path")
     if path.stat().st_size > _LARGEST_BYTES:
-        refuse(
+        what, expected = (
             f"the file has {path.stat().st_size / 1e6:.0f} MB",
-            path,
-            expected=f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB",
-            remedy="cut the shaking out of it first",
+            f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB",
         )
+        _refuse(path, what, expected, "cut the shaking out of it first")
     content = path.read_bytes()
     if not content.strip(b"\0\x1a \t\r\n"):
-        refuse("the file is empty", path, expected="a record")
+        _refuse(path, "the file is empty")
     text = text_of(content)
     reader = next((reader for reader in _TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
-        return _checked(_read_text(reader, path, text), path)
+        return _checked(_read_text(reader, RecordText(path, text.splitlines())), path)
     head = content[:HEAD_BYTES]
     del content, text
     found = seismic.read(path, inventory)
     if found is None:
         for beginning, what, remedy in _NO_RECORDS:
             if re.match(beginning, head, re.IGNORECASE):
-                refuse(f"the file is {what}", path, expected="a record", remedy=remedy)
+                _refuse(path, f"the file is {what}", remedy=remedy)
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
-        refuse(
-            "the format is not known",
-            path,
-            expected=f"{names}, or a format that ObsPy reads",
-            remedy="convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'",
-        )
+        remedy = "convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'"
+        _refuse(path, "the format is not known", f"{names}, or a format that ObsPy reads", remedy)
     return _checked(found, path)
 
 
-def _read_text(reader: Reader, path: Path, text: str) -> list[Component]:
+def _refuse(
+    path: Path, what: str, expected: str = "a record", remedy: str = "fetch the file again"
+) -> NoReturn:
+    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+
+
+def _read_text(reader: Reader, file: RecordText) -> list[Component]:
     """Read by a reader that may meet anything: what it did not foresee is a damaged file too."""
-    longest = max(enumerate(text.splitlines(), 1), key=lambda line: len(line[1]))
-    if len(longest[1]) > _LONGEST_LINE:
-        refuse(
-            f"the line has {len(longest[1])} characters",
-            path,
-            longest[0],
-            expected=f"{reader.NAME}, with lines of at most {_LONGEST_LINE} characters",
-        )
+    lengths = list(map(len, file.lines))
+    if max(lengths) > _LONGEST_LINE:
+        expected = f"{reader.NAME}, with lines of at most {_LONGEST_LINE} characters"
+        file.refuse(lengths.index(max(lengths)), f"the line has {max(lengths)} characters", expected)
     try:
-        return reader.read(path, text)
+        return reader.read(file)
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
-        refuse(
-            f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})",
-            path,
-            expected="a whole file of one format",
-        )
+        what = f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})"
+        _refuse(file.path, what, "a whole file of one format")
 
 
 def _checked(components: list[Component], path: Path) -> list[Component]:
     for component in components:
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
-            refuse(f"{len(a)} samples", path, component.line, expected="at least two samples")
+            component.refuse(f"{len(a)} samples", "at least two samples")
         if not np.isfinite(a).all() or np.abs(a).max() > _LARGEST_SAMPLE:
-            refuse(
-                f"a sample is {a[~(np.abs(a) <= _LARGEST_SAMPLE)][0]:g}",
-                path,
-                component.line,
-                expected="finite samples of a record",
-            )
+            worst = a[~(np.abs(a) <= _LARGEST_SAMPLE)][0]
+            component.refuse(f"a sample is {worst:g}", "finite samples of a record")
         if not math.isnan(step):
-            check_time_step(step, path, component.line)
+            check_time_step(step, component.where)
     if not components:
-        refuse("no channel", path, expected="at least one channel")
+        _refuse(path, "no channel", "at least one channel")
     return components

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import listed
-from toppling.models.motions.formats.component import refuse
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 
 _FLATNESS_BAND_HZ = (0.1, 20.0)
@@ -206,7 +205,8 @@ def _day(time: Any, otherwise: str) -> str:
 
 
 def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> NoReturn:
-    refuse(what, path, expected=expected, remedy="fetch the StationXML with level=response, or correct it")
+    remedy = "fetch the StationXML with level=response, or correct it"
+    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
 
 
 def _input_unit(response: Any, name: str, path: Path) -> Unit:

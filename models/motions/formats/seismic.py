@@ -13,9 +13,9 @@ import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
 from toppling.models.motions.formats.decoding import text_of
-from toppling.models.motions.formats.numbers import exactly
+from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
@@ -27,7 +27,7 @@ FORMATS = (
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
 _TEXT_FORMATS = {"GSE2", "SACXY", "GSE1", "SLIST", "TSPAIR", "KNET"}
-_KNET_DURATION_LINE = 12
+_KNET_DURATION_AT = 11
 _MOST_SAMPLES = 10**9
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """By SAC's `idep`."""
@@ -80,15 +80,15 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         except Exception as error:
             _unreadable(path, error)
     if file_format == "KNET" and not _KNET_UNIT.search(plain):
-        refuse("the scale factor is not in gal", path, expected="'Scale Factor 2000(gal)/8388608'")
+        _refuse(path, "the scale factor is not in gal", "'Scale Factor 2000(gal)/8388608'")
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
-        _unreadable(path, ValueError(doubt[0]))
+        _unreadable(path, doubt[0])
     for trace in stream:
         if np.ma.isMaskedArray(trace.data):
-            refuse(f"samples of {trace.id} are missing", path, expected="all samples")
+            _refuse(path, f"samples of {trace.id} are missing", "all samples")
         if trace.data.dtype.kind not in "iuf":
-            refuse(f"{trace.id} holds no numbers", path, expected="samples", remedy="give the record's file")
+            _refuse(path, f"{trace.id} holds no numbers", "samples", "give the record's file")
     headers = [_header(trace.stats) for trace in stream]
     if file_format == "KINEMETRICS_EVT":
         whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) >= _LEAST_OF_24_BIT
@@ -139,8 +139,12 @@ def _recogniser(file_format: str) -> Any:
     return found.load()
 
 
-def _unreadable(path: Path, error: Exception) -> NoReturn:
-    refuse(f"ObsPy cannot read it ({error})", path, expected="a whole file of a format that ObsPy knows")
+def _refuse(path: Path, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+
+
+def _unreadable(path: Path, error: object) -> NoReturn:
+    _refuse(path, f"ObsPy cannot read it ({error})", "a whole file of a format that ObsPy knows")
 
 
 def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
@@ -151,7 +155,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     Raises InputError if there is a gap, or an overlap with other samples.
     """
     if len(stream) == 0:
-        refuse("no samples", path, expected="a record")
+        _refuse(path, "no samples", "a record")
     pieces: dict[str, list[Any]] = {}
     for trace in stream:
         pieces.setdefault(trace.id, []).append(trace)
@@ -169,30 +173,19 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
     """Append a piece to the trace that begins before it; what is to be told, nothing where it fits."""
     step = whole.stats.delta
     if abs(piece.stats.delta / step - 1) > _SAME_STEP:
-        refuse(
-            f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s",
-            path,
-            expected="one time step",
-        )
+        what = f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s"
+        _refuse(path, what, "one time step")
     place = round((piece.stats.starttime - whole.stats.starttime) / step)
     overlap = len(whole.data) - place
     edges = sorted([whole.stats.endtime, piece.stats.starttime])
     where = f"from {edges[0]} to {edges[1]}"
     if overlap < 0:
-        refuse(
-            f"{whole.id} has a gap of {-overlap * step:g} s {where}",
-            path,
-            expected="one unbroken record a channel",
-            remedy="cut the record before or after the gap",
-        )
+        what = f"{whole.id} has a gap of {-overlap * step:g} s {where}"
+        _refuse(path, what, "one unbroken record a channel", "cut the record before or after the gap")
     twice = min(overlap, len(piece.data))
     if not np.array_equal(whole.data[place : place + twice], piece.data[:twice]):
-        refuse(
-            f"{whole.id} overlaps itself by {twice * step:g} s with other samples {where}",
-            path,
-            expected="one unbroken record a channel",
-            remedy="leave one of the two pieces out",
-        )
+        what = f"{whole.id} overlaps itself by {twice * step:g} s with other samples {where}"
+        _refuse(path, what, "one unbroken record a channel", "leave one of the two pieces out")
     whole.data = np.concatenate([whole.data, piece.data[twice:]])
     return f"{twice} samples of {whole.id} came twice, the same: merged" if twice else ""
 
@@ -202,11 +195,14 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        refuse(f"sample {int(bad[0])} of {trace.id} is not finite", path, expected="finite samples")
-    step = positive(float(stats.delta), "time step", path, 0)
+        _refuse(path, f"sample {int(bad[0])} of {trace.id} is not finite", "finite samples")
+    step = float(stats.delta)
+    if not step > 0:
+        _refuse(path, f"the time step is {step:g} s", "a positive time step")
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
-        exactly(values, _counted(float(own["duration"]), step, path), path, _KNET_DURATION_LINE)
+        file = RecordText(path, ())
+        file.exactly(_KNET_DURATION_AT, values, _counted(file, float(own["duration"]), step))
     found = _in_m_s2(trace, values, inventory, path)
     direction, contradiction = _direction(stats, inventory)
     return Component(
@@ -231,16 +227,12 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
     )
 
 
-def _counted(duration_s: float, step_s: float, path: Path) -> int:
+def _counted(file: RecordText, duration_s: float, step_s: float) -> int:
     """Samples that K-NET's header announces: its files lack the end, or lines in between, where there are others."""
     count = duration_s / step_s
     if not 0 < count < _MOST_SAMPLES:
-        refuse(
-            f"the header's duration is {duration_s:g} s",
-            path,
-            _KNET_DURATION_LINE,
-            expected="the duration of the samples",
-        )
+        what = f"the header's duration is {duration_s:g} s"
+        file.refuse(_KNET_DURATION_AT, what, "the duration of the samples")
     return round(count)
 
 
@@ -262,12 +254,8 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
         return Converted(values) if inventory is None else in_m_s2(trace, inventory, path)
     quantity = _SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
     if quantity not in {"acceleration", "unknown"}:
-        refuse(
-            f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration",
-            path,
-            expected="acceleration (idep 8)",
-            remedy="differentiate it to acceleration first",
-        )
+        what = f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration"
+        _refuse(path, what, "acceleration (idep 8)", "differentiate it to acceleration first")
     silent = InputError(
         "SAC does not say in which unit its samples are",
         where=str(path),

@@ -1,17 +1,17 @@
 """USGS SMC: 11 lines of text, 48 integers, 50 reals, comments, samples in cm/s2, ten characters each."""
 
 import re
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
-from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
-from toppling.models.motions.formats.timed_samples import evenly
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
+from toppling.models.motions.formats.record_text import RecordText
 
 NAME = "USGS SMC"
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10
+_REALS_AT = _TEXT_LINES + _INTEGER_LINES
 _INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
 _NO_INTEGER, _NO_REAL = -32768, 1.6e38
 _EXTREMES = (29, 31)
@@ -28,48 +28,31 @@ def recognises(head: str) -> bool:
     return bool(_KIND.match(head)) and "\n*" in head[:200]
 
 
-def read(path: Path, text: str) -> list[Component]:
+def read(file: RecordText) -> list[Component]:
     """Read one component."""
-    lines = text.splitlines()
+    lines = file.lines
     kind = _KIND.match(lines[0])
     if kind is None or "CORRECTED" not in kind[2].upper():
-        refuse(
+        what, expected = (
             f"the first line says {lines[0].strip()!r}",
-            path,
-            1,
-            expected="an uncorrected (1) or corrected (2) accelerogram",
-            remedy="give the file of acceleration",
+            "an uncorrected (1) or corrected (2) accelerogram",
         )
-    after_integers = _TEXT_LINES + _INTEGER_LINES
-    integers = exactly(
-        numbers_in(lines[_TEXT_LINES:after_integers], path, _TEXT_LINES + 1, _INTEGER_WIDTH),
-        48,
-        path,
-        _TEXT_LINES + 1,
-    ).astype(int)
-    reals = exactly(
-        numbers_in(
-            lines[after_integers : after_integers + _REAL_LINES], path, after_integers + 1, _REAL_WIDTH
-        ),
-        50,
-        path,
-        after_integers + 1,
-    )
-    first = after_integers + _REAL_LINES + max(int(integers[15]), 0)
-    body = lines[first:]
-    samples = numbers_in(body, path, first + 1, _SAMPLE_WIDTH)
-    found = counted(samples, int(integers[16]), body, path, _TEXT_LINES + 3, _SAMPLE_WIDTH)
-    values, step, notes = _equally_spaced(found.values, float(reals[1]), path, first + 1)
+        file.refuse(0, what, expected, "give the file of acceleration")
+    integers = file.exactly(_TEXT_LINES, file.numbers(_TEXT_LINES, _REALS_AT, _INTEGER_WIDTH), 48).astype(int)
+    reals = file.exactly(_REALS_AT, file.numbers(_REALS_AT, _REALS_AT + _REAL_LINES, _REAL_WIDTH), 50)
+    first = _REALS_AT + _REAL_LINES + max(int(integers[15]), 0)
+    found = file.counted(_TEXT_LINES + 2, int(integers[16]), first, None, _SAMPLE_WIDTH)
+    values, step, notes = _equally_spaced(file, first, found.values, float(reals[1]))
     station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
     return [
-        Component(
-            acceleration_m_s2=values * 0.01,
-            time_step_s=step,
+        file.channel(
+            first,
+            replace(found, values=values),
+            0.01,
+            step,
             direction=_direction(label, int(integers[12]), int(integers[13])),
-            path=path,
-            line=first + 1,
             file_format=NAME,
             corrected=kind[1] == "2",
             event=_event(lines[3]),
@@ -80,29 +63,23 @@ def read(path: Path, text: str) -> list[Component]:
             stated_peak_m_s2=0.01
             * max((abs(reals[n]) for n in _EXTREMES if abs(reals[n]) < _NO_REAL), default=0.0),
             notes=notes,
-            warnings=found.warnings,
-            missing=found.missing,
         )
     ]
 
 
 def _equally_spaced(
-    values: NDArray[np.float64], rate_hz: float, path: Path, line: int
+    file: RecordText, first: int, values: NDArray[np.float64], rate_hz: float
 ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
     """Samples at the header's rate; where it has none, they are pairs of time and acceleration."""
     if rate_hz < _NO_REAL:
-        return values, 1 / positive(rate_hz, "sampling rate", path, _TEXT_LINES + _INTEGER_LINES + 1), ()
+        return values, 1 / file.positive(_REALS_AT, rate_hz, "sampling rate"), ()
     if len(values) < 4 or len(values) % 2:
-        refuse(
-            f"no sampling rate in the header, and {len(values)} numbers",
-            path,
-            line,
-            expected="pairs of time and acceleration where the header has no rate",
-        )
+        what = f"no sampling rate in the header, and {len(values)} numbers"
+        file.refuse(first, what, "pairs of time and acceleration where the header has no rate")
     pairs = values.reshape(-1, 2)
     mean = abs(float(pairs[-1, 0] - pairs[0, 0])) / (len(pairs) - 1)
     step = next((step for step in _UNEVEN_STEPS_S if step <= mean), _UNEVEN_STEPS_S[-1])
-    return evenly(pairs, path, line, _PAIRS_A_LINE, step)
+    return file.evenly(first, pairs, _PAIRS_A_LINE, step)
 
 
 def _event(line: str) -> str:

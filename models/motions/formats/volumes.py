@@ -6,13 +6,12 @@ or equally spaced.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
-from toppling.models.motions.formats.component import Component, bearing, positive, refuse
+from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.numbers import Counted, column_width, counted, numbers_in
-from toppling.models.motions.formats.timed_samples import evenly
+from toppling.models.motions.formats.record_text import Counted, RecordText, column_width
 from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
@@ -52,45 +51,45 @@ def recognises(head: str) -> bool:
     return bool(_FIRST.match(head.split("\n", 1)[0]))
 
 
-def read(path: Path, text: str) -> list[Component]:
+def read(file: RecordText) -> list[Component]:
     """Read every channel of a volume."""
-    lines = text.splitlines()
+    lines = file.lines
     ends = [i for i, line in enumerate(lines) if line.startswith("/&")]
     starts = [0, *(end + 1 for end in ends)]
     stops = [*ends, len(lines)]
     blocks = [(a, b) for a, b in zip(starts, stops, strict=True) if any(line.strip() for line in lines[a:b])]
     for start, stop in blocks[1:]:
         if not any(map(_HEADING.search, lines[start:stop])):
-            refuse(
+            file.refuse(
+                start,
                 f"{stop - start} lines of numbers follow after the end of a channel",
-                path,
-                start + 1,
-                expected="a channel that begins with its title, or the end of the file",
-                remedy="fetch the file again, or cut them off",
+                "a channel that begins with its title, or the end of the file",
+                "fetch the file again, or cut them off",
             )
-    return [_channel(lines[start:stop], path, start + 1) for start, stop in blocks]
+    return [_channel(file.part(start, stop)) for start, stop in blocks]
 
 
-def _channel(lines: list[str], path: Path, line: int) -> Component:
+def _channel(file: RecordText) -> Component:
+    lines = file.lines
     heading = next((i for i, text in enumerate(lines[:60]) if _EQUAL.match(text)), None)
     corrected = lines[0].lstrip().lower().startswith("corrected")
     if heading is not None:
-        found, step = _equally_spaced(lines, heading, path, line)
+        found, unit_m_s2, step = _equally_spaced(file, heading)
         first = heading + 1
         notes: tuple[str, ...] = ()
     else:
-        first = _HEADER_LINES
-        found, step, notes = _headed_by_count(lines, path, line)
-    label = _label(lines, path, line)
+        first, unit_m_s2 = _HEADER_LINES, UNITS_M_S2["g/10"]
+        found, step, notes = _headed_by_count(file)
+    label = _label(file)
     dialect = _dialect(lines, corrected)
     event, series = _event(lines, dialect)
     title = next((_MAGNITUDE.search(text) for text in lines[:15] if _MAGNITUDE.search(text)), None)
-    return Component(
-        acceleration_m_s2=found.values,
-        time_step_s=step,
+    return file.channel(
+        first,
+        found,
+        unit_m_s2,
+        step,
         direction=_direction(label, lines),
-        path=path,
-        line=line + first,
         file_format=dialect,
         corrected=corrected,
         event=event,
@@ -100,77 +99,55 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         stated_peak_m_s2=stated_peak_m_s2(lines[:first]),
         series=series,
         notes=notes,
-        warnings=found.warnings,
-        missing=found.missing,
     )
 
 
-def _equally_spaced(lines: list[str], heading: int, path: Path, line: int) -> tuple[Counted, float]:
-    """Read samples under a heading that says how many, how far apart, in what unit and in what columns."""
-    text = lines[heading]
+def _equally_spaced(file: RecordText, heading: int) -> tuple[Counted, float, float]:
+    """Samples, unit and time step under a heading that says how many, how far apart, and in what columns."""
+    text = file.lines[heading]
     match = _EQUAL.match(text)
     spaced, rate, unit = _SPACED.search(text), _RATE.search(text), _UNIT.search(text.replace("(", " "))
     factor = acceleration_m_s2(unit[1]) if unit else None
     if match is None or not (spaced or rate) or unit is None or factor is None:
-        refuse(
-            f"{text.strip()!r} does not say time step and unit",
-            path,
-            line + heading,
-            expected="'10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'",
-        )
-    at = line + heading
-    step = float(spaced[1]) if spaced else 1 / positive(float(rate[1] if rate else 0), "rate", path, at)
-    body = _body(lines, heading + 1)
+        expected = "'10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'"
+        file.refuse(heading, f"{text.strip()!r} does not say time step and unit", expected)
+    step = float(spaced[1]) if spaced else 1 / file.positive(heading, float(rate[1] if rate else 0), "rate")
+    first, end = heading + 1, len(file.lines)
+    stop = next((i for i in range(first, end) if _HEADING.search(file.lines[i])), end)
     form = _FORTRAN.search(text)
-    width = max(int(form[2]), 1) if form else (column_width(body) or (8, 9))[1]
-    found = counted(numbers_in(body, path, line + heading + 1, width), int(match[1]), body, path, at, width)
-    return replace(found, values=found.values * factor), positive(step, "time step", path, at)
+    width = max(int(form[2]), 1) if form else (column_width(file.lines[first:stop]) or (8, 9))[1]
+    found = file.counted(heading, int(match[1]), first, stop, width)
+    return found, factor, file.positive(heading, step, "time step")
 
 
-def _body(lines: list[str], first: int) -> list[str]:
-    """Lines of numbers from the first on, up to the next heading or the channel's end."""
-    stop = next((i for i in range(first, len(lines)) if _HEADING.search(lines[i])), len(lines))
-    return lines[first:stop]
-
-
-def _headed_by_count(lines: list[str], path: Path, line: int) -> tuple[Counted, float, tuple[str, ...]]:
+def _headed_by_count(file: RecordText) -> tuple[Counted, float, tuple[str, ...]]:
     """Read samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
+    lines = file.lines
     at = next((i for i, text in enumerate(lines[:_HEADER_LINES]) if _COUNT.search(text)), None)
     unit = next((text for text in lines[:_HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
     if at is None or "G/10" not in unit.upper().replace(" ", ""):
-        refuse(
-            "no 'NO. OF POINTS' and 'UNITS ARE SEC AND G/10' in the header",
-            path,
-            line,
-            expected="the header of a volume 1 channel",
-        )
+        what = "no 'NO. OF POINTS' and 'UNITS ARE SEC AND G/10' in the header"
+        file.refuse(0, what, "the header of a volume 1 channel")
     count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
-    body = lines[_HEADER_LINES:]
-    if body and re.search("[EeDd]", body[0]):
+    if len(lines) <= _HEADER_LINES:
+        file.refuse(_HEADER_LINES, "no samples after the header", "samples")
+    if re.search("[EeDd]", lines[_HEADER_LINES]):
         length = _LENGTH.search(lines[at])
-        values = numbers_in(body, path, line + _HEADER_LINES, _BHRC_WIDTH)
-        found = counted(values, count, body, path, line + at, _BHRC_WIDTH)
-        step = positive(float(length[1]) / max(count, 1) if length else 0.0, "time step", path, line + at)
-        return replace(found, values=found.values * UNITS_M_S2["g/10"]), round(step, 6), ()
-    body = _uncontrolled(body, path, line + _HEADER_LINES)
-    numbers = numbers_in(body, path, line + _HEADER_LINES, _PAIR_WIDTH)
-    if len(numbers) % 2:
-        refuse(
-            "a time without an acceleration at the end: the file is truncated",
-            path,
-            line + _HEADER_LINES + len(body) - 1,
-            expected="pairs of time and acceleration",
-        )
-    found = counted(numbers, 2 * count, body, path, line + at, _PAIR_WIDTH)
+        found = file.counted(at, count, _HEADER_LINES, None, _BHRC_WIDTH)
+        step = file.positive(at, float(length[1]) / max(count, 1) if length else 0.0, "time step")
+        return found, round(step, 6), ()
+    file = replace(file, lines=[*lines[:_HEADER_LINES], *_uncontrolled(lines[_HEADER_LINES:])])
+    if len(file.numbers(_HEADER_LINES, None, _PAIR_WIDTH)) % 2:
+        what = "a time without an acceleration at the end: the file is truncated"
+        file.refuse(len(file.lines) - 1, what, "pairs of time and acceleration")
+    found = file.counted(at, 2 * count, _HEADER_LINES, None, _PAIR_WIDTH)
     pairs = found.values.reshape(-1, 2)
-    values, step, notes = evenly(pairs, path, line + _HEADER_LINES, _PAIRS_A_LINE, _UNEVEN_STEP_S)
-    return replace(found, values=values * UNITS_M_S2["g/10"]), step, notes
+    values, step, notes = file.evenly(_HEADER_LINES, pairs, _PAIRS_A_LINE, _UNEVEN_STEP_S)
+    return replace(found, values=values), step, notes
 
 
-def _uncontrolled(body: list[str], path: Path, line: int) -> list[str]:
+def _uncontrolled(body: Sequence[str]) -> list[str]:
     """Lines of pairs in columns of seven characters, without the carriage-control column if there is one."""
-    if not body:
-        refuse("no samples after the header", path, line, expected="samples")
     filled = body[0].rstrip()
     offset = next(
         (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), _PAIR_WIDTH))),
@@ -179,19 +156,15 @@ def _uncontrolled(body: list[str], path: Path, line: int) -> list[str]:
     return [text[offset:] for text in body if text.strip()]
 
 
-def _label(lines: list[str], path: Path, line: int) -> str:
-    match = next((_CHANNEL.match(text) for text in lines[:12] if _CHANNEL.match(text)), None)
+def _label(file: RecordText) -> str:
+    match = next((_CHANNEL.match(text) for text in file.lines[:12] if _CHANNEL.match(text)), None)
     if match is None:
-        refuse(
-            "no line 'CHAN' or 'COMP' names the component",
-            path,
-            line,
-            expected="a component such as 'CHAN 1: 90 DEG'",
-        )
+        what = "no line 'CHAN' or 'COMP' names the component"
+        file.refuse(0, what, "a component such as 'CHAN 1: 90 DEG'")
     return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
 
 
-def _direction(label: str, lines: list[str]) -> float | str | None:
+def _direction(label: str, lines: Sequence[str]) -> float | str | None:
     """Bearing by the label; BHRC's L and T by the azimuths in the station's line."""
     letter = re.fullmatch(r"([LTV])\d?", label.strip().upper())
     if letter:
@@ -205,7 +178,7 @@ def _direction(label: str, lines: list[str]) -> float | str | None:
     return bearing(label)
 
 
-def _dialect(lines: list[str], corrected: bool) -> str:
+def _dialect(lines: Sequence[str], corrected: bool) -> str:
     head = "\n".join(lines[:13]).upper()
     if "VOL1DS" in head or "BHRC" in head:
         return "BHRC V1"
@@ -216,12 +189,12 @@ def _dialect(lines: list[str], corrected: bool) -> str:
     return "CSMIP V2" if corrected else "CSMIP V1"
 
 
-def _title_line(lines: list[str]) -> int:
+def _title_line(lines: Sequence[str]) -> int:
     """Line, from 0, that names the event: volume 2 begins with a line of its own."""
     return 2 if lines[0].lstrip().lower().startswith("corrected") else 1
 
 
-def _event(lines: list[str], dialect: str) -> tuple[str, str]:
+def _event(lines: Sequence[str], dialect: str) -> tuple[str, str]:
     """Event, and what else tells two records of one station apart.
 
     A name alone is that of the aftershocks too: it is followed by date and time in the header's words. RENADIC's are
@@ -247,7 +220,7 @@ def _printed(text: str) -> str:
     return " ".join(_PRINTED_BESIDE.sub("", text.strip()).split())
 
 
-def _station(lines: list[str]) -> str:
+def _station(lines: Sequence[str]) -> str:
     """Station by its own line: the sixth (V2: seventh), in BHRC what stands before the word 'Station'."""
     bhrc = next((text for text in lines[:12] if re.search(r"\sStation\s+[\d.]", text)), None)
     if bhrc:

@@ -8,7 +8,7 @@ from motion_samples import COUNT, WRITERS, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.formats.numbers import column_width, counted, numbers_in
+from toppling.models.motions.formats.record_text import RecordText, column_width
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 
@@ -33,7 +33,7 @@ def lines_of(count: int, across: int = 5) -> list[str]:
 
 
 def taken(lines: list[str], count: int):
-    return counted(numbers_in(lines, HERE, 5), count, lines, HERE, 4)
+    return RecordText(HERE, lines, 4).counted(-1, count, 0)
 
 
 @pytest.mark.parametrize("count", [1000, 999, 997, 995, 990, 1001, 1003, 1005, 1010])

@@ -1,0 +1,248 @@
+"""A file of records in text: what is wrong in a line, the numbers of its lines, and the count that a header gives."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import Component, check_time_step
+
+_SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
+"""Of its samples, and rows: so far is a count off by a program's mistake; beyond that something is missing."""
+_JUMP_RATIO, _NEAR = 4.0, 200
+"""A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
+_FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
+_GLUED = re.compile(r"(?<=\d)(?=[-+]\d*\.\d)")
+"""Between two numbers of full Fortran columns: before a sign that is no exponent's, as that has no point behind it."""
+_PRINTED_TIME_S = 0.001
+_GAP_STEPS, _GAP_S = 5.0, 0.02
+"""A time so many mean steps, and so long, after the one before is a gap: curves are digitised where they bend."""
+_COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
+
+
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """Samples, as many as counted or as there are; how many the header counts more; what is to be told of it."""
+
+    values: NDArray[np.float64]
+    missing: int = 0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordText:
+    """Lines of a file, or of a channel in it, by their places from 0; errors number them in the file, from 1."""
+
+    path: Path
+    lines: Sequence[str]
+    above: int = 0  # lines of the file before these
+
+    def part(self, start: int, stop: int) -> "RecordText":
+        """Some of the lines."""
+        return RecordText(self.path, self.lines[start:stop], self.above + start)
+
+    def where(self, at: int) -> str:
+        """File and line, as an error names them."""
+        return f"{self.path}:{self.above + at + 1}"
+
+    def refuse(self, at: int, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+        """Refuse the file for what is wrong at a line."""
+        raise InputError(what, where=self.where(at), expected=expected, remedy=remedy)
+
+    def positive(self, at: int, value: float, name: str) -> float:
+        """Value of a header, if it is a positive finite number."""
+        if not (np.isfinite(value) and value > 0):
+            remedy = "correct the header, or fetch the file again"
+            self.refuse(at, f"{name} is {value:g}", f"a positive {name}", remedy)
+        return value
+
+    def numbers(self, start: int, stop: int | None = None, width: int | None = None) -> NDArray[np.float64]:
+        """Numbers of some lines, separated by blanks or in columns of a fixed width.
+
+        width: characters to a number; None for blanks.
+        Raises InputError: at the first line with something that is not a finite number.
+
+        Notes
+        -----
+        Decimal commas are read where no number has a point, and none a comma that could stand between two.
+        """
+        lines = self.lines[start:stop]
+        tokens = [token for line in lines for token in _tokens(line, width)]
+        values = _floats(tokens)
+        if values is None:
+            values = _floats([_FORTRAN.sub(r"\1E\2", token) for token in tokens])
+        if values is None and all(map(_COMMA_NUMBER.match, tokens)):
+            values = _floats([_FORTRAN.sub(r"\1E\2", token.replace(",", ".")) for token in tokens])
+        if values is None and width is None and any(map(_GLUED.search, tokens)):
+            apart = [parted(line) for line in self.lines]
+            return replace(self, lines=apart).numbers(start, stop) if apart != self.lines else np.empty(0)
+        if values is not None and np.isfinite(values).all():
+            return values
+        left = len(tokens)
+        for at, line in enumerate(lines, start):
+            for token in _tokens(line, width):
+                left -= 1
+                if not _is_finite_number(token):
+                    end = ": the file is truncated" if left == 0 and _floats([token]) is None else ""
+                    self.refuse(
+                        at, f"{token.strip()!r} is not a finite number{end}", "one finite number after another",
+                        "fetch the file again, or cut the damaged part and correct its count",
+                    )  # fmt: skip
+        return np.empty(0)
+
+    def exactly(self, at: int, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+        """Values, if they are as many as a line of the header says.
+
+        Raises InputError if there are fewer (a truncated file) or more.
+        """
+        if len(values) != count:
+            self._refuse_count(at, len(values), count)
+        return values
+
+    def _refuse_count(self, at: int, found: float, count: int) -> NoReturn:
+        end, remedy = "", "correct the count in the header"
+        if found < count:
+            end, remedy = ": the file is truncated", "fetch the file again"
+        what = f"{found:.10g} samples follow where the header counts {count}{end}"
+        self.refuse(at, what, f"{count} samples", remedy)
+
+    def counted(
+        self,
+        at: int,
+        count: int,
+        start: int,
+        stop: int | None = None,
+        width: int | None = None,
+        channels: int = 1,
+    ) -> Counted:
+        """Numbers of some lines by the header's count, or by their rows where these are whole and it is a little off.
+
+        at: line of the count.
+        width: characters to a number; None for blanks.
+        channels: side by side in a row: the header counts rows.
+        Raises InputError if more than two rows are missing, a row in the middle is not whole, or the values jump
+        between two rows.
+        """
+        values, body = self.numbers(start, stop, width), self.lines[start:stop]
+        rows, count = count, count * channels
+        surplus = len(values) - count
+        if surplus == 0:
+            return Counted(values)
+        lengths = np.array([len(_tokens(text, width)) for text in body if text.strip()])
+        ends = np.cumsum(lengths)
+        few = _ROWS_OFF * int(lengths.max(initial=1))
+        if surplus > 0:
+            whole = surplus <= max(few, _SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
+        else:
+            whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
+        if count < 1 or not whole or _jumps(values[:count], ends):
+            self._refuse_count(at, len(values) / channels, rows)
+        said = f"{self.path.name}: {len(values) / channels:.10g} samples where the header counts {rows}"
+        if surplus > 0:
+            return Counted(values[:count], 0, (f"{said}: the last {surplus / channels:g} left out",))
+        return Counted(values, -surplus // channels, (f"{said}: read as they are, the rows are whole",))
+
+    def evenly(
+        self, start: int, pairs: NDArray[np.float64], pairs_a_line: int, uneven_step_s: float
+    ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
+        """Acceleration at equal steps: as it is where times are equal but for printing, else interpolated.
+
+        start: line of the first pair.
+        pairs: (n, 2), time in seconds, and acceleration in any unit.
+        uneven_step_s: step to which uneven samples are interpolated.
+        Raises InputError if a time does not follow the one before, or only after a gap: with its line.
+        """
+        time, values = pairs.T
+        if len(time) < 2:
+            self.refuse(start, "fewer than two samples", "a record")
+        steps = np.diff(time)
+        step = (time[-1] - time[0]) / len(steps)
+        wrong = np.flatnonzero((steps < 0) | (steps > max(_GAP_STEPS * step, _GAP_S) + _PRINTED_TIME_S))
+        if not step > 0 or len(wrong):
+            at = int(wrong[0]) if len(wrong) else 0
+            what = f"the time goes from {time[at]:g} to {time[at + 1]:g} s: a gap or a damaged line"
+            remedy = "cut the record at the gap, or fetch the file again"
+            self.refuse(start + at // pairs_a_line, what, f"times about {step:.4g} s apart", remedy)
+        check_time_step(step, self.where(start))  # before the record is interpolated
+        span, nice = time[-1] - time[0], round(step, 3)
+        nice = nice if nice and abs(nice * len(steps) - span) <= 1.5 * _PRINTED_TIME_S else step
+        if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * _PRINTED_TIME_S:
+            return values, float(round(nice, 9)), ()
+        even = np.arange(time[0], time[-1] + 1e-9, uneven_step_s)
+        note = f"uneven times, mean step {step:.4g} s, interpolated to {uneven_step_s:g} s"
+        return np.interp(even, time, values), uneven_step_s, (note,)
+
+    def channel(
+        self, at: int, found: Counted, unit_m_s2: float, time_step_s: float, **stated: Any
+    ) -> Component:
+        """Channel of samples in a unit, of which the first stands in a line, with what else the header states."""
+        return Component(
+            acceleration_m_s2=found.values * unit_m_s2,
+            time_step_s=time_step_s,
+            path=self.path,
+            line=self.above + at + 1,
+            missing=found.missing,
+            **{"warnings": found.warnings} | stated,
+        )
+
+
+def parted(line: str) -> str:
+    """Line with a blank between numbers that fill their columns."""
+    return _GLUED.sub(" ", line)
+
+
+def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:
+    """Whether values bend far more sharply somewhere between two rows than near it within rows: a row is lost there."""
+    if len(values) < 3:
+        return False
+    bend = np.abs(np.diff(values, 2))  # of the sample one further on
+    between = np.zeros(len(values) + 1, bool)
+    inner = ends[(ends > 0) & (ends < len(values))]
+    if 5 * len(inner) > len(values):  # few numbers a row, or several channels: nothing lies within rows
+        return False
+    between[inner], between[inner - 1] = True, True
+    between = between[1 : len(values) - 1]
+    for place in np.argsort(np.where(between, bend, 0.0))[-20:]:
+        beside = slice(max(place - _NEAR, 0), place + _NEAR)
+        within = bend[beside][~between[beside]]
+        if len(within) and bend[place] > _JUMP_RATIO * within.max():
+            return True
+    return False
+
+
+def column_width(body: Sequence[str]) -> tuple[int, int] | None:
+    """How many numbers a full line has, and in how many characters each, by where decimal points stand.
+
+    None where they do not stand at equal distances.
+    """
+    longest = max((text.rstrip() for text in body[:5]), key=len, default="")
+    points = [place for place, letter in enumerate(longest) if letter == "."]
+    distances = {b - a for a, b in pairwise(points)}
+    return (len(points), distances.pop()) if len(distances) == 1 else None
+
+
+def _floats(tokens: list[str]) -> NDArray[np.float64] | None:
+    try:
+        return np.array(list(map(float, tokens)))
+    except ValueError:
+        return None
+
+
+def _tokens(line: str, width: int | None) -> list[str]:
+    if width is None:
+        return line.split()
+    body = line.rstrip()
+    return [body[i : i + width] for i in range(0, len(body), width)]
+
+
+def _is_finite_number(token: str) -> bool:
+    try:
+        return bool(np.isfinite(float(token)))
+    except ValueError:
+        return False

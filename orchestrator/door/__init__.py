@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from toppling.models.motions.motion import Motion
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.public.constraining import Dates, constrain
+    from toppling.orchestrator.public.constraining import constrain
     from toppling.orchestrator.public.fragility_figures import Bins, fragility
+    from toppling.orchestrator.public.hazard_question import Dates
     from toppling.orchestrator.public.making import check, scan
     from toppling.orchestrator.public.reporting import query, report
     from toppling.orchestrator.public.running import plan, run
@@ -59,7 +60,7 @@ __all__ = [
 _HOMES = {
     "Bins": "toppling.orchestrator.public.fragility_figures",
     "Campaign": "toppling.orchestrator.campaign",
-    "Dates": "toppling.orchestrator.public.constraining",
+    "Dates": "toppling.orchestrator.public.hazard_question",
     "Ensemble": "toppling.models.motions.ensemble",
     "InputError": "toppling.models.errors",
     "Motion": "toppling.models.motions.motion",

@@ -3,7 +3,7 @@
 from typing import Any
 
 __all__ = [
-    "REALISATIONS", "by_events", "constraining", "fragility_figures",
+    "REALISATIONS", "constraining", "fragility_figures", "hazard_question",
     "making", "reporting", "rocks", "running", "scan_again", "scan_files",
 ]  # fmt: skip
 

@@ -1,33 +1,32 @@
-"""`toppling constrain` where rocks are judged event by event: event sets, two measures at once, rocks once stouter."""
+"""Rocks judged event by event: event sets, two curves of two measures at once, rocks that were once stouter."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from toppling.models.arrays import Array
-from toppling.models.errors import InputError, UsageError
-from toppling.orchestrator.public.felt import (
-    EventStatement,
-    felt,
-    felt_by_both,
-    joined,
-    of_tree,
-    place_rocks,
-    under_events,
-)
-from toppling.orchestrator.public.hazard_question import (
-    HazardQuestion,
-    read_tree,
-    shared_measure,
-    weighted_paths,
-)
-from toppling.orchestrator.public.rocks import Jobs, measures_shared, refuse_twins, standing_rock
-from toppling.results.analysis.exchange import read_curves
-from toppling.results.hazard.ages import Since
-from toppling.results.hazard.event_survival import EventSet, FeltRock
-from toppling.results.hazard.readers.event_sets import is_event_set, read_events
+from toppling.models.errors import InputError
+from toppling.models.files.documents import finite
+from toppling.orchestrator.public.hazard_question import Question, read_tree, shared_measure
+from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
+from toppling.results.analysis.exchange import read_curves, read_surface
+from toppling.results.analysis.fits import answered, basis_of
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap
+from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.hazard.ages import exposure
+from toppling.results.hazard.curves import events_by_intensity
+from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite, FeltRock, check_measures
+from toppling.results.hazard.event_update import EventUpdate
+from toppling.results.hazard.places import distance_km, nearest, of_name
+from toppling.results.hazard.readers.event_sets import read_events
+from toppling.results.hazard.surfaces import Surface, drawn_surfaces, measures_of, surface_of
+from toppling.results.hazard.tree import Branch, HazardTree
+from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
 _INDEPENDENT = (
     "OpenQuake draws the residuals of each measure independently, unless told otherwise: fields of two measures "
@@ -35,110 +34,273 @@ _INDEPENDENT = (
 )
 
 
-@dataclass(frozen=True)
-class EventOptions:
-    """What is said of events."""
-
-    event_rate: float | None = None  # annual rate of a scenario
-    catalogue_years: float | None = None  # time of each branch's events, where no file states it
-    correlation: float | None = None  # of the residuals of two measures
-
-
-@dataclass(frozen=True, eq=False)
-class Rocks:
-    """Rocks as the command line names them."""
-
-    names: list[str]
-    paths: tuple[Path, ...]
-    ages: Array  # (draws, rocks)
-    since: list[Since | None]
-    jobs: dict[Path, Jobs]  # of those that are runs
-    sites: Sequence[tuple[float, float] | str]
-
-
-def event_set_of(hazard: Sequence[str]) -> Path | None:
-    """The set of events that --hazard names; None where it names curves.
-
-    Raises InputError if it names a set and more beside it.
-    """
-    paths, _ = weighted_paths(hazard)
-    sets = [path for path in paths if is_event_set(path)]
-    if sets and len(paths) > 1:
-        raise InputError(
-            what=f"{sets[0]} is a set of events, and {len(paths) - 1} more are given", where="--hazard",
-            expected="one set of events, which has its own branches and weights", remedy="give it alone",
-        )  # fmt: skip
-    return sets[0] if sets else None
-
-
-def check_event_options(options: EventOptions, events: Path | None, measures: tuple[str, ...]) -> None:
-    """Refuse options that apply to nothing."""
-    given = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
-    for option, value in given.items():
-        if value is not None and events is None:
-            raise UsageError(
-                f"{option} applies to a set of events", where="constrain", expected="a set of events",
-                remedy="give one with --hazard, or leave it out",
-            )  # fmt: skip
-    if options.correlation is not None and (len(measures) < 2 or events):
-        raise UsageError(
-            "--correlation applies to curves of two measures", where="constrain",
-            expected="hazard curves and --measure pga_m_s2+pgv_m_s", remedy="name both measures, or leave it out",
-        )  # fmt: skip
-
-
 def judged_by_events(
-    rocks: Rocks,
-    hazard: Sequence[str],
-    asked: HazardQuestion,
-    options: EventOptions,
-    confidence: float,
-    advance: Callable[[], None],
-) -> EventStatement:
-    """Judge rocks event by event.
+    question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
+) -> tuple[EventUpdate, dict[str, Any], dict[str, pd.DataFrame]]:
+    """What events say of rocks that stand: the update, the statement for JSON, and tables by name.
 
-    asked: its measure may be two, joined by a plus.
+    jobs: of those rocks that are runs.
     advance: called before each bootstrap sample of records.
     """
-    measures = tuple(asked.measure.split("+")) if asked.measure else ()
-    path = event_set_of(hazard)
-    if path:
-        events = read_events(path, asked.ratio, options.event_rate, options.catalogue_years)
-        measures = measures or (shared_measure(events.measures, measures_shared(rocks.paths), events.source),)
-        if len(measures) > 1 and len(events.branches[0].motions) > 1:
-            events = replace(events, notes=(*events.notes, _INDEPENDENT))
-    else:
-        events, measures = _of_curves(rocks, hazard, asked, options, measures)
-    sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())
-    felt_rocks = [_felt(rocks, number, site, measures, advance) for number, site in enumerate(sites)]
-    refuse_twins(rocks.paths, [rock.fragility.basis for rock in felt_rocks])
-    return under_events(felt_rocks, rocks.ages, events, confidence, away)
+    events, measures = _of_set(question) if question.event_set else _of_curves(question)
+    names = names_of(question.paths)
+    sites, away_km = _placed(names, events, question.sites if question.event_set else ())
+    rocks = [
+        replace(_felt(question, number, measures, jobs, advance), site=site)
+        for number, site in enumerate(sites)
+    ]
+    refuse_twins(question.paths, [rock.fragility.basis for rock in rocks])
+    check_measures(rocks, events)
+    felt = exposure(question.joint_ages, question.since)
+    update = EventUpdate(rocks, events, felt, question.confidence)
+    tables = _tables(update, measures)
+    return update, _summary(update, tables, measures, away_km), tables
 
 
-def _of_curves(
-    rocks: Rocks,
-    hazard: Sequence[str],
-    asked: HazardQuestion,
-    options: EventOptions,
-    measures: tuple[str, ...],
-) -> tuple[EventSet, tuple[str, ...]]:
-    if len(measures) > 1:
-        first, second = (
-            read_tree(hazard, HazardQuestion(asked.site, asked.ratio, one, asked.years)) for one in measures
-        )
-        return joined(first, second, options.correlation), measures
-    tree = read_tree(hazard, asked, measures_shared(rocks.paths))
-    medians = [read_curves(path)[tree.measure].median for path in rocks.paths if not path.is_dir()]
-    return of_tree(tree, medians), (tree.measure,)
+def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
+    """A set of events, and the measures of it that are meant."""
+    asked, path = question.asked, question.event_set
+    assert path is not None
+    events = read_events(path, asked.ratio, question.events.event_rate, question.events.catalogue_years)
+    shared = measures_shared(question.paths)
+    measures = asked.measures or (shared_measure(events.measures, shared, events.source),)
+    if len(measures) > 1 and len(events.branches[0].motions) > 1:
+        events = replace(events, notes=(*events.notes, _INDEPENDENT))
+    return events, measures
+
+
+def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
+    """Curves as a set of events."""
+    asked, paths = question.asked, question.paths
+    if len(asked.measures) > 1:
+        trees = [read_tree(question.hazard, replace(asked, measure=one)) for one in asked.measures]
+        return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
+    tree = read_tree(question.hazard, asked, measures_shared(paths))
+    medians = [read_curves(path)[tree.measure].median for path in paths if not path.is_dir()]
+    return _of_tree(tree, medians), (tree.measure,)
 
 
 def _felt(
-    rocks: Rocks, number: int, site: int, measures: tuple[str, ...], advance: Callable[[], None]
+    question: Question,
+    number: int,
+    measures: tuple[str, ...],
+    jobs: Mapping[Path, Jobs],
+    advance: Callable[[], None],
 ) -> FeltRock:
-    name, path = rocks.names[number], rocks.paths[number]
+    """A rock with its fragility over one measure or two, at the first site."""
+    path, since = question.paths[number], question.since[number]
+    name = names_of(question.paths)[number]
     if len(measures) > 1:
-        one = felt_by_both(name, path, rocks.jobs.get(path), measures, advance)
-        return FeltRock(one.name, one.fragility, site, one.drawn, rocks.since[number])
-    years = np.unique(rocks.ages[:, number])
-    standing = standing_rock(name, path, measures[0], rocks.jobs.get(path), years, advance)
-    return felt(standing, site, rocks.since[number])
+        surface, drawn = _surface(path, jobs.get(path), measures, advance)
+        return FeltRock(name, surface, 0, drawn, since)
+    years = np.unique(question.joint_ages[:, number])
+    standing = standing_rock(name, path, measures[0], jobs.get(path), years, advance)
+    return FeltRock(name, standing.curve, 0, standing.drawn, since)
+
+
+def _surface(
+    path: Path, jobs: Jobs | None, measures: tuple[str, ...], advance: Callable[[], None]
+) -> tuple[Surface, list[Surface]]:
+    """Fragility over two measures, and of its bootstrap samples, from a run or a file of curves.
+
+    Raises InputError if it states no such fragility, or its answers have no such fit.
+    """
+    if jobs is None:
+        surface, why = read_surface(path, measures), ": it is no run, and states no surface"
+        drawn = surface.resampled if surface else None
+    else:
+        frame = jobs.frame
+        frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
+        fitted = fit(frame, measures) if len(frame) else None
+        surface, why = surface_of(fitted) if fitted else None, f" ({fitted.problem})" if fitted else ""
+        drawn = bootstrap(frame, fitted, advance=advance) if fitted and surface else None
+        if surface:
+            surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
+    if surface is None:
+        raise InputError(
+            what=f"has no fragility over two measures{why}",
+            where=str(path), expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
+            remedy="give the run, or one --measure",
+        )  # fmt: skip
+    return surface, drawn_surfaces(drawn, measures) if drawn else []
+
+
+def _placed(
+    names: Sequence[str], events: EventSet, asked: Sequence[tuple[float, float] | str]
+) -> tuple[list[int], list[float | None]]:
+    """Number of each rock's site among those of the events, and how far it is from the place that was asked for.
+
+    Raises InputError if there are several sites and none is asked for, or none of the name, or too far.
+    """
+    if not asked:
+        if len(events.sites) > 1:
+            known = ", ".join(site.name for site in events.sites[:12])
+            raise InputError(
+                what=f"has {len(events.sites)} sites: {known}", where=events.source,
+                expected="the site of each rock",
+                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order",
+            )  # fmt: skip
+        return [0] * len(names), [None] * len(names)
+    if len(asked) not in (1, len(names)):
+        raise InputError(
+            what=f"{len(asked)} sites for {len(names)} rocks", where="--site",
+            expected="one site, or one for each rock",
+            remedy="repeat --site in the order of the rocks",
+        )  # fmt: skip
+    found = [_site_of(one, events) for one in asked]
+    return (
+        [number for number, _ in found] * (len(names) // len(found)),
+        [away for _, away in found] * (len(names) // len(found)),
+    )
+
+
+def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, float | None]:
+    if isinstance(asked, str):
+        return of_name([site.name for site in events.sites], asked, events.source)[0], None
+    placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
+    if not placed:
+        raise InputError(
+            what="states no places of its sites", where=events.source, expected="a sitemesh file beside the fields",
+            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}",
+        )  # fmt: skip
+    number, place = placed[nearest([place for _, place in placed], asked, events.source)]
+    return number, float(distance_km(*place, asked))
+
+
+def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | None) -> EventSet:
+    """Trees of two measures at one site as a set of events, branch by branch.
+
+    Raises InputError if the trees have different branches, or no correlation is known or given.
+    """
+    rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
+    if rho is None:
+        raise InputError(
+            what=f"the correlation of {first.measure} and {second.measure} is not known here", where="--correlation",
+            expected="the correlation of their residuals in one earthquake", remedy="give it with --correlation",
+        )  # fmt: skip
+    if [branch.name for branch in first.branches] != [branch.name for branch in second.branches] and not (
+        len(first.branches) == len(second.branches) == 1
+    ):
+        raise InputError(
+            what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
+            where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation",
+        )  # fmt: skip
+    scatter = SIGMA * math.sqrt(1.0 - rho**2)
+    branches, misfit = _joint_branches(first, second, scatter)
+    notes: tuple[str, ...] = (
+        f"joint rate of {first.measure} and {second.measure} from their curves: given the one, ln of the other "
+        f"scatters by {scatter:.3g}, as a correlation of {rho:g} of their residuals says",
+        f"its rates of {second.measure} are within {100 * misfit:.0f} % of the curve",
+    )
+    readings: tuple[tuple[EventBranch, ...], ...] = ()
+    if correlation is None:
+        readings = tuple(_joint_branches(first, second, one)[0] for one in np.linspace(*SCATTERS, READINGS))
+        notes += (
+            f"two curves do not tell which magnitudes they are of: intervals are over scatters of {SCATTERS[0]:g} to "
+            f"{SCATTERS[1]:g}",
+        )
+    site = EventSite(first.site_name or "site", first.site)
+    return EventSet((site,), branches, first.weights_from, None, notes, sampled=False, readings=readings)
+
+
+def _joint_branches(
+    first: HazardTree, second: HazardTree, scatter: float
+) -> tuple[tuple[EventBranch, ...], float]:
+    """Joint rate of each branch, and the largest misfit of the second measure's rates."""
+    joints = [
+        joint_rate(one.curve, other.curve, scatter)
+        for one, other in zip(first.branches, second.branches, strict=True)
+    ]
+    branches = tuple(
+        replace(
+            joint.events,
+            name=branch.name,
+            model=_model(branch),
+            weight=branch.weight,
+        )
+        for joint, branch in zip(joints, first.branches, strict=True)
+    )
+    return branches, max(joint.misfit for joint in joints)
+
+
+def _model(branch: Branch) -> str:
+    return branch.path.partition("~")[2] or branch.name
+
+
+def _of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
+    """A tree of one measure at one site as a set of events: what rocks that were stouter before ask for."""
+    branches = []
+    for branch in tree.branches:
+        intensity, rate = events_by_intensity(branch.curve, medians)
+        motions = {tree.measure: intensity[:, None]}
+        branches.append(EventBranch(branch.name, rate, motions, branch.weight, _model(branch)))
+    site = EventSite(tree.site_name or "site", tree.site)
+    return EventSet((site,), tuple(branches), tree.weights_from, None, (), sampled=False)
+
+
+def _tables(update: EventUpdate, measures: tuple[str, ...]) -> dict[str, pd.DataFrame]:
+    """Tables by name, those that hold something; of each measure at each rock's site those that are of both."""
+
+    def everywhere(table: Callable[[str, int], pd.DataFrame]) -> pd.DataFrame:
+        parts = [
+            table(measure, site).assign(measure=measure, site=update.events.sites[site].name)
+            for site in dict.fromkeys(rock.site for rock in update.rocks)
+            for measure in measures
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+    found = {
+        "branches": update.branches, "models": update.models, "left_out": update.left_out,
+        "updated": everywhere(update.updated), "changes": everywhere(update.changes),
+    }  # fmt: skip
+    return {name: table for name, table in found.items() if table is not None and len(table)}
+
+
+def _summary(
+    update: EventUpdate,
+    tables: Mapping[str, pd.DataFrame],
+    measures: tuple[str, ...],
+    away_km: Sequence[float | None],
+) -> dict[str, Any]:
+    """The statement, for JSON.
+
+    away_km: of each rock's site from the place that was asked for.
+    """
+    events = update.events
+    vary = {
+        "event": events.sampled, "fragility": any(rock.drawn for rock in update.rocks),
+        "age": update.exposure.years.shape[1] > 1, "joint rate": bool(events.readings),
+    }  # fmt: skip
+    summary = {
+        "measure": "+".join(measures), "confidence": update.confidence, "source": events.source,
+        "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
+        "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, away_km, strict=True)],
+        "mean": update.mean, "decided": update.decided,
+        "intervals_carry": [name for name, varies in vary.items() if varies],
+        "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
+    }  # fmt: skip
+    return finite(summary | {name: table.to_dict("records") for name, table in tables.items()})
+
+
+def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any]:
+    site = events.sites[rock.site]
+    measures, basis = measures_of(rock.fragility), rock.fragility.basis
+    if len(measures) == 1:
+        curve = rock.fragility
+        words = (
+            f"median {curve.median:.3g} {printed_unit(measures[0])} ({short_name(measures[0])}), "  # type: ignore[union-attr]
+            f"beta {curve.beta:.2f}"  # type: ignore[union-attr]
+        )
+        numbers = {"median": curve.median, "beta": curve.beta}  # type: ignore[union-attr]
+    else:
+        a, *slopes = rock.fragility.coefficients  # type: ignore[union-attr]
+        terms = " ".join(
+            f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)
+        )
+        words = f"probit {a:.2f} {terms}"
+        numbers = {"coefficients": [a, *slopes]}
+    return {
+        "name": rock.name, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
+        "site_longitude_deg": site.place[0] if site.place else None,
+        "site_latitude_deg": site.place[1] if site.place else None,
+    } | (asdict(basis) if basis else {})  # fmt: skip

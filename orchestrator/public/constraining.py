@@ -1,6 +1,5 @@
 """What standing rocks say about past ground motion, and about its hazard."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,18 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.arrays import Array
 from toppling.models.errors import UsageError
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.public.by_events import (
+from toppling.orchestrator.public.by_events import judged_by_events
+from toppling.orchestrator.public.hazard_question import (
+    Dates,
     EventOptions,
-    Rocks,
-    check_event_options,
-    event_set_of,
-    judged_by_events,
+    HazardQuestion,
+    Question,
+    read_tree,
 )
-from toppling.orchestrator.public.felt import EventStatement, measures_asked
-from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
 from toppling.orchestrator.public.rocks import (
     Jobs,
     apart_km,
@@ -37,78 +34,47 @@ from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words, event_words
-from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
+from toppling.results.hazard.ages import Since, fragile_years, parse_age, parse_since
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update
 
 
-@dataclass(frozen=True)
-class Dates:
-    """How long rocks have stood, beyond an age of each.
-
-    Parameters
-    ----------
-    common : bool
-        All were uncovered together: one draw of their one age for all.
-    common_error : float
-        Standard deviation of a relative error that all dates share.
-    fragile_since : tuple of str
-        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
-    """
-
-    common: bool = False
-    common_error: float = 0.0
-    fragile_since: tuple[str, ...] = ()
-
-    @property
-    def together(self) -> bool:
-        """Whether the rocks' ages are tied to each other."""
-        return self.common or self.common_error > 0
-
-
-def _check_options(
-    rocks: Sequence[Path],
-    age: Sequence[str],
-    hazard: Sequence[str],
-    asked: HazardQuestion,
-    dates: Dates,
-    sites: Sequence[object],
-    of_runs: Mapping[str, object],
-) -> None:
+def _check(question: Question, ages: int, of_runs: Mapping[str, object]) -> None:
     """Refuse options that do not go together, before anything is read for long.
 
+    ages: that were given.
     Raises UsageError: the first of them.
     """
-    count, since = len(rocks), dates.fragile_since
+    asked, dates, sites, options = question.asked, question.dates, question.sites, question.events
+    count, since, hazard = len(question.paths), dates.fragile_since, question.hazard
     of_ages = {"--common-date": dates.common, "--common-error": dates.common_error, "--fragile-since": since}
     of_hazard = {"--site": sites, "--ratio": asked.ratio != 1.0, "--values": asked.years is not None}
-    files = [path for path in rocks if not path.is_dir()]
-    if not rocks:
+    of_events = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
+    files = [path for path in question.paths if not path.is_dir()]
+    if not count:
         _refuse("no rock has topplings and survivals to tell its fragility by", "give a run that has both")
-    if age and len(age) not in (1, count):
-        _refuse(f"got {len(age)} ages for {count} rocks", "give one --age, or one per rock")
-    if hazard and not age:
+    if ages not in (0, 1, count):
+        _refuse(f"got {ages} ages for {count} rocks", "give one --age, or one per rock")
+    if hazard and not ages:
         _refuse("a hazard needs the rocks' ages, to turn rates into probabilities", "give --age")
-    if since and len(since) not in (1, count):
+    if len(since) not in (0, 1, count):
         _refuse(f"got {len(since)} dates for {count} rocks", "give one --fragile-since, or one per rock")
-    if (option := _first(of_ages)) and not age:
+    if (option := _first(of_ages)) and not ages:
         _refuse(f"{option} applies to ages", "give the rocks' --age too")
     if (option := _first(of_hazard)) and not hazard:
         _refuse(f"{option} applies to a hazard", "give --hazard too")
     if (option := _first(of_runs)) and files:
         _refuse(f"{option} applies to jobs of runs, and {files[0]} is a file of curves", "give its run")
-    if len(sites) > 1 and not event_set_of(hazard):
+    if len(sites) > 1 and not question.event_set:
         _refuse("several --site apply to a set of events", "give one: hazard curves are of one site")
-    apart = len(measures_asked(asked.measure)) > 1 or _has_factor([parse_since(text) for text in since])
-    if apart and not hazard:
+    if question.apart and not hazard:
         _refuse(
             "two measures together, and a factor of --fragile-since, need the hazard", "give --hazard too"
         )
-
-
-def _has_factor(since: Sequence[Since | None]) -> bool:
-    """Whether a rock was stouter before, rather than absent."""
-    return any(one is not None and math.isfinite(one.factor) for one in since)
+    if (option := _first(of_events)) and not question.event_set:
+        _refuse(f"{option} applies to a set of events", "give one with --hazard, or leave it out")
+    if options.correlation is not None and (len(asked.measures) < 2 or question.event_set):
+        _refuse("--correlation applies to curves of two measures", "name both measures, or leave it out")
 
 
 def _first(options: Mapping[str, object]) -> str | None:
@@ -161,12 +127,12 @@ def constrain(
     *,
     age: Sequence[str] = (),
     hazard: Sequence[str] = (),
-    dates: Dates = Dates(),
+    dates: Dates = Dates(),  # noqa: B008  (frozen)
     where: str | None = None,
     trusted: bool = False,
     stood: Sequence[str | Path] = (),
     measure: str | None = None,
-    events: EventOptions = EventOptions(),  # noqa: B008  (frozen)
+    events: EventOptions = EventOptions(),  # noqa: B008
     confidence: float = 0.95,
     sites: Sequence[tuple[float, float] | str] = (),
     ratio: float = 1.0,
@@ -199,74 +165,38 @@ def constrain(
     """
     over = "pgv_m_s" if measure is None or "+" in measure else measure
     paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
-    asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
-    _check_options(paths, age, hazard, asked, dates, sites, {"--where": where, "--stood": stood})
-    late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    question = _Question(
+    late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
+    question = Question(
         paths, ages * len(paths) if len(ages) == 1 else ages, late * len(paths) if len(late) == 1 else late,
-        dates, tuple(hazard), asked, confidence, dated=bool(age),
+        dates, tuple(hazard), HazardQuestion(sites[0] if sites else None, ratio, measure, years), events, sites,
+        confidence, dated=bool(age),
     )  # fmt: skip
-    check_event_options(events, event_set_of(hazard), measures_asked(measure))
+    _check(question, len(age), {"--where": where, "--stood": stood})
     recorded = read_recorded([Path(one) for one in stood]) if stood else None
     jobs = {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
     advance(0, total=SAMPLES * len(jobs))
-    if question.of_events:
-        return _by_events(question, jobs, events, list(sites), advance)
+    if question.event_set or (question.hazard and question.apart):
+        return _by_events(question, jobs, advance)
     return _by_curves(question, jobs, advance)
 
 
-@dataclass(frozen=True, eq=False)
-class _Question:
-    """What is asked of the rocks: each list has one entry a rock."""
-
-    paths: tuple[Path, ...]
-    ages: list[Array]
-    since: list[Since | None]
-    dates: Dates
-    hazard: tuple[str, ...]
-    asked: HazardQuestion
-    confidence: float
-    dated: bool
-
-    @property
-    def of_events(self) -> bool:
-        """Whether an answer needs events one by one."""
-        apart = len(measures_asked(self.asked.measure)) > 1 or _has_factor(self.since)
-        return bool(self.hazard) and (apart or event_set_of(self.hazard) is not None)
-
-    @property
-    def joint_ages(self) -> Array:
-        """Draws of the ages, one column a rock."""
-        return joint_ages(self.ages, self.dates.common, self.dates.common_error)
-
-
-def _by_events(
-    question: _Question,
-    jobs: dict[Path, Jobs],
-    events: EventOptions,
-    sites: list[tuple[float, float] | str],
-    advance: Callable[..., None],
-) -> RockStatement:
+def _by_events(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
     """What rocks say event by event."""
-    paths = question.paths
-    named = Rocks(names_of(paths), paths, question.joint_ages, question.since, jobs, sites)
-    felt: EventStatement = judged_by_events(
-        named, question.hazard, question.asked, events, question.confidence, advance
-    )
-    content = felt.summary() | {"hazard_ratio": question.asked.ratio}
-    source = Path(felt.update.events.source)
+    ratio = question.asked.ratio
+    update, content, tables = judged_by_events(question, jobs, advance)
+    source = Path(update.events.source)
     files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
+    warnings = _warnings(question.paths, [rock.fragility.basis for rock in update.rocks])
+    content |= {"hazard_ratio": ratio, "warnings": warnings}
 
     def write(out: Path, stated: dict[str, Any]) -> int:
-        return sum(1 for _ in write_events(felt.update, stated, felt.tables, out, question.asked.ratio))
+        return sum(1 for _ in write_events(update, stated, tables, out, ratio))
 
-    rested = [rock.fragility.basis for rock in felt.update.rocks]
-    content["warnings"] = warnings = _warnings(paths, rested)
     return RockStatement(content, event_words(content), warnings, files, write)
 
 
-def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
+def _by_curves(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
     """What rocks say of a single event, of rates, or of curves of hazard."""
     paths, asked, dates = question.paths, question.asked, question.dates
     tree = read_tree(question.hazard, asked, measures_shared(paths)) if question.hazard else None

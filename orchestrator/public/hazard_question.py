@@ -1,22 +1,28 @@
-"""Hazard as it is asked for: paths with weights, a site by place or name, and the one tree that is meant."""
+"""What is asked of rocks and of a hazard: paths with weights, a site, measures, dates; and the tree that is meant."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, UsageError
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.measures import COMPARED
+from toppling.results.analysis.fits import SURFACES
+from toppling.results.hazard.ages import Since, joint_ages
+from toppling.results.hazard.measure_names import is_spectral
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.readers.event_sets import is_event_set
 from toppling.results.hazard.tree import HazardTree
 
 DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
 """The measure of a constraint, where hazard and rocks have several: the first of these, then of `COMPARED`."""
 
 
-def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
+def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
     """Paths of PATH or PATH=WEIGHT, and their weights; None where none has one.
 
     Raises UsageError if a weight is no positive number.
@@ -61,10 +67,102 @@ class HazardQuestion:
     # Time that values are probabilities over, 0 for annual rates, where files do not say.
     years: float | None = None
 
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Both of `pga_m_s2+pgv_m_s`; none where none is asked for.
+
+        Raises InputError if one is unknown, or two together have no fragility.
+        """
+        names = tuple(part.strip() for part in self.measure.split("+")) if self.measure else ()
+        unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
+        if unknown or (len(names) > 1 and names != SURFACES[0]):
+            raise InputError(
+                what=f"{self.measure!r} is not an intensity measure with a fragility", where="--measure",
+                expected=f"one of {', '.join(COMPARED)}; sa_3s_m_s2, any period; or {'+'.join(SURFACES[0])}, "
+                "both together",
+                remedy="leave it out to use that of the hazard, or pgv_m_s",
+            )  # fmt: skip
+        return names
+
+
+@dataclass(frozen=True)
+class Dates:
+    """How long rocks have stood, beyond an age of each.
+
+    Parameters
+    ----------
+    common : bool
+        All were uncovered together: one draw of their one age for all.
+    common_error : float
+        Standard deviation of a relative error that all dates share.
+    fragile_since : tuple of str
+        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
+    """
+
+    common: bool = False
+    common_error: float = 0.0
+    fragile_since: tuple[str, ...] = ()
+
+    @property
+    def together(self) -> bool:
+        """Whether the rocks' ages are tied to each other."""
+        return self.common or self.common_error > 0
+
+
+@dataclass(frozen=True)
+class EventOptions:
+    """What is said of events."""
+
+    event_rate: float | None = None  # annual rate of a scenario
+    catalogue_years: float | None = None  # time of each branch's events, where no file states it
+    correlation: float | None = None  # of the residuals of two measures
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of standing rocks: of ages and dates there is one a rock."""
+
+    paths: tuple[Path, ...]
+    ages: list[Array]
+    since: list[Since | None]
+    dates: Dates
+    hazard: tuple[str, ...]
+    asked: HazardQuestion
+    events: EventOptions
+    sites: Sequence[tuple[float, float] | str]
+    confidence: float
+    dated: bool
+
+    @cached_property
+    def event_set(self) -> Path | None:
+        """The set of events that the hazard is; None where it is curves.
+
+        Raises InputError if it names a set and more beside it.
+        """
+        paths, _ = _weighted_paths(self.hazard)
+        sets = [path for path in paths if is_event_set(path)]
+        if sets and len(paths) > 1:
+            raise InputError(
+                what=f"{sets[0]} is a set of events, and {len(paths) - 1} more are given", where="--hazard",
+                expected="one set of events, which has its own branches and weights", remedy="give it alone",
+            )  # fmt: skip
+        return sets[0] if sets else None
+
+    @property
+    def apart(self) -> bool:
+        """Whether only events one by one have an answer: two measures together, or a rock that was stouter before."""
+        stouter = any(one is not None and math.isfinite(one.factor) for one in self.since)
+        return len(self.asked.measures) > 1 or stouter
+
+    @cached_property
+    def joint_ages(self) -> Array:
+        """Draws of the ages, one column a rock."""
+        return joint_ages(self.ages, self.dates.common, self.dates.common_error)
+
 
 def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] = COMPARED) -> HazardTree:
     """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
-    paths, weights = weighted_paths(texts)
+    paths, weights = _weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
     where = texts[0] if len(texts) == 1 else "--hazard"
     measure = asked.measure or shared_measure([tree.measure for tree in trees], rocks, "--hazard")

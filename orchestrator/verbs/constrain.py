@@ -10,9 +10,8 @@ from typing import Any
 import click
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.by_events import EventOptions
-from toppling.orchestrator.public.constraining import Dates
 from toppling.orchestrator.public.constraining import constrain as state
+from toppling.orchestrator.public.hazard_question import Dates, EventOptions
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
 from toppling.orchestrator.verbs.shared_options import option

@@ -33,7 +33,7 @@ from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
-from toppling.results.drawing.constraint_words import all_words, event_words
+from toppling.results.drawing.constraint_words import all_words
 from toppling.results.hazard.ages import Since, fragile_years, parse_age, parse_since
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update
@@ -193,7 +193,7 @@ def _by_events(question: Question, jobs: dict[Path, Jobs], advance: Callable[...
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_events(update, stated, tables, out, ratio))
 
-    return RockStatement(content, event_words(content), warnings, files, write)
+    return RockStatement(content, all_words(content), warnings, files, write)
 
 
 def _by_curves(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:

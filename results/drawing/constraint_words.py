@@ -1,11 +1,16 @@
 """What standing rocks say, under curves of hazard or a set of events, in words: the answer, then what it rests on."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from toppling.models.arrays import Array
 from toppling.models.files.documents import listed
-from toppling.results.drawing.style import printed_unit, short_name, unit_of
+from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, unit_of
 from toppling.results.hazard.places import SITE_REACH_KM
+from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
@@ -23,6 +28,12 @@ _VARY = {
     "joint rate": "other scatters of the two measures",
 }  # fmt: skip
 
+_OUTSIDE = {
+    "unstated_above": "beyond the curve's last point",
+    "unstated_below": "below its first point, if its initial slope continues",
+}
+"""Shares of a toppling rate outside a hazard curve's points."""
+
 
 def answer(statement: dict[str, Any]) -> list[str]:
     """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
@@ -31,17 +42,12 @@ def answer(statement: dict[str, Any]) -> list[str]:
     lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
     counts, several = statement["decided"], len(statement["branches"]) > 1
     if several:
-        alive = [branch["survival"] for branch in statement["branches"]]
+        alive, gone = [branch["survival"] for branch in statement["branches"]], counts["branches_rejected"]
+        weight = f", with {_percent(counts['weight_rejected'])} of the weight" if gone else ""
         lines.append(
             f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
-            f"{_percent(min(alive))} to {_percent(max(alive))}; {counts['branches_rejected'] or 'none'} of them "
-            f"{'are' if counts['branches_rejected'] > 1 else 'is'} rejected at {100 * statement['confidence']:g} %"
-            + (
-                f", with {_percent(counts['weight_rejected'])} of the weight"
-                if counts["branches_rejected"]
-                else ""
-            )
-            + "."
+            f"{_percent(min(alive))} to {_percent(max(alive))}; {gone or 'none'} of them "
+            f"{'are' if gone > 1 else 'is'} rejected at {100 * statement['confidence']:g} %{weight}."
         )
         if counts["effective_branches_posterior"] is not None:
             lines.append(
@@ -51,11 +57,19 @@ def answer(statement: dict[str, Any]) -> list[str]:
     return lines
 
 
+def by_site_and_measure(
+    rows: Sequence[dict[str, Any]], measure: str
+) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    """Rows of each site and measure, in their order; rows that state none are of one place, and over a measure."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row.get("site", ""), row.get("measure", measure)), []).append(row)
+    return groups
+
+
 def _falls(statement: dict[str, Any]) -> list[str]:
     """How the motion at a rate falls: at each site, in each measure, where there are several."""
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in statement["changes"]:
-        groups.setdefault((row.get("site", ""), row.get("measure", statement["measure"])), []).append(row)
+    groups = by_site_and_measure(statement["changes"], statement["measure"])
     several = len({site for site, _ in groups}) > 1
     return [
         (f"At {site}: " if several else "") + line
@@ -128,7 +142,7 @@ def _varying(statement: dict[str, Any]) -> str:
 def all_words(statement: dict[str, Any]) -> str:
     """Everything that is said, a line a sentence."""
     lines = [*answer(statement), *_rock_lines(statement)]
-    if statement.get("hazard_ratio") == 1.0:
+    if "hazard" in statement and statement["hazard_ratio"] == 1.0:
         component = statement["hazard"]["component"]
         stated = f", though its files say {component}" if component else ""
         lines.append(
@@ -136,13 +150,14 @@ def all_words(statement: dict[str, Any]) -> str:
             f"{stated}; give --ratio if it is for another component."
         )
     lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
-    unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
-    lines += [
-        f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
-        f"{row['rejected_return_years']:,.0f} years"
-        for row in statement.get("rejected", ())[9::10]
-    ]
-    return "\n".join(lines)
+    lines += [*_tree_lines(statement), *_event_lines(statement)]
+    for row in statement.get("rejected", ())[9::10]:
+        unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
+        lines.append(
+            f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
+            f"{row['rejected_return_years']:,.0f} years"
+        )
+    return "\n".join([*lines, *(f"Note: {note}." for note in statement.get("notes", ()))])
 
 
 def age_words(years: float | None) -> str:
@@ -153,24 +168,76 @@ def age_words(years: float | None) -> str:
     return f", stood for {years:,.0f} years{in_ka}"
 
 
+def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
+    """Say how long rocks have stood, in a line: an age or a range, of each where there is room; empty without ages."""
+    dated = [rock for rock in rocks if np.isfinite(rock.years).any()]
+    ages = {rock.name: _years(rock.years) for rock in dated}
+    if len(set(ages.values())) == 1:
+        return f"standing for {next(iter(ages.values()))}"
+    each = "; ".join(f"{name}: {years}" for name, years in ages.items())
+    if len(each) <= LETTERS_PER_IN * width_in:
+        return each
+    return f"{len(ages)} rocks, standing for {_years(np.concatenate([rock.years for rock in dated]))}"
+
+
+def _years(years: Array) -> str:
+    low, high = (f"{float(f'{value:.3g}'):,.0f}" for value in (np.min(years), np.max(years)))
+    return f"{low} years" if low == high else f"{low} to {high} years"
+
+
 def _rock_lines(statement: dict[str, Any]) -> list[str]:
-    """What the rocks say about a single event, and what that rests on."""
+    """The rocks, what they say about a single event, and what that rests on."""
+    lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
+    if "unexceeded" in statement:
+        lines += _single_event_lines(statement)
+    unit = unit_of(statement["measure"]) if "unexceeded" in statement else ""
+    for rock in statement["rocks"]:
+        lines += _reservations(rock, statement.get("unexceeded"), unit)
+    if site := statement.get("random_rock"):
+        low, high = site["median_low"], site["median_high"]
+        upper = "or more" if high is None else f"to {high:.3g}"
+        ends = "" if low is None else f" ({low:.3g} {upper}, 95 %)"
+        lines.append(
+            f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
+            f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
+        )
+    if statement.get("ages_independent"):
+        lines.append(
+            "The ages of the rocks are taken as independent, as if each rock had been dated separately."
+        )
+    return lines
+
+
+def _rock_line(rock: dict[str, Any], measure: str) -> str:
+    """A rock's fragility, and how long it has stood, or where, as far as that is stated."""
+    away = rock.get("site_distance_km")
+    return (
+        f"{rock['name']}: {fragility_words(rock, measure)}{age_words(rock.get('age_years'))}"
+        + (f", at {rock['site']}" if "site" in rock else "")
+        + ("" if away is None else f", {away:.1f} km from --site")
+    )
+
+
+def fragility_words(rock: dict[str, Any], measure: str) -> str:
+    """Fragility of a rock of a statement."""
+    return str(
+        rock.get("fragility") or f"median {rock['median']:.3g} {unit_of(measure)}, beta {rock['beta']:.2f}"
+    )
+
+
+def _single_event_lines(statement: dict[str, Any]) -> list[str]:
+    """What the rocks say about a single event, and how sure that is."""
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
-        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}{age_words(rock.get('age_years'))}"
-        for rock in statement["rocks"]
-    ]
-    lines.append(
         f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "
         f"{statement['unexceeded']:.3g} {unit} while {stood}."
-    )
+    ]
     if (apart := statement.get("rocks_apart_km", 0.0)) > SITE_REACH_KM:
         lines.append(f"  they stand up to {apart:,.0f} km apart, and are taken to have felt the same events")
     if statement["unexceeded_low"] is None:
-        lines.append(
-            "  its uncertainty from the choice of records is unknown: this needs a run with enough records"
-        )
+        unknown = "its uncertainty from the choice of records is unknown"
+        lines.append(f"  {unknown}: this needs a run with enough records")
     else:
         high = statement["unexceeded_high"]
         ends = f"{statement['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
@@ -187,24 +254,10 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
                 f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
                 f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
             )
-    for rock in statement["rocks"]:
-        lines += _reservations(rock, statement["unexceeded"], unit)
-    if site := statement.get("random_rock"):
-        low, high = site["median_low"], site["median_high"]
-        upper = "or more" if high is None else f"to {high:.3g}"
-        ends = "" if low is None else f" ({low:.3g} {upper}, 95 %)"
-        lines.append(
-            f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
-            f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
-        )
-    if statement.get("ages_independent"):
-        lines.append(
-            "The ages of the rocks are taken as independent, as if each rock had been dated separately."
-        )
     return lines
 
 
-def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[str]:
+def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> list[str]:
     """What limits the trust in one rock's curve: jobs without an answer, and extrapolation."""
     lines = []
     if rock.get("without_answer"):
@@ -213,6 +266,8 @@ def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[st
             f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
             "jobs near the threshold rock longest and most often lack one"
         )
+    if unexceeded is None:
+        return lines
     if "strongest_shaken" not in rock:
         lines.append(
             f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
@@ -227,10 +282,13 @@ def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[st
 
 
 def _branch_lines(statement: dict[str, Any]) -> list[str]:
-    """What is said of each branch, where they are few, and of all of them."""
-    branches = statement.get("branches", ())
+    """Each branch, where they are few, or those that the rocks favour most and least; and what holds for all."""
+    branches = sorted(statement.get("branches", ()), key=lambda branch: -branch["survival"])
+    if not branches:
+        return []
+    few = len(branches) <= _MOST_NAMED
     lines = []
-    for branch in branches if len(branches) <= _MOST_NAMED else ():
+    for branch in branches if few else [*branches[: _MOST_NAMED - 1], branches[-1]]:
         verdict = "rejected" if branch["rejected"] else "kept"
         lines.append(
             f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
@@ -241,19 +299,31 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
         )
-        lines += _over_draws(branch, statement)
-        lines += _outside(branch, 1.0 - statement["confidence"])
-        lines += _taken_at(branch)
-    if len(branches) > _MOST_NAMED:
-        lines += _many(statement)
-    if branches and all(branch["rejected"] for branch in branches):
+        if few:
+            lines += [*_reserved(branch, statement), *_taken_at(branch)]
+    if not few:
+        lines.append(
+            f"  and {len(branches) - _MOST_NAMED} branches between the last two: in branches.csv (--out) and --json"
+        )
+        lines += _taken_at(branches[0])
+    lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in branches)
+    if lost > 0.01 and not few:
+        lines.append(
+            f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
+        )
+    if all(branch["rejected"] for branch in branches):
         ranked = branches[0]["posterior_weight"] is not None
         lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
+    return lines
+
+
+def _tree_lines(statement: dict[str, Any]) -> list[str]:
+    """Which choices of a logic tree the rocks move, and which contributions to the hazard topple them."""
+    lines = []
     for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
-        moved = next(row["moved"] for row in statement["levels"] if row["level"] == level)
         rows = [row for row in statement["levels"] if row["level"] == level]
         lines.append(
-            f"logic-tree level {level}: the rocks move {_percent(moved)} of its weight ("
+            f"logic-tree level {level}: the rocks move {_percent(rows[0]['moved'])} of its weight ("
             + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
             + ")"
         )
@@ -266,58 +336,27 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _many(statement: dict[str, Any]) -> list[str]:
-    """The branches that gain and lose most, where there are too many to name."""
-    branches = statement["branches"]
-    lines = _taken_at(branches[0])
-    if branches[0]["posterior_weight"] is not None:
-        ranked = sorted(branches, key=lambda branch: branch["posterior_weight"] / branch["prior_weight"])
-        for word, branch in (("most", ranked[-1]), ("least", ranked[0])):
-            lines.append(
-                f"  {word} favoured: {branch['name']}, survival {branch['survival']:.3g}, weight "
-                f"{branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
-            )
-    lost = max(branch["unstated_above"] + branch["unstated_below"] for branch in branches)
-    if lost > 0.01:
-        lines.append(
-            f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
-        )
-    return lines
-
-
 def _taken_at(branch: dict[str, Any]) -> list[str]:
     """Site that a branch's curve is of, and how far that is from the one asked for."""
-    named = f"{branch['site_name']}, " if branch.get("site_name") else ""
-    if "site_longitude_deg" not in branch:
-        return [f"  taken at {branch['site_name']}"] if branch.get("site_name") else []
-    away = branch.get("site_distance_km")
-    return [
-        f"  taken at {named}longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
-        + ("" if away is None else f", {away:.1f} km from --site")
-    ]
+    named = [branch["site_name"]] if branch.get("site_name") else []
+    if "site_longitude_deg" in branch:
+        place = f"longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
+        away = branch.get("site_distance_km")
+        named += [place] if away is None else [place, f"{away:.1f} km from --site"]
+    return [f"  taken at {', '.join(named)}"] if named else []
 
 
-def _over_draws(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
-    """State the interval of a branch's survival over records and ages, and whether the verdict depends on them."""
+def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
+    """How sure a branch's survival is, over draws and beyond its curve's points; the verdict may hang on it."""
     low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - statement["confidence"]
-    if low is None:
-        return []
-    hangs = "; the verdict depends on them" if low < least <= high else ""
-    return [f"  survival {low:.3g} to {high:.3g} with {_varying(statement)} (95 %){hangs}"]
-
-
-def _outside(branch: dict[str, Any], least: float) -> list[str]:
-    """State the rate that may lie outside a hazard curve's points, and whether the verdict depends on it."""
-    shares = {
-        "beyond the curve's last point": branch["unstated_above"],
-        "below its first point, if its initial slope continues": branch["unstated_below"],
-    }
-    lines = [
-        f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted"
-        for where, share in shares.items()
-        if share > 0.01
-    ]
-    if branch["survival_least"] < least <= branch["survival"]:
+    lines = []
+    if low is not None:
+        hangs = "; the verdict depends on them" if low < least <= high else ""
+        lines.append(f"  survival {low:.3g} to {high:.3g} with {_varying(statement)} (95 %){hangs}")
+    for name, where in _OUTSIDE.items():
+        if (share := branch.get(name, 0.0)) > 0.01:
+            lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
+    if branch.get("survival_least", 1.0) < least <= branch["survival"]:
         lines.append(
             f"  including it, survival would be {branch['survival_least']:.3g} and the branch rejected: give a curve "
             "that extends further"
@@ -328,32 +367,16 @@ def _outside(branch: dict[str, Any], least: float) -> list[str]:
 _FEW_EVENTS = 5.0
 """Effective number of events below which a branch's survival hangs on a few."""
 
-_NAMED_BRANCHES = 12
 
-
-def event_words(statement: dict[str, Any]) -> str:
-    """The statement in words, the answer first."""
-    rocks = statement["rocks"]
-    lines = [*answer(statement)] + [
-        f"{rock['name']}: {rock['fragility']}, at {rock['site']}"
-        + ("" if rock["site_distance_km"] is None else f", {rock['site_distance_km']:.1f} km from --site")
-        for rock in rocks
-    ]
-    count = len(statement["branches"])
-    stand = "the rock stands" if len(rocks) == 1 else f"all {len(rocks)} rocks stand"
-    lines.append(
-        f"Under {statement['events']:,} events of {count} {'branch' if count == 1 else 'branches'}, "
-        f"{stand} with {statement['decided']['survival_mean_of_branches']:.3g}."
-    )
-    ranked = sorted(statement["branches"], key=lambda row: row["rank"])
-    for row in ranked[:_NAMED_BRANCHES]:
-        lines += _branch_words(row)
-    if len(ranked) > _NAMED_BRANCHES:
-        lines.append(f"and {len(ranked) - _NAMED_BRANCHES} branches more, in branches.csv (--out) and --json")
-    if all(row["rejected"] for row in ranked):
-        lines.append("Every branch is rejected.")
-    few = [row["name"] for row in ranked if 0 < row["effective_events"] < _FEW_EVENTS]
-    none = [row["name"] for row in ranked if row["effective_events"] == 0]
+def _event_lines(statement: dict[str, Any]) -> list[str]:
+    """What a set of events adds: how many events the answer hangs on, which model agrees best, each rock left out."""
+    if "events" not in statement:
+        return []
+    count, branches = len(statement["branches"]), statement["branches"]
+    of = f"{count} {'branch' if count == 1 else 'branches'}"
+    lines = [f"This rests on {statement['events']:,} events of {of}."]
+    few = [row["name"] for row in branches if 0 < row["effective_events"] < _FEW_EVENTS]
+    none = [row["name"] for row in branches if row["effective_events"] == 0]
     if few:
         lines.append(
             f"Fewer than {_FEW_EVENTS:g} events bear the toppling rate of {listed(few, 4)}: simulate more years."
@@ -370,24 +393,7 @@ def event_words(statement: dict[str, Any]) -> str:
             f"{least['bayes_factor']:.2g} times."
         )
     predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
-    lines += [
+    return lines + [
         f"Without {name}: the other rocks predict that it stands with {0.0 if chance is None else chance:.3g}"
         for name, chance in predicted.items()
-    ]
-    return "\n".join([*lines, *(f"Note: {note}." for note in statement["notes"])])
-
-
-def _branch_words(row: dict[str, Any]) -> list[str]:
-    weight = (
-        "the rocks stand under no branch" if row["posterior_weight"] is None
-        else f"weight {row['prior_weight']:.3g} becomes {row['posterior_weight']:.3g}"
-    )  # fmt: skip
-    factor = (
-        "motions of any strength keep" if row["scale_factor"] is None
-        else f"motions up to {row['scale_factor']:.2f} times as strong keep"
-    )  # fmt: skip
-    return [
-        f"{row['name']}: topples at {row['toppling_rate']:.2e} a year, survival {row['survival']:.3g} "
-        f"({row['survival_low']:.2g} to {row['survival_high']:.2g}, 95 %), "
-        f"{'rejected' if row['rejected'] else 'kept'}; {weight}; {factor} it standing"
     ]

@@ -1,4 +1,6 @@
-"""A hazard before and after standing rocks have a say, of curves and of a set of events; survival of branches."""
+"""A hazard before and after standing rocks have a say, of curves and of a set of events; rates that rocks reject."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -8,9 +10,19 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
-from toppling.results.drawing.constraint_figures import ages_words
-from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
-from toppling.results.hazard.tree import Statistics
+from toppling.results.analysis.constraint import Constraint
+from toppling.results.drawing.constraint_words import ages_words
+from toppling.results.drawing.style import (
+    COLOURS,
+    FULL_WIDTH_IN,
+    HALF_WIDTH_IN,
+    MAIN_COLOUR,
+    measure_label,
+    plain_log,
+    style,
+)
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.tree import Branch, Statistics
 from toppling.results.hazard.update import Update
 
 _LEAST_RATE = 3e-7
@@ -19,48 +31,144 @@ _LEAST_RATE = 3e-7
 _LEAST_RANGE = 50.0
 """Of the rates that are drawn: at least one power of ten has a label."""
 
+_MOST_IN_LEGEND = 6
+"""Branches that the legend names, at most."""
+
+
+def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -> Figure:
+    """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
+
+    constraint: with ages; the legend says what it says of each branch.
+    """
+    bound, verdicts = constraint.bound, constraint.branches
+    assert bound is not None
+    branches = constraint.update.tree.branches if constraint.update else ()
+    measure, rate = bound.columns[0], bound["rejected_annual_rate"]
+    named = len(branches) <= _MOST_IN_LEGEND
+    below_in = 0.45 + 0.16 * (1 + (len(branches) if named else 1))
+    with style():
+        figure, axes = _rates_axes(measure, width_in, below_in + 0.1, 0.12)
+        shown = [_within(bound, branch.curve) for branch in branches]
+        least, top = _rates_shown(bound, [rates for rates in shown if len(rates)])
+        axes.fill_between(
+            bound[measure], rate, top, color="0.85", lw=0,
+            label=f"rates rejected at {100 * constraint.confidence:g} %, whatever the rest of the curve",
+        )  # fmt: skip
+        axes.plot(bound[measure], rate, color="k", lw=1)
+        if named:
+            _draw_named(axes, branches, verdicts, shown)
+        elif verdicts is not None:
+            weights = verdicts["posterior_weight"].fillna(verdicts["prior_weight"]).to_numpy()
+            label = f"; {int(verdicts['rejected'].sum()) or 'none'} rejected"
+            _draw_branches(
+                axes, branches, weights, f"{len(branches)} hazard curves, darker with more weight{label}"
+            )
+        axes.set(xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top))
+        axes.set_title(ages_words(constraint.rocks, width_in))
+        _legend_below(figure, axes)
+    return figure
+
+
+def _rates_axes(measure: str, width_in: float, below_in: float, right_in: float) -> tuple[Figure, Axes]:
+    """A figure of annual rates of exceedance over a measure, with room below for its legend."""
+    height = 3.4 + below_in
+    figure = Figure(figsize=(width_in, height))
+    axes = figure.subplots(
+        gridspec_kw={
+            "left": 0.62 / width_in, "right": 1 - right_in / width_in, "bottom": below_in / height,
+            "top": 1 - 0.3 / height,
+        }
+    )  # fmt: skip
+    _over_rates(axes, measure)
+    return figure, axes
+
+
+def _over_rates(axes: Axes, measure: str) -> None:
+    """Label axes of annual rates of exceedance over a measure."""
+    axes.set(xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance")
+    plain_log(axes.xaxis)
+    axes.yaxis.set_major_locator(LogLocator(numticks=10))
+    axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _legend_below(figure: Figure, axes: Axes, columns: int = 1) -> None:
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="lower left", frameon=False, bbox_to_anchor=(0.0, 0.0), handlelength=2.4,
+        borderaxespad=0.2, ncols=columns,
+    )  # fmt: skip
+
+
+def _draw_named(
+    axes: Axes,
+    branches: Sequence[Branch],
+    verdicts: pd.DataFrame | None,
+    shown: Sequence[Array],
+) -> None:
+    """Each branch as a line of its own, which the legend names with its verdict."""
+    colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
+    for number, (branch, rates) in enumerate(zip(branches, shown, strict=True)):
+        name = branch.name if len(rates) else f"{branch.name} (no rates here)"
+        verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
+        axes.plot(
+            branch.curve.intensity, branch.curve.annual_rate, ("-", "--", "-.", ":")[number % 4],
+            color=colours[number], lw=1.3, label=name + verdict,
+        )  # fmt: skip
+
+
+def _verdict(row: pd.Series) -> str:
+    survival = row["survival"]
+    words = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
+    return f": survival {words}, {'rejected' if row['rejected'] else 'not rejected'}"
+
+
+def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
+    """Rates of a branch at the bound's intensities that it has."""
+    intensity = bound.iloc[:, 0].to_numpy()
+    inside = (intensity >= branch.intensity[0]) & (intensity <= branch.intensity[-1])
+    return branch.rate(intensity[inside])
+
+
+def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, float]:
+    """Ends of the rates: those of the bound, widened to what the branches have at its intensities.
+
+    A branch that falls steeply may leave the frame a thousand times below the bound, but where it comes nearest to
+    the bound it is seen, however far off that is.
+    """
+    rejected = bound["rejected_annual_rate"]
+    least, top = rejected.min() / 10, 3 * rejected.max()
+    for rates in drawn:
+        least = min(least, rates.max() / 10, max(rates.min() / 2, rejected.min() / 1000))
+        top = max(top, 3 * rates.min())
+    return float(least), float(top)
+
 
 def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Annual rates of exceedance before and after, over intensity, with return periods on the right."""
     count = len(update.tree.branches)
     rows = (1 + bool(update.tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
-    below_in = 0.5 + 0.16 * rows
-    height = 3.4 + below_in
     with style():
-        figure = Figure(figsize=(width_in, height))
-        axes = figure.subplots(
-            gridspec_kw={
-                "left": 0.6 / width_in, "right": 1 - 0.75 / width_in, "bottom": below_in / height,
-                "top": 1 - 0.3 / height,
-            }
-        )  # fmt: skip
+        figure, axes = _rates_axes(update.tree.measure, width_in, 0.5 + 0.16 * rows, 0.75)
         if count > 1:
-            _draw_branches(axes, update)
+            weights = update.tree.weights if update.posterior is None else update.posterior
+            _draw_branches(axes, update.tree.branches, weights, f"{count} branches, darker with more weight")
         _draw_fractiles(axes, update)
         if update.after is not None and count > 1:
             _draw_band(axes, update.after, "5 to 95 % after")
         name = "mean before" if count > 1 else "hazard"
         axes.plot(*_bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
         if update.after is not None and count > 1:
-            axes.plot(
-                *_bearing(update.after.levels, update.after.mean),
-                color=MAIN_COLOUR,
-                lw=1.6,
-                label="mean after",
-            )
+            line = _bearing(update.after.levels, update.after.mean)
+            axes.plot(*line, color=MAIN_COLOUR, lw=1.6, label="mean after")
         _frame(axes, update, width_in)
-        figure.legend(
-            *axes.get_legend_handles_labels(), frameon=False, loc="lower left", bbox_to_anchor=(0.0, 0.0),
-            borderaxespad=0.3, ncols=1 if width_in < FULL_WIDTH_IN else 3,
-        )  # fmt: skip
+        _legend_below(figure, axes, 1 if width_in < FULL_WIDTH_IN else 3)
     return figure
 
 
-def _draw_branches(axes: Axes, update: Update) -> None:
+def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label: str) -> None:
     """Each branch as a thin line, the darker the more weight it has now."""
-    weights = update.tree.weights if update.posterior is None else update.posterior
-    axes.plot([], [], color="0.6", lw=0.7, label=f"{len(weights)} branches, darker with more weight")
-    for branch, weight in zip(update.tree.branches, weights / weights.max(), strict=True):
+    axes.plot([], [], color="0.6", lw=0.7, label=label)
+    for branch, weight in zip(branches, weights / weights.max(), strict=True):
         axes.plot(
             branch.curve.intensity, branch.curve.annual_rate, color="k", lw=0.5, alpha=0.08 + 0.3 * weight,
             zorder=1.5,
@@ -98,7 +206,7 @@ def _bearing(levels: Array, rates: Array) -> tuple[Array, Array]:
 
 
 def _frame(axes: Axes, update: Update, width_in: float) -> None:
-    """Axes over what is asked for: intensities whose rates are drawn, and return periods beside them."""
+    """Ends at what is asked for: intensities whose rates are drawn; return periods beside them."""
     x, rates = _bearing(update.before.levels, update.before.mean)
     shown = rates >= _LEAST_RATE
     top = max(
@@ -106,15 +214,8 @@ def _frame(axes: Axes, update: Update, width_in: float) -> None:
     )
     right = x[min(int(shown.sum()), len(x) - 1)]
     least = min(max(_LEAST_RATE, rates.min() / 2), top / _LEAST_RANGE)
-    axes.set(
-        xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
-        xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top),
-    )  # fmt: skip
+    axes.set(xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top))
     axes.set_title(ages_words(update.rocks, width_in))
-    plain_log(axes.xaxis)
-    axes.yaxis.set_major_locator(LogLocator(numticks=10))
-    axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
-    axes.yaxis.set_minor_formatter(NullFormatter())
     period = axes.secondary_yaxis("right", functions=(_inverse, _inverse))
     period.set_ylabel("return period (years)")
     period.yaxis.set_major_locator(LogLocator(numticks=10))
@@ -193,30 +294,18 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
 def _draw_hazard(axes: Axes, updated: pd.DataFrame) -> None:
     level = updated["level"]
     measure = updated["measure"].iloc[0]
-    axes.fill_between(
-        level,
-        updated["rate_prior_p05"],
-        updated["rate_prior_p95"],
-        color="0.85",
-        lw=0,
-        label="5 to 95 % before",
-    )
+    before = updated["rate_prior_p05"], updated["rate_prior_p95"]
+    axes.fill_between(level, *before, color="0.85", lw=0, label="5 to 95 % before")
     if updated["rate_posterior_mean"].notna().any():
-        axes.fill_between(
-            level, updated["rate_posterior_p05"], updated["rate_posterior_p95"], color=MAIN_COLOUR, alpha=0.3, lw=0,
-            label="5 to 95 % after",
-        )  # fmt: skip
-        axes.plot(
-            level, _positive(updated["rate_posterior_mean"]), color=MAIN_COLOUR, lw=1.4, label="mean after"
-        )
+        after = updated["rate_posterior_p05"], updated["rate_posterior_p95"]
+        axes.fill_between(level, *after, color=MAIN_COLOUR, alpha=0.3, lw=0, label="5 to 95 % after")
+        mean = _positive(updated["rate_posterior_mean"])
+        axes.plot(level, mean, color=MAIN_COLOUR, lw=1.4, label="mean after")
     axes.plot(level, _positive(updated["rate_prior_mean"]), "k--", lw=1.0, label="mean before")
+    _over_rates(axes, measure)
     least = _positive(updated["rate_prior_mean"]).min()
-    axes.set(
-        xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance",
-        ylim=(least / 10, None), xlim=(level.min(), level.max()), title=f"at {updated['site'].iloc[0]}",
-    )  # fmt: skip
-    plain_log(axes.xaxis)
-    axes.yaxis.set_major_locator(LogLocator(numticks=10))
+    site = updated["site"].iloc[0]
+    axes.set(ylim=(least / 10, None), xlim=(level.min(), level.max()), title=f"at {site}")
     axes.legend(loc="lower left", frameon=False)
 
 

@@ -1,59 +1,129 @@
-"""The page of a constraint, or of one under a set of events: the answer in words, then what it rests on."""
+"""The page of a constraint, by curves of hazard or a set of events: the answer in words, then what it rests on."""
 
 import json
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
-from toppling.results.drawing.constraint_words import all_words, answer, event_words, rate_words
-from toppling.results.drawing.hazard_figures import MOST_PANELS, events_figure, hazard_figure
+from toppling.results.drawing.constraint_words import (
+    ages_words,
+    all_words,
+    answer,
+    by_site_and_measure,
+    fragility_words,
+    rate_words,
+)
+from toppling.results.drawing.hazard_figures import (
+    MOST_PANELS,
+    constraint_figure,
+    events_figure,
+    hazard_figure,
+)
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
-from toppling.results.drawing.style import HALF_WIDTH_IN, digits, printed_unit, short_name
+from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, digits, printed_unit, short_name
 
 _MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
 
 
-def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
+@dataclass(frozen=True)
+class Drawing:
+    """A figure of a statement, for its file and for a section of the page."""
+
+    stem: str  # of the file
+    section: str
+    draw: Callable[[float], Figure]  # from a width in inches
+    caption: str
+    width_in: float = FULL_WIDTH_IN
+
+
+def curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Drawing]:
+    """The hazard before and after, where there is one, and with ages the rates that are rejected."""
+    found = []
+    if (update := constraint.update) is not None:
+        several = len(update.tree.branches) > 1
+        caption = (
+            f"Hazard of {short_name(statement['measure'])} at {_site(statement)}, {ages_words(constraint.rocks)}"
+        ) + (
+            ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by "
+            "the rock's survival; each branch is a line, the darker the more weight it has now."
+            if several
+            else ": one curve, which cannot be weighted again."
+        )
+        found.append(Drawing("hazard", "Hazard", lambda width: hazard_figure(update, width), caption))
+    return found + rejected_drawing(constraint)
+
+
+def rejected_drawing(constraint: Constraint) -> list[Drawing]:
+    """The rates that the rocks reject; none without ages."""
+    if constraint.bound is None:
+        return []
+    caption = (
+        f"Annual rates of exceedance that the standing rocks reject at {100 * constraint.confidence:g} % whatever the "
+        "rest of a hazard curve (grey), and the given curves. A curve outside the grey can also be rejected, by all "
+        "its rates together."
+    )
+    return [
+        Drawing(
+            "constraint", "Rates rejected", lambda _: constraint_figure(constraint), caption, HALF_WIDTH_IN
+        )
+    ]
+
+
+def event_drawings(statement: dict[str, Any], tables: Mapping[str, pd.DataFrame]) -> list[Drawing]:
+    """Survival of branches, and the hazard before and after at each site, of each measure."""
+    places = len(by_site_and_measure(statement["updated"], ""))
+    caption = (
+        "Survival of each branch (circles: weights before; dots: after; lines: 95 %), and rates of exceedance before "
+        "and after the branches are weighted by it"
+        + (f", of the first {MOST_PANELS} of {places} sites and measures." if places > MOST_PANELS else ".")
+    )
+    branches, updated, confidence = tables["branches"], tables.get("updated"), statement["confidence"]
+    return [
+        Drawing(
+            "constraint", "Hazard", lambda width: events_figure(branches, updated, confidence, width), caption
+        )
+    ]
+
+
+def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> str:
     """HTML of a constraint, with its pictures inside.
 
-    statement: its statement (`Constraint.summary`), with the choices that led to it.
+    statement: with the choices that led to it.
     """
-    remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
-    document = Document("; ".join(dict.fromkeys(filter(None, remarks))))
-    names = [rock.name for rock in constraint.rocks]
-    lines = answer(statement) or all_words(statement).splitlines()[:2]
+    document = Document(unfinished(statement))
+    shown = {one.section: document.figure(one.draw, one.caption, one.width_in) for one in drawings}
+    words = all_words(statement).splitlines()
+    method = _METHOD_OF_EVENTS if "events" in statement else _METHOD if "branches" in statement else ""
     sections = [
-        ("Hazard", _hazard(constraint, statement, document)),
+        ("Hazard", shown.get("Hazard", "") + _changes(statement, document)),
         ("Branches", branches_table(statement, document)),
         ("Logic tree", _levels(statement, document)),
-        ("Rates rejected", rejected_part(constraint, document)),
+        ("Ground-motion models", _models(statement, document)),
+        ("Rates rejected", shown.get("Rates rejected", "")),
         ("Rocks", _rocks(statement, document)),
-        ("In words", "".join(map(paragraph, all_words(statement).splitlines()))),
-        ("Method", _METHOD if constraint.update else ""),
-        ("Choices and files", _choices_part(statement)),
+        ("In words", "".join(map(paragraph, words))),
+        ("Method", method),
+        ("Choices and files", f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"),
     ]
-    return _page(names, lines, document.remark, sections)
-
-
-def _page(
-    names: Sequence[str], answers: Sequence[str], remark: str, sections: Sequence[tuple[str, str]]
-) -> str:
-    """HTML: whose page it is, what has to be known first, the answer, and the sections that say something."""
-    rocks, says = ", ".join(names), "says" if len(names) == 1 else "say"
-    alarm = f'<p class="alarm">{safe(remark)}.</p>' if remark else ""
-    head = f"<h1>What {safe(rocks)} {says} by still standing</h1>{alarm}" + "".join(map(paragraph, answers))
+    rocks = ", ".join(rock["name"] for rock in statement["rocks"])
+    says = "says" if len(statement["rocks"]) == 1 else "say"
+    alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
+    answers = "".join(map(paragraph, answer(statement) or words[:2]))
+    head = f"<h1>What {safe(rocks)} {says} by still standing</h1>{alarm}{answers}"
     return page(f"toppling: {rocks}", head, [(title, text) for title, text in sections if text])
 
 
-def _choices_part(statement: dict[str, Any]) -> str:
-    """Options and files, as the statement notes them."""
-    return f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"
+def unfinished(statement: dict[str, Any]) -> str:
+    """That runs behind the rocks were not finished, in words; empty where all were, or it is not known."""
+    rocks = [rock for rock in statement["rocks"] if rock.get("jobs_done") is not None]
+    remarks = [Completeness(rock["jobs_planned"], rock["jobs_done"]).remark for rock in rocks]
+    return "; ".join(dict.fromkeys(filter(None, remarks)))
 
 
 _METHOD = (
@@ -67,53 +137,52 @@ _METHOD = (
 )
 
 
-def _hazard(constraint: Constraint, statement: dict[str, Any], document: Document) -> str:
-    if constraint.update is None:
-        return ""
-    measure = short_name(statement["measure"])
-    many = len(statement["branches"]) > 1
-    caption = f"Hazard of {measure} at {_site(statement)}, {ages_words(constraint.rocks)}" + (
-        ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by the "
-        "rock's survival; each branch is a line, the darker the more weight it has now."
-        if many
-        else ": one curve, which cannot be weighted again."
-    )
-    parts = [document.figure(lambda width: hazard_figure(constraint.update, width), caption)]  # type: ignore[arg-type]
-    if many:
-        parts.append(_changes_part(statement["changes"], statement["measure"], "", document))
-    return "".join(parts)
-
-
-def _changes_part(rows: Sequence[dict[str, Any]], measure: str, where: str, document: Document) -> str:
-    """The table of motions at some annual rates before and after."""
-    unit = printed_unit(measure)
-    table = pd.DataFrame([
-        {
-            "annual rate": rate_words(row["annual_rate"]), f"before ({unit})": digits(row["level_prior_mean"]),
-            f"after ({unit})": digits(row["level_posterior_mean"]),
-            "5 % after": digits(row["level_posterior_p05"]), "50 %": digits(row["level_posterior_p50"]),
-            "95 %": digits(row["level_posterior_p95"]),
-            "change of motion (%)": digits(row["level_change_percent"]),
-            "change of rate (%)": digits(row["rate_change_percent"]),
-        } | ({"rejected removed": digits(row["level_kept_mean"])} if "level_kept_mean" in row else {})
-        for row in rows
-    ])  # fmt: skip
-    removed = (
-        ", and the mean with rejected branches removed instead of weighted"
-        if "rejected removed" in table
-        else ""
-    )
-    return document.table(
-        table,
-        f"{short_name(measure)} exceeded at some annual rates{where}: mean before and after, fractiles over the "
-        f"branches after{removed}. Empty where the curves do not reach.",
-    )
+_METHOD_OF_EVENTS = (
+    "<p>An event of annual rate r topples at least one of the rocks with P = 1 &minus; &prod;(1 &minus; F<sub>i</sub>)"
+    ", where F<sub>i</sub> is rock i's fragility at the event's motion at its site: rocks feel the same events. Such "
+    "events have the rate &nu; = &Sigma; r P, and Poisson events leave all rocks standing for A years with the "
+    "probability exp(&minus;&nu;A), averaged over the ages. Branches are weighted by Bayes' rule, w' &prop; w "
+    "P(survival). Rates of exceedance are counted from the events; fractiles are over branches, as OpenQuake computes "
+    "them. The scale factor is that by which all motions may be multiplied before survival falls to one minus the "
+    "confidence; the rate factor that of the rates. Intervals of 95 % resample records and ages, and the events of a "
+    "catalogue.</p>"
+)
 
 
 def _site(statement: dict[str, Any]) -> str:
     hazard = statement["hazard"]
     place = f"longitude {hazard['site'][0]:g}, latitude {hazard['site'][1]:g}" if hazard["site"] else ""
     return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
+
+
+def _changes(statement: dict[str, Any], document: Document) -> str:
+    """Tables of motions at some annual rates before and after, at each site, of each measure; none of one branch."""
+    if len(statement.get("branches", ())) < 2:
+        return ""
+    names = {
+        "level_prior_mean": "before", "level_posterior_mean": "after", "level_posterior_p05": "5 % after",
+        "level_posterior_p50": "50 %", "level_posterior_p95": "95 %", "level_change_percent": "change of motion (%)",
+        "rate_change_percent": "change of rate (%)", "level_kept_mean": "rejected removed",
+    }  # fmt: skip
+    removed = ", and the mean with rejected branches removed instead of weighted"
+    parts = []
+    groups = by_site_and_measure(statement["changes"], statement["measure"])
+    for (site, measure), rows in list(groups.items())[:MOST_PANELS]:
+        rated = [{**row, "rate": rate_words(row["annual_rate"])} for row in rows]
+        caption = (
+            f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
+            f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after"
+            f"{removed if 'level_kept_mean' in rows[0] else ''}. Empty where the curves do not reach."
+        )
+        parts.append(document.table(_picked(rated, {"rate": "annual rate"} | names), caption))
+    return "".join(parts)
+
+
+def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.DataFrame:
+    """Columns of rows under other names, numbers to three digits; those that no row has are left out."""
+    table = pd.DataFrame(list(rows), dtype=object).reindex(columns=list(names))
+    some = table.dropna(axis="columns", how="all")
+    return some.map(lambda one: digits(one) if isinstance(one, float) else one).rename(columns=dict(names))
 
 
 def branches_table(statement: dict[str, Any], document: Document) -> str:
@@ -154,152 +223,51 @@ def _with_ends(row: dict[str, Any], name: str) -> str:
 def _levels(statement: dict[str, Any], document: Document) -> str:
     if not statement.get("levels"):
         return ""
-    table = pd.DataFrame([
-        {
-            "level": row["level"], "weight moved (%)": digits(100 * row["moved"]), "choice": row["choice"],
-            "before": digits(row["prior_weight"]), "after": digits(row["posterior_weight"]),
-        }
-        for row in statement["levels"]
-    ])  # fmt: skip
-    return document.table(
-        table,
-        "Levels of the logic tree by how much of their weight the rocks move from one choice to others.",
-    )
-
-
-def rejected_part(constraint: Constraint, document: Document) -> str:
-    """The figure of the rates that the rocks reject; empty without ages."""
-    if constraint.bound is None:
-        return ""
-    branches = constraint.update.tree.branches if constraint.update else ()
-    draw = partial(
-        constraint_figure,
-        constraint.bound,
-        branches,
-        constraint.confidence,
-        constraint.branches,
-        constraint.rocks,
-    )
-    caption = (
-        f"Annual rates of exceedance that the standing rocks reject at {100 * constraint.confidence:g} % whatever the "
-        "rest of a hazard curve (grey), and the given curves. A curve outside the grey can also be rejected, by all "
-        "its rates together."
-    )
-    return document.figure(lambda _: draw(), caption, HALF_WIDTH_IN)
-
-
-def _rocks(statement: dict[str, Any], document: Document) -> str:
-    unit = printed_unit(statement["measure"])
-    table = pd.DataFrame([
-        {
-            "rock": rock["name"], f"median ({unit})": digits(rock["median"]), "beta": digits(rock["beta"]),
-            "jobs": rock.get("jobs"), "toppled": rock.get("toppled"), "records": rock.get("records"),
-        }
-        for rock in statement["rocks"]
-    ])  # fmt: skip
-    text = document.table(
-        table, f"Fragility over {short_name(statement['measure'])} of each rock, and what it rests on."
-    )
-    if site := statement.get("random_rock"):
-        text += paragraph(
-            f"One fragility of the site, of a rock drawn at random from among those like them: median "
-            f"{digits(site['median'])} {unit}, beta {digits(site['beta'])}, of which {digits(site['beta_within'])} "
-            f"within a rock and {digits(site['beta_between'])} between rocks (random_rock.json)."
-        )
-    return text
-
-
-_METHOD_OF_EVENTS = (
-    "<p>An event of annual rate r topples at least one of the rocks with P = 1 &minus; &prod;(1 &minus; F<sub>i</sub>)"
-    ", where F<sub>i</sub> is rock i's fragility at the event's motion at its site: rocks feel the same events. Such "
-    "events have the rate &nu; = &Sigma; r P, and Poisson events leave all rocks standing for A years with the "
-    "probability exp(&minus;&nu;A), averaged over the ages. Branches are weighted by Bayes' rule, w' &prop; w "
-    "P(survival). Rates of exceedance are counted from the events; fractiles are over branches, as OpenQuake computes "
-    "them. The scale factor is that by which all motions may be multiplied before survival falls to one minus the "
-    "confidence; the rate factor that of the rates. Intervals of 95 % resample records and ages, and the events of a "
-    "catalogue.</p>"
-)
-
-
-def event_page(statement: dict[str, Any], tables: dict[str, pd.DataFrame]) -> str:
-    """HTML of a constraint under a set of events, with its pictures inside.
-
-    statement: with the choices that led to it.
-    tables: of the statement, by name.
-    """
-    document = Document(unfinished(statement))
-    names = [rock["name"] for rock in statement["rocks"]]
-    sections = [
-        ("Hazard", _hazard_of_events(statement, tables, document)),
-        ("Branches", branches_table(statement, document)),
-        ("Ground-motion models", _models(statement, document)),
-        ("Rocks", _rocks_of_events(statement, document)),
-        ("In words", "".join(map(paragraph, event_words(statement).splitlines()))),
-        ("Method", _METHOD_OF_EVENTS),
-        ("Choices and files", _choices_part(statement)),
-    ]
-    return _page(names, answer(statement), document.remark, sections)
-
-
-def unfinished(statement: dict[str, Any]) -> str:
-    """That runs behind the rocks were not finished, in words; empty where all were, or it is not known."""
-    rocks = [rock for rock in statement["rocks"] if rock.get("jobs_done") is not None]
-    remarks = [Completeness(rock["jobs_planned"], rock["jobs_done"]).remark for rock in rocks]
-    return "; ".join(dict.fromkeys(filter(None, remarks)))
-
-
-def _hazard_of_events(statement: dict[str, Any], tables: dict[str, pd.DataFrame], document: Document) -> str:
-    updated = tables.get("updated")
-    places = [] if updated is None else list(updated.groupby(["site", "measure"], sort=False).groups)
-    caption = (
-        "Survival of each branch (circles: weights before; dots: after; lines: 95 %), and rates of exceedance before "
-        "and after the branches are weighted by it" + (
-            f", of the first {MOST_PANELS} of {len(places)} sites and measures." if len(places) > MOST_PANELS else "."
-        )
-    )  # fmt: skip
-    parts = [
-        document.figure(
-            lambda width: events_figure(tables["branches"], updated, statement["confidence"], width), caption
-        )
-    ]
-    for site, measure in places[:MOST_PANELS] if len(statement["branches"]) > 1 else ():
-        rows = [row for row in statement["changes"] if (row["site"], row["measure"]) == (site, measure)]
-        parts.append(_changes_part(rows, measure, f" at {site}", document))
-    return "".join(parts)
+    rows = [{**row, "percent": 100 * row["moved"]} for row in statement["levels"]]
+    names = {
+        "level": "level", "percent": "weight moved (%)", "choice": "choice", "prior_weight": "before",
+        "posterior_weight": "after",
+    }  # fmt: skip
+    caption = "Levels of the logic tree by how much of their weight the rocks move from one choice to others."
+    return document.table(_picked(rows, names), caption)
 
 
 def _models(statement: dict[str, Any], document: Document) -> str:
     if len(statement.get("models", ())) < 2:
         return ""
-    table = pd.DataFrame([
-        {
-            "model": row["model"], "branches": row["branches"], "survival": digits(row["survival"]),
-            "before": digits(row["prior_weight"]), "after": digits(row["posterior_weight"]),
-            "over the average": digits(row["bayes_factor"]),
-        }
-        for row in statement["models"]
-    ])  # fmt: skip
-    return document.table(
-        table,
-        "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average.",
+    names = {
+        "model": "model", "branches": "branches", "survival": "survival", "prior_weight": "before",
+        "posterior_weight": "after", "bayes_factor": "over the average",
+    }  # fmt: skip
+    caption = (
+        "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average."
     )
+    return document.table(_picked(statement["models"], names), caption)
 
 
-def _rocks_of_events(statement: dict[str, Any], document: Document) -> str:
-    table = pd.DataFrame([
-        {"rock": rock["name"], "fragility": rock["fragility"], "site": rock["site"]} for rock in statement["rocks"]
-    ])  # fmt: skip
-    measures = " and ".join(map(short_name, statement["measure"].split("+")))
-    text = document.table(
-        table, f"Fragility over {measures} of each rock, and its site among those of the events."
+def _rocks(statement: dict[str, Any], document: Document) -> str:
+    measure = statement["measure"]
+    rows = [{**rock, "words": fragility_words(rock, measure)} for rock in statement["rocks"]]
+    names = {
+        "name": "rock", "words": "fragility", "site": "site", "jobs": "jobs", "toppled": "toppled",
+        "records": "records",
+    }  # fmt: skip
+    over = " and ".join(map(short_name, measure.split("+")))
+    rests = (
+        "its site among those of the events, and what it rests on"
+        if "events" in statement
+        else "what it rests on"
     )
-    if len(statement["rocks"]) > 1:
-        firsts = {row["left_out"]: row for row in statement["left_out"]}
-        table = pd.DataFrame([
-            {"left out": name, "survival that the others predict": digits(row["survival_predicted"])}
-            for name, row in firsts.items()
-        ])  # fmt: skip
-        text += document.table(
-            table, "Each rock's survival as the branches predict it once the other rocks have weighted them."
+    text = document.table(_picked(rows, names), f"Fragility over {over} of each rock, {rests}.")
+    if site := statement.get("random_rock"):
+        text += paragraph(
+            f"One fragility of the site, of a rock drawn at random from among those like them: median "
+            f"{digits(site['median'])} {printed_unit(measure)}, beta {digits(site['beta'])}, of which "
+            f"{digits(site['beta_within'])} within a rock and {digits(site['beta_between'])} between rocks "
+            "(random_rock.json)."
         )
+    if firsts := {row["left_out"]: row for row in statement.get("left_out", ())}:
+        names = {"left_out": "left out", "survival_predicted": "survival that the others predict"}
+        caption = "Each rock's survival as the branches predict it once the other rocks have weighted them."
+        text += document.table(_picked(list(firsts.values()), names), caption)
     return text

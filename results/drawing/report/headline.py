@@ -9,7 +9,7 @@ from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.ranking import observed_shares
 from toppling.results.analysis.regression import Fit
 from toppling.results.analysis.resampling import lognormal_interval
-from toppling.results.drawing.constraint_figures import ages_words
+from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.fit_figures import draw_curve, draw_shares
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, paragraph, safe

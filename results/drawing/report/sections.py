@@ -28,7 +28,7 @@ from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_record
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
-from toppling.results.drawing.report.constraint_page import branches_table, rejected_part
+from toppling.results.drawing.report.constraint_page import branches_table, rejected_drawing
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
 from toppling.results.drawing.report.methods import methods_section
@@ -277,7 +277,8 @@ def _constraint_section(content: Content, document: Document) -> str:
             "exceedance, and tests hazard curves (<code>--hazard FILE</code>).</p>"
         )
     stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0]['age_years'])}.")
-    return event + stood + rejected_part(constraint, document) + branches_table(said, document)
+    drawn = [document.figure(one.draw, one.caption, one.width_in) for one in rejected_drawing(constraint)]
+    return "".join([event, stood, *drawn, branches_table(said, document)])
 
 
 def _failures_section(content: Content, document: Document) -> str:

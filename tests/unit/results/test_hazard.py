@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.results.analysis.constraint import _bound_table, _branch_table
+from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.constraint_figures import ages_words, constraint_figure
-from toppling.results.drawing.hazard_figures import hazard_figure
+from toppling.results.drawing.constraint_words import ages_words
+from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.curves import (
     _NODES_PER_E_FOLD,
@@ -163,34 +163,34 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
     assert told == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
 
 
+def dated(*curves, years=(1e4,)):
+    """What a rock of some ages says of some hazard curves."""
+    rocks = [Standing("rock", ROCK, np.array(years))]
+    return Constraint(
+        rocks, 0.95, Update(rocks, HazardTree("pgv_m_s", tuple(branches_of(*curves)))), dated=True
+    )
+
+
 @pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
 def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one):
-    bound = _bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
-    axes = constraint_figure(bound, branches_of(power_law(rate_at_one), power_law(1e-3)), 0.95).axes[0]
+    constraint = dated(power_law(rate_at_one), power_law(1e-3))
+    axes = constraint_figure(constraint).axes[0]
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x = np.geomspace(left, right, 100)
     for rate in (rate_at_one, 1e-3):
         inside = (rate * x**-2.5 > bottom) & (rate * x**-2.5 < top)
         assert inside.mean() > 0.2
-    assert bottom >= 1e-4 * min(bound["rejected_annual_rate"].min(), rate_at_one)
+    assert bottom >= 1e-4 * min(constraint.bound["rejected_annual_rate"].min(), rate_at_one)
 
 
 def test_a_branch_without_rates_in_the_frame_is_named_so():
-    bound = _bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
-    (legend,) = constraint_figure(bound, branches_of(power_law(low=100.0)), 0.95).legends
-    assert "power law (no rates here)" in [text.get_text() for text in legend.get_texts()]
+    (legend,) = constraint_figure(dated(power_law(low=100.0))).legends
+    assert legend.get_texts()[1].get_text().startswith("power law (no rates here)")
 
 
 def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
-    rocks = [Standing("rock", ROCK, np.array([1e4, 2e4]))]
-    branches = branches_of(power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9))
-    figure = constraint_figure(
-        _bound_table(rocks, 0.95),
-        branches,
-        0.95,
-        _branch_table(Update(rocks, HazardTree("pgv_m_s", tuple(branches)))),
-        rocks,
-    )
+    hazards = power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9)
+    figure = constraint_figure(dated(*hazards, years=(1e4, 2e4)))
     (legend,) = figure.legends
     area, loud, quiet = (text.get_text() for text in legend.get_texts())
     assert "whatever the rest of the curve" in area

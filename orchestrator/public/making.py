@@ -203,6 +203,6 @@ def check(
         rock = rock.with_friction(friction)
     read = read_seismograms(tuple(map(Path, seismograms)), _path(metadata), missing_vertical)
     factors = neighbouring_factors(largest, neighbours)
-    advance(0, total=len(read.records) * len(factors))
-    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records]
+    advance(0, total=len(read.found) * len(factors))
+    verdicts = [judged(rock, one.record(), factors, preset, advance) for one in read.found]
     return Checked(verdicts, read.remarks, read.notes)

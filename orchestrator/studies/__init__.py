@@ -1,6 +1,6 @@
 """What is done with runs: audited, conditioned, ended by precision, repeated, scored. The core never imports it."""
 
 __all__ = [
-    "accuracy", "audit", "check_sites", "conditioning", "precision", "ramp", "replication",
+    "accuracy", "audit", "conditioning", "precision", "ramp", "replication",
     "seismograms", "validation",
 ]  # fmt: skip

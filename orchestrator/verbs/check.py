@@ -9,20 +9,18 @@ from typing import Any
 import click
 import pandas as pd
 
-from toppling.models.motions.ensemble import CATALOG
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.making import check as check_rock
 from toppling.orchestrator.site_table import read_sites
-from toppling.orchestrator.studies.check_sites import (
-    Seismogram,
+from toppling.orchestrator.studies.seismograms import (
+    Verdict,
     check_sites,
     matrix_of,
-    of_ensemble,
-    of_records,
+    neighbouring_factors,
+    read_seismograms,
     seismograms_of,
 )
-from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import option
@@ -30,9 +28,6 @@ from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
 
-_METADATA_OF_NOTHING = (
-    "--metadata describes files, but only ensembles were given, which have their own metadata"
-)
 _SCENARIOS_SHOWN = 12
 """Columns that a console shows."""
 
@@ -88,8 +83,6 @@ def check(
             if seismograms
             else "Missing argument 'SEISMOGRAMS...'."
         )
-    if asked["metadata"] and all((path / CATALOG).is_file() for path in seismograms):
-        raise click.UsageError(_METADATA_OF_NOTHING)
     with bar("shaking") as advance:
         checked = check_rock(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)
@@ -100,31 +93,18 @@ def check(
         _show(verdicts, asked["largest"])
 
 
-def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> list[Seismogram]:
-    """Seismograms of ensembles, which stay on disk, and of files."""
-    folders = [path for path in seismograms if (path / CATALOG).is_file()]
-    files = [path for path in seismograms if path not in folders]
-    found = [one for folder in folders for one in of_ensemble(folder)]
-    if not files and metadata:
-        raise click.UsageError(_METADATA_OF_NOTHING)
-    if not files:
-        return found
-    read = read_seismograms(files, metadata, missing_vertical, folders_apart=True)
-    _show_reading(read.remarks, read.notes)
-    return found + of_records(read.records)
-
-
 def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> None:
     """Shake the rocks of a table, each with the seismograms at its site."""
     asked = click.get_current_context().params
-    given = _given(seismograms, asked["metadata"], asked["missing_vertical"])
+    read = read_seismograms(seismograms, asked["metadata"], asked["missing_vertical"], folders_apart=True)
+    _show_reading(read.remarks, read.notes)
     sites = read_sites(table)
     if asked["friction"] is not None:
         sites = tuple(replace(site, friction=asked["friction"]) for site in sites)
     factors = neighbouring_factors(asked["largest"], asked["neighbours"])
-    total = sum(len(seismograms_of(site, given)) for site in sites)
+    total = sum(len(seismograms_of(site, read.found)) for site in sites)
     with bar("shaking", total) as advance:
-        rows = check_sites(sites, given, judged, factors, asked["preset"], asked["workers"], advance)
+        rows = check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
     matrix = matrix_of(rows)
     if out := asked["out"]:
         from toppling.models.files.csv_text import write_csv

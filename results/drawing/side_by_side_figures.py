@@ -201,7 +201,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     Parameters
     ----------
     rows : DataFrame
-        From `orchestrator.studies.check_sites`: rock, longitude, latitude, outcome.
+        From `orchestrator.studies.seismograms.check_sites`: rock, longitude, latitude, outcome.
     matrix : DataFrame
         Share by rock (rows) and scenario (columns).
     """

@@ -11,10 +11,11 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.site_table import Site
-from toppling.orchestrator.studies.check_sites import (
+from toppling.orchestrator.studies import seismograms
+from toppling.orchestrator.studies.seismograms import (
+    _of_ensemble,
     check_sites,
     matrix_of,
-    of_ensemble,
     of_records,
     seismograms_of,
 )
@@ -36,6 +37,12 @@ def judge(scene, record, factors, preset):
         )
     toppled = record.intensity["pga_m_s2"] > 10 * width
     return Told(record.record_id, "toppled" if toppled else "stands", float(toppled))
+
+
+@pytest.fixture(autouse=True)
+def judged_by_width(monkeypatch):
+    """The processes of a pool are forks, which know what is replaced."""
+    monkeypatch.setattr(seismograms, "judged", judge)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +72,7 @@ def records():
 def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_falls_holds_up_none(
     sites, records
 ):
-    rows = check_sites(sites, of_records(records), judge, [1.0], "fast", workers=2)
+    rows = check_sites(sites, of_records(records), [1.0], "fast", workers=2)
     of = dict(list(rows.groupby("rock")))
     assert of["narrow"]["record_id"].tolist() == of["wide"]["record_id"].tolist() == ["ECHO0", "ECHO1"]
     assert of["narrow"]["outcome"].tolist() == ["toppled", "toppled"]
@@ -81,8 +88,8 @@ def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_f
 
 def test_rows_do_not_depend_on_the_number_of_processes_nor_on_where_the_records_lie(sites, records, tmp_path):
     Ensemble.write(tmp_path, records)
-    one = check_sites(sites, of_records(records), judge, [1.0], "fast", workers=1)
-    two = check_sites(sites, of_ensemble(tmp_path), judge, [1.0], "fast", workers=2)
+    one = check_sites(sites, of_records(records), [1.0], "fast", workers=1)
+    two = check_sites(sites, _of_ensemble(tmp_path), [1.0], "fast", workers=2)
     pd.testing.assert_frame_equal(one, two)
 
 
@@ -95,4 +102,4 @@ def test_a_folder_named_as_a_site_stands_for_its_station(sites, records):
 
 def test_seismograms_of_no_site_are_refused(sites, records):
     with pytest.raises(InputError, match="none of 2 seismograms is at a site"):
-        check_sites(sites[:2], of_records(records[4:]), judge, [1.0], "fast", workers=1)
+        check_sites(sites[:2], of_records(records[4:]), [1.0], "fast", workers=1)

@@ -23,8 +23,8 @@ from toppling.models.files.documents import (
     shown,
 )
 from toppling.models.files.folder import rock_name
+from toppling.models.files.text_file import text_of
 from toppling.models.motions.ensemble import CATALOG, Ensemble
-from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age, unit_years

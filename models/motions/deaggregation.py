@@ -5,26 +5,29 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
 
 from toppling.models import openquake
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import separator_of
-from toppling.models.files.documents import csv_rows, listed, shown
-from toppling.models.motions.metadata import text_table
+from toppling.models.files.csv_text import is_numeral, separator_of
+from toppling.models.files.documents import listed, shown
+from toppling.models.files.text_file import TextFile
 
 _TRACE = "T"
 """What nshmp-haz prints for a contribution below 0.01 %."""
 
-_COLUMNS = {
-    "magnitude": {"magnitude", "mag", "m", "mw"},
-    "distance": {"distance", "dist", "r", "rrup", "rjb", "closest distance"},
-    "share": {"contribution", "share", "percent", "%", "per cent", "hazard contribution", "all ε", "total"},
-}
-"""Names of columns with the centres of bins, and what these contribute."""
+_COLUMNS = (
+    {"magnitude", "mag", "m", "mw"},
+    {"distance", "dist", "r", "rrup", "rjb", "closest distance"},
+    {"contribution", "share", "percent", "%", "per cent", "hazard contribution", "all ε", "total"},
+)
+"""Names of columns with the centres of bins, of magnitude and distance, and with what these contribute."""
+
+_Record = tuple[str, dict[str, str]]
+"""File and line of a row, and its cells by the names of their columns."""
 
 _DEPTH = 6
 """Folders between a deaggregation of nshmp-haz and its config.json, at most."""
@@ -69,51 +72,46 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     InputError
         If a column is missing or a number is none, with the line; or the table has no such measure or probability.
     """
-    text = text_table(table).read()
-    lines = text.splitlines()
-    if lines and (lines[0].startswith("imt,") or openquake.header_values(lines[0])):
-        return _openquake(table, lines, imt, poe)
+    file = TextFile.of_table(table)
+    first = file.lines[0] if file.lines else ""
+    if first.startswith("imt,") or openquake.header_values(first):
+        return _openquake(file, imt, poe)
     if imt is not None or poe is not None:
         _refuse(table, "is of one motion, so that there is none to choose", "leave --imt and --poe out")
-    if lines and "Σε" in lines[0]:
-        return Deaggregation(_nshmp(table, lines))
-    return Deaggregation(_bins(table, text))
+    return Deaggregation(_nshmp(file) if "Σε" in first else _bins(file))
 
 
-def _bins(table: Path, text: str) -> list[Bin]:
+def _bins(file: TextFile) -> list[Bin]:
     """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
-    lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
-    sign = separator_of(lines[0] if lines else "")
+    file = replace(file, lines=["" if line.startswith("#") else line for line in file.lines])
+    start = next((at for at, line in enumerate(file.lines) if line.strip()), 0)
     rows = [
-        (line, {_plain(name): cell.strip() for name, cell in row.items()}, row)
-        for line, row in csv_rows(iter(lines), table, sign)
+        (at, {_plain(name): cell.strip() for name, cell in row.items()}, row)
+        for at, row in file.rows(separator_of("".join(file.lines[start : start + 1])), start)
     ]
-    roles = (
-        {role: next((n for n in rows[0][1] if n in names), "") for role, names in _COLUMNS.items()}
-        if rows
-        else {}
-    )
+    known = list(rows[0][1]) if rows else []
+    roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
-    by_centre = bool(roles) and all(roles.values()) and not set(edges) <= rows[0][1].keys()
-    names = (roles["magnitude"], roles["distance"], roles["share"]) if by_centre else (*edges, "contribution")
+    by_centre = all(roles) and not set(edges) <= set(known)
+    names = roles if by_centre else (*edges, "contribution")
     found = []
-    for line, cells, row in rows:
+    for at, cells, row in rows:
         try:
             numbers = [float(cells[name].replace(",", ".").rstrip("% ")) for name in names]
         except (KeyError, ValueError):
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
         if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
-            raise InputError(
+            file.refuse(
+                at,
                 f"not a bin: {shown(list(row.values()))}",
-                where=f"{table}:{line}",
-                expected="numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
+                "numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
                 "low below high; or centres in magnitude, distance_km, contribution",
-                remedy="correct the table",
+                "correct the table",
             )
         found.append(numbers)
     if by_centre:
-        km, magnitudes = _widths(table, [one[1] for one in found], [one[0] for one in found])
+        km, magnitudes = _widths(file.path, [one[1] for one in found], [one[0] for one in found])
         found = [[*_around(m, magnitudes), *_around(r, km), share] for m, r, share in found]
     shares: dict[tuple[float, ...], float] = {}
     for one in found:
@@ -127,29 +125,36 @@ def _plain(name: str) -> str:
     return " ".join(bare.removesuffix(" km").split())
 
 
-def _nshmp(table: Path, lines: Sequence[str]) -> list[Bin]:
+def _nshmp(file: TextFile) -> list[Bin]:
     """Bins of nshmp-haz: r and m are centres, Σε is the contribution in per cent of the total."""
-    header = [cell.strip() for cell in lines[0].split(",")]
-    try:
-        at = header.index("r"), header.index("m"), header.index("Σε")
-    except ValueError:
-        _refuse(
-            table, f"has the columns {shown(header)}", "give data.csv as nshmp-haz wrote it, with r, m and Σε"
-        )
-    rows = []
-    for number, line in enumerate(lines[1:], 2):
-        if not line.strip():
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        if len(cells) != len(header):
-            _refuse(
-                f"{table}:{number}",
-                f"has {len(cells)} columns, the header {len(header)}",
-                "give the whole file",
-            )
-        rows.append([_number(table, number, cells[place]) for place in at])
-    distance_km, magnitude = _widths(table, [row[0] for row in rows], [row[1] for row in rows])
+    _, records = _records(
+        file, 0, {"r", "m", "Σε"}, "", "give data.csv as nshmp-haz wrote it, with r, m and Σε"
+    )
+    rows = [
+        [0.0 if row[name] == _TRACE else _number(where, row[name]) for name in ("r", "m", "Σε")]
+        for where, row in records
+    ]
+    distance_km, magnitude = _widths(file.path, [row[0] for row in rows], [row[1] for row in rows])
     return [Bin(_around(m, magnitude), _around(r, distance_km), share) for r, m, share in rows]
+
+
+def _records(
+    file: TextFile, start: int, needed: set[str], lacks: str, remedy: str
+) -> tuple[list[str], list[_Record]]:
+    """Names in a line of a table that a program wrote, and the whole rows below, with file and line of each."""
+    reader = csv.reader(file.lines[start:])
+    try:
+        rows = [
+            (file.where(start + reader.line_num - 1), [cell.strip() for cell in row]) for row in reader if row
+        ]
+    except csv.Error as error:
+        _refuse(file.path, f"is no CSV ({error})", "give the file as it was written")
+    (_, header), *rows = rows or [("", [])]
+    if not needed <= set(header):
+        _refuse(file.path, f"has the columns {shown(header)}{lacks}", remedy)
+    if short := next((where for where, row in rows if len(row) != len(header)), None):
+        _refuse(short, f"has not the header's {len(header)} columns", "give the whole file")
+    return header, [(where, dict(zip(header, row, strict=True))) for where, row in rows]
 
 
 def _around(centre: float, width: float) -> tuple[float, float]:
@@ -157,16 +162,16 @@ def _around(centre: float, width: float) -> tuple[float, float]:
     return round(centre - width / 2, 6), round(centre + width / 2, 6)
 
 
-def _number(table: Path, line: int, text: str) -> float:
-    try:
-        value = 0.0 if text == _TRACE else float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value < math.inf:
-        _refuse(
-            f"{table}:{line}", f"{text[:40]!r} is no number of 0 and more", "give the file as it was written"
-        )
+def _number(where: str, text: str, most: float = math.inf, states: str = "no number of 0 and more:") -> float:
+    """A finite number from 0 on."""
+    value = float(text) if is_numeral(text) else math.nan
+    if not (0 <= value <= most and value < math.inf):
+        _refuse(where, f"states {states} {text[:40]!r}", "give the file as it was written")
     return value
+
+
+def _probability(where: str, text: str) -> float:
+    return _number(where, text, 1.0, "the probability")
 
 
 def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[float]) -> tuple[float, float]:
@@ -192,33 +197,23 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
     return widths[0] or 0.0, widths[1] or 0.0
 
 
-def _openquake(table: Path, lines: Sequence[str], imt: str | None, poe: float | None) -> Deaggregation:
+def _openquake(file: TextFile, imt: str | None, poe: float | None) -> Deaggregation:
     """Bins of OpenQuake: values are probabilities in the investigation time; bins combine as independent events do."""
-    stated = openquake.header_values(lines[0]) if lines[0].startswith("#") else {}
-    first = 1 if lines[0].startswith("#") else 0
-    try:
-        header, *rows = [row for row in csv.reader(lines[first:]) if row] or [[]]
-    except csv.Error as error:
-        _refuse(table, f"is no CSV ({error})", "give the file as it was written")
-    if not {"imt", "poe", "mag", "dist"} <= set(header):
-        _refuse(table, f"has the columns {shown(header)}: a deaggregation over magnitude and distance is needed",
-                "give Mag_Dist, as disagg_outputs = Mag_Dist writes it")  # fmt: skip
+    commented, table = file.lines[0].startswith("#"), file.path
+    stated = openquake.header_values(file.lines[0]) if commented else {}
+    lacks = ": a deaggregation over magnitude and distance is needed"
+    remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
+    header, records = _records(file, int(commented), {"imt", "poe", "mag", "dist"}, lacks, remedy)
     edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
     if not all(len(one) > 1 and all(a < b for a, b in pairwise(one)) for one in edges):
-        _refuse(
-            table,
-            "states no mag_bin_edges and dist_bin_edges in its first line",
-            "give the file as it was written",
-        )
-    if short := next((n for n, row in enumerate(rows, first + 2) if len(row) != len(header)), None):
-        _refuse(f"{table}:{short}", f"has not the header's {len(header)} columns", "give the whole file")
-    records = [dict(zip(header, row, strict=True)) for row in rows]
+        what = "states no mag_bin_edges and dist_bin_edges in its first line"
+        _refuse(table, what, "give the file as it was written")
     chosen, of = _chosen(table, records, imt, poe, stated.get("investigation_time", ""))
     weights = _weights(table, header, stated)
     stays: dict[tuple[int, int], float] = {}
-    for record in chosen:
-        place = _place(table, record, edges)
-        p = math.fsum(weight * _probability(table, record[name]) for name, weight in weights.items())
+    for where, record in chosen:
+        place = _place(where, record, edges)
+        p = math.fsum(weight * _probability(where, record[name]) for name, weight in weights.items())
         stays[place] = stays.get(place, 0.0) - math.log1p(-min(p, 1 - 1e-15))
     return Deaggregation(
         [
@@ -230,28 +225,29 @@ def _openquake(table: Path, lines: Sequence[str], imt: str | None, poe: float | 
 
 
 def _chosen(
-    table: Path, records: Sequence[dict[str, str]], imt: str | None, poe: float | None, years: str
-) -> tuple[list[dict[str, str]], str]:
+    table: Path, records: Sequence[_Record], imt: str | None, poe: float | None, years: str
+) -> tuple[list[_Record], str]:
     """Rows of one measure and probability, and which that is."""
-    imts = list(dict.fromkeys(record["imt"] for record in records))
+    imts = list(dict.fromkeys(record["imt"] for _, record in records))
     if imt is not None and imt not in imts:
         _refuse(table, f"is over {listed(imts, 12)}, not over {imt}", "give one of these as --imt")
     measure = imt or next(iter(imts), "")
-    of_measure = [record for record in records if record["imt"] == measure]
-    poes = sorted({_probability(table, record["poe"]) for record in of_measure})
+    of_measure = [
+        (_probability(where, record["poe"]), (where, record))
+        for where, record in records
+        if record["imt"] == measure
+    ]
+    poes = sorted({p for p, _ in of_measure})
     known = [p for p in poes if poe is None or math.isclose(p, poe, rel_tol=1e-3)]
     if not known:
         _refuse(table, f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
                 "give one of these as --poe")  # fmt: skip
-    rows = [record for record in of_measure if _probability(table, record["poe"]) == known[0]]
-    others = [f"--imt {one}" for one in imts if one != measure] + [
-        f"--poe {p:g}" for p in poes if p != known[0]
-    ]
+    rows = [record for p, record in of_measure if p == known[0]]
+    others = [f"--imt {one}" for one in imts if one != measure]
+    others += [f"--poe {p:g}" for p in poes if p != known[0]]
     more = f"; others with {listed(others, 6)}" if others else ""
-    return (
-        rows,
-        f"{measure} of {rows[0].get('iml', '?')}, probability {known[0]:g} in {years or '?'} years{more}",
-    )
+    level = rows[0][1].get("iml", "?")
+    return rows, f"{measure} of {level}, probability {known[0]:g} in {years or '?'} years{more}"
 
 
 def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict[str, float]:
@@ -268,30 +264,17 @@ def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict
     return dict(zip(columns, weights, strict=True))
 
 
-def _place(table: Path, record: dict[str, str], edges: Sequence[Sequence[float]]) -> tuple[int, int]:
+def _place(where: str, record: dict[str, str], edges: Sequence[Sequence[float]]) -> tuple[int, int]:
     """Numbers of the bins that a row's centres lie in."""
     places = []
     for name, known in zip(("mag", "dist"), edges, strict=True):
-        try:
-            centre = float(record[name])
-        except ValueError:
-            centre = math.nan
+        centre = float(record[name]) if is_numeral(record[name]) else math.nan
         inside = [number for number, (low, high) in enumerate(pairwise(known)) if low <= centre <= high]
         if not inside:
-            _refuse(table, f"has the centre {record[name][:40]!r} of {name}, which is in none of its bins",
-                    "give the file as it was written")  # fmt: skip
+            what = f"has the centre {record[name][:40]!r} of {name}, which is in none of its bins"
+            _refuse(where, what, "give the file as it was written")
         places.append(inside[0])
     return places[0], places[1]
-
-
-def _probability(table: Path, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= 1:
-        _refuse(table, f"states the probability {text[:40]!r}", "give the file as it was written")
-    return value
 
 
 def _refuse(where: object, what: str, remedy: str) -> NoReturn:

@@ -97,11 +97,10 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
 def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
     for component in channels.channels:
         if not math.isfinite(component.time_step_s):
-            raise InputError(
+            component.refuse(
                 "the file does not say its time step",
-                where=component.where,
-                expected="a column of times, or the time step in the metadata table",
-                remedy="give a metadata table with the column 'dt' (--metadata)",
+                "a column of times, or the time step in the metadata table",
+                "give a metadata table with the column 'dt' (--metadata)",
             )
         if not component.unit_known:
             raise component.no_unit or InputError(
@@ -111,11 +110,10 @@ def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
                 remedy="give its StationXML too, or a metadata table with the column 'unit' (--metadata)",
             )
     if channels.vertical is None and not options.missing_vertical:
-        raise InputError(
+        channels.first.refuse(
             "there is no vertical component",
-            where=channels.first.where,
-            expected="three components",
-            remedy="give the vertical's file, or allow it with --missing-vertical",
+            "three components",
+            "give the vertical's file, or allow it with --missing-vertical",
         )
 
 

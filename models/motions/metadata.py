@@ -1,16 +1,17 @@
 """The metadata table: what record files do not say, one row a record."""
 
-import io
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import separator_of
-from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
+from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
-from toppling.models.files.markup import table_text
+from toppling.models.files.text_file import TextFile, text_of
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
 from toppling.models.motions.formats.units import counted_unit, known_names
 
@@ -84,6 +85,10 @@ class Entry:
         """Files of the record, each once."""
         return tuple(dict.fromkeys(path for path in (self.h1, self.h2, self.v) if path is not None))
 
+    def refuse(self, what: str, expected: str, remedy: str) -> NoReturn:
+        """Refuse the row."""
+        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
+
 
 def read_table(table: Path) -> list[Entry]:
     """Rows of a metadata table; paths are relative to the table's folder.
@@ -94,20 +99,23 @@ def read_table(table: Path) -> list[Entry]:
         If a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one id: with
         the line.
     """
-    with text_table(table) as file:
-        head = file.readline(_LONGEST_HEADER)
-        delimiter = separator_of(head)
-        file.seek(0)
-        named = [(line, _by_names(row)) for line, row in csv_rows(file, table, delimiter)]
-        names = _names(head) if not named else list(named[0][1])
+    file = TextFile.of_table(table)
+    head = file.lines[0] if file.lines else ""
+    separator = separator_of(head)
+    rows = [(at, {_name(name): cell for name, cell in row.items()}) for at, row in file.rows(separator)]
+    names = list(rows[0][1]) if rows else _names(head)
     if "h1" not in names or "h2" not in names:
-        raise InputError(
+        file.refuse(
+            0,
             f"no columns h1 and h2 among {shown(names[:8])}",
-            where=f"{table}:1",
-            expected="a CSV table with a header line and at least the columns h1, h2",
-            remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
+            "a CSV table with a header line and at least the columns h1, h2",
+            "one row a record: h1,h2,v,unit,event,mag,dist_km,station",
         )
-    entries = [_entry(row, table, line, delimiter != ",") for line, row in named if any(row.values())]
+    entries = [
+        _entry(_Row.of(cells, file.where(at), separator != ","), table.parent)
+        for at, cells in rows
+        if any(cells.values())
+    ]
     if not entries:
         raise InputError(
             "a header and no row",
@@ -118,50 +126,17 @@ def read_table(table: Path) -> list[Entry]:
     seen: dict[str, str] = {}
     for entry in entries:
         if entry.record_id and entry.record_id in seen:
-            raise InputError(
-                f"record id {entry.record_id!r} is that of {seen[entry.record_id]} too",
-                where=entry.where,
-                expected="one row a record",
-                remedy="give each row its own rec_id",
-            )
+            what = f"record id {entry.record_id!r} is that of {seen[entry.record_id]} too"
+            entry.refuse(what, "one row a record", "give each row its own rec_id")
         seen[entry.record_id] = entry.where
     return entries
 
 
-def text_table(table: Path) -> io.StringIO:
-    """Open a CSV table, whole in memory, without what fills it up behind its end.
-
-    Raises InputError if it is not in UTF-8, nor UTF-16 that says so, or holds a zero: with the line.
-    """
-    check_size(table, LARGEST_CSV_BYTES, "CSV")
-    content = table.read_bytes()
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        content = content.decode("utf-16", errors="replace").encode()
-    content = content.rstrip(b"\0\x1a \t\r\n") + b"\n"
-    if b"\0" in content:
-        raise InputError(
-            "a zero byte",
-            where=f"{table}:{content[: content.index(0)].count(10) + 1}",
-            expected="a CSV table in UTF-8",
-            remedy="save the table again",
-        )
-    try:
-        return io.StringIO(table_text(content.decode("utf-8-sig")), newline="")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(
-            f"the byte {content[error.start : error.start + 1]!r} is not UTF-8",
-            where=f"{table}:{line}",
-            expected="a CSV table in UTF-8",
-            remedy="save it as 'CSV UTF-8', or convert it: iconv -f latin1 -t utf-8",
-        ) from None
-
-
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        head = file.readline(_LONGEST_HEADER)
-    return {"h1", "h2"} <= set(_names(head))
+    with path.open("rb") as file:
+        head = text_of(file.read(_LONGEST_HEADER)) or ""
+    return {"h1", "h2"} <= set(_names(head.split("\n", 1)[0]))
 
 
 def _names(head: str) -> list[str]:
@@ -173,95 +148,98 @@ def _name(name: str) -> str:
     return name.strip(' \t"').casefold()
 
 
-def _by_names(row: dict[str, str]) -> dict[str, str]:
-    return {_name(name): cell for name, cell in row.items()}
+@dataclass(frozen=True)
+class _Row:
+    """Cells of a row by the keys of `_COLUMNS`, empty where there is none."""
 
+    where: str
+    cells: Mapping[str, str]
 
-def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> Entry:
-    where = f"{table}:{line}"
-    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in _COLUMNS.items()}
-    if decimal_comma:
-        text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
-    for key in ("h1", "h2"):
-        if not text[key]:
-            raise InputError(
-                f"no file in column {key}", where=where, expected="a path", remedy="name the file"
-            )
-    for key in ("h1", "h2", "v"):
-        if len(text[key].encode()) > _LONGEST_PATH or any(
-            len(p.encode()) > _LONGEST_NAME for p in Path(text[key]).parts
+    @classmethod
+    def of(cls, cells: Mapping[str, str], where: str, decimal_comma: bool) -> "_Row":
+        """A row as the table has it."""
+        text = {
+            key: next((cells[n].strip() for n in names if cells.get(n)), "")
+            for key, names in _COLUMNS.items()
+        }
+        if decimal_comma:
+            text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
+        return cls(where, text)
+
+    def refuse(self, what: str, expected: str, remedy: str = "correct the table") -> NoReturn:
+        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
+
+    def file(self, key: str, folder: Path) -> Path:
+        """File in a column, beside the table."""
+        name = self.cells[key]
+        if not name:
+            self.refuse(f"no file in column {key}", "a path", "name the file")
+        if len(name.encode()) > _LONGEST_PATH or any(
+            len(part.encode()) > _LONGEST_NAME for part in Path(name).parts
         ):
-            raise InputError(
-                f"the file in column {key} is {shown(text[key])}, a name of {len(text[key])} characters",
-                where=where,
-                expected=f"a path of names of at most {_LONGEST_NAME} bytes",
-                remedy="correct the table",
+            what = f"the file in column {key} is {shown(name)}, a name of {len(name)} characters"
+            self.refuse(what, f"a path of names of at most {_LONGEST_NAME} bytes")
+        return named_beside(folder, name)
+
+    def unit_m_s2(self) -> float | None:
+        found = counted_unit(self.cells["unit"])
+        if self.cells["unit"] and (found is None or found.quantity != "acceleration"):
+            self.refuse(
+                f"unit {shown(self.cells['unit'])}" + (f" is one of {found.quantity}" if found else ""),
+                f"acceleration in one of {known_names()}, or a factor and one of them",
+                "name the unit of the samples",
             )
-    found = counted_unit(text["unit"])
-    unit = found.factor if found and found.quantity == "acceleration" else None
-    if text["unit"] and unit is None:
-        raise InputError(
-            f"unit {shown(text['unit'])}" + (f" is one of {found.quantity}" if found else ""),
-            where=where,
-            expected=f"acceleration in one of {known_names()}, or a factor and one of them",
-            remedy="name the unit of the samples",
-        )
-    processing = text["processing"].lower()
-    if processing and not processing.startswith(("corrected", *_UNCORRECTED)):
-        raise InputError(
-            f"processing {text['processing']!r}",
-            where=where,
-            expected=f"corrected, {', '.join(_UNCORRECTED)}, or nothing where it is not known",
-            remedy="say whether baseline and filter were done by the agency: what is uncorrected is corrected here",
-        )
-    return Entry(
-        where=where,
-        record_id=text["record_id"],
-        event=text["event"],
-        station=text["station"],
-        magnitude=_number(text, "magnitude", where, _MAGNITUDES),
-        distance_km=_number(text, "distance_km", where, _DISTANCES_KM),
-        h1=named_beside(table.parent, text["h1"]),
-        h2=named_beside(table.parent, text["h2"]),
-        v=named_beside(table.parent, text["v"]) if text["v"] else None,
-        unit_m_s2=unit,
-        time_step_s=_number(text, "time_step_s", where, TIME_STEPS_S),
-        corrected=None if not processing else processing.startswith("corrected"),
-        corner_hz=_number(text, "corner_hz", where),
-        h1_azimuth_deg=_azimuth(text, "h1_azimuth", where),
-        h2_azimuth_deg=_azimuth(text, "h2_azimuth", where),
-        peaks_m_s2=(
-            _number(text, "pga_h1", where),
-            _number(text, "pga_h2", where),
-            _number(text, "pga_v", where),
-        ),
-    )
+        return found.factor if found else None
 
+    def corrected(self) -> bool | None:
+        """Whether the agency has corrected the record; None where nobody says."""
+        processing = self.cells["processing"].lower()
+        if processing and not processing.startswith(("corrected", *_UNCORRECTED)):
+            self.refuse(
+                f"processing {self.cells['processing']!r}",
+                f"corrected, {', '.join(_UNCORRECTED)}, or nothing where it is not known",
+                "say whether baseline and filter were done by the agency: what is uncorrected is corrected here",
+            )
+        return processing.startswith("corrected") if processing else None
 
-def _azimuth(text: dict[str, str], key: str, where: str) -> float | None:
-    """Compass bearing, as a number or in letters: E, NS, N45E."""
-    named = bearing(text[key])
-    return named if isinstance(named, float) else _number(text, key, where)
+    def azimuth(self, key: str) -> float | None:
+        """Compass bearing, as a number or in letters: E, NS, N45E."""
+        named = bearing(self.cells[key])
+        return named if isinstance(named, float) else self.number(key)
 
-
-def _number(
-    text: dict[str, str], key: str, where: str, limits: tuple[float, float] = (-1e9, 1e9)
-) -> float | None:
-    if not (bare := text[key]):
-        return None
-    if key in _OFTEN_UNKNOWN:
-        bare = _AROUND.sub("", bare)
-        if bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS:
+    def number(self, key: str, limits: tuple[float, float] = (-1e9, 1e9)) -> float | None:
+        if not (bare := self.cells[key]):
             return None
-    try:
-        value = float(bare)
-    except ValueError:
-        value = math.nan
-    if not limits[0] <= value <= limits[1]:
-        raise InputError(
-            f"{key} is {shown(text[key])}",
-            where=where,
-            expected=f"a number from {limits[0]:g} to {limits[1]:g}, or nothing",
-            remedy="correct the table",
-        )
-    return value
+        if key in _OFTEN_UNKNOWN:
+            bare = _AROUND.sub("", bare)
+            if bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS:
+                return None
+        try:
+            value = float(bare)
+        except ValueError:
+            value = math.nan
+        if not limits[0] <= value <= limits[1]:
+            expected = f"a number from {limits[0]:g} to {limits[1]:g}, or nothing"
+            self.refuse(f"{key} is {shown(self.cells[key])}", expected)
+        return value
+
+
+def _entry(row: _Row, folder: Path) -> Entry:
+    return Entry(
+        where=row.where,
+        h1=row.file("h1", folder),
+        h2=row.file("h2", folder),
+        v=row.file("v", folder) if row.cells["v"] else None,
+        unit_m_s2=row.unit_m_s2(),
+        corrected=row.corrected(),
+        record_id=row.cells["record_id"],
+        event=row.cells["event"],
+        station=row.cells["station"],
+        magnitude=row.number("magnitude", _MAGNITUDES),
+        distance_km=row.number("distance_km", _DISTANCES_KM),
+        time_step_s=row.number("time_step_s", TIME_STEPS_S),
+        corner_hz=row.number("corner_hz"),
+        h1_azimuth_deg=row.azimuth("h1_azimuth"),
+        h2_azimuth_deg=row.azimuth("h2_azimuth"),
+        peaks_m_s2=(row.number("pga_h1"), row.number("pga_h2"), row.number("pga_v")),
+    )

@@ -98,11 +98,10 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
         azimuths = ((90.0 - bearings[0]) % 360.0, (90.0 - bearings[1]) % 360.0)
         angle = np.deg2rad(azimuths)
         if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(_LEAST_ANGLE_DEG)):
-            raise InputError(
+            channels.first.refuse(
                 f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly on one line",
-                where=channels.first.where,
-                expected=f"at least {_LEAST_ANGLE_DEG:g} degrees between them",
-                remedy="correct the azimuths in the header or in the metadata table",
+                f"at least {_LEAST_ANGLE_DEG:g} degrees between them",
+                "correct the azimuths in the header or in the metadata table",
             )
         axes = np.column_stack([np.cos(angle), np.sin(angle)])
         x, y = np.linalg.solve(axes, series[:2])
@@ -186,11 +185,10 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
     step = parts[0].time_step_s
     for component in parts[1:]:
         if abs(component.time_step_s / step - 1) > _STEP_TOLERANCE:
-            raise InputError(
+            component.refuse(
                 f"the time step is {component.time_step_s:g} s, that of {parts[0].path.name} is {step:g} s",
-                where=component.where,
-                expected="one time step for all components",
-                remedy="resample the components to one step first",
+                "one time step for all components",
+                "resample the components to one step first",
             )
     starts = [c.start_s for c in parts]
     skip = [0] * len(parts)
@@ -199,20 +197,18 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
         skip = [round((latest - (start or 0.0)) / step) for start in starts]
     count = min(len(c.acceleration_m_s2) - s for c, s in zip(parts, skip, strict=True))
     if count < 2:
-        raise InputError(
+        parts[0].refuse(
             "the components have no time in common",
-            where=parts[0].where,
-            expected="components of one shaking",
-            remedy="name the components that belong together in the metadata table",
+            "components of one shaking",
+            "name the components that belong together in the metadata table",
         )
     history = []
     lengths = [len(c.acceleration_m_s2) for c in parts]
     if count < _SHARED_LENGTH * max(lengths):
-        raise InputError(
+        parts[lengths.index(min(lengths))].refuse(
             f"components of {', '.join(map(str, lengths))} samples share {count}: one seems truncated",
-            where=parts[lengths.index(min(lengths))].where,
-            expected=f"components that share {_SHARED_LENGTH:.0%} of the longest",
-            remedy="fetch the short one again, or cut all to one length first",
+            f"components that share {_SHARED_LENGTH:.0%} of the longest",
+            "fetch the short one again, or cut all to one length first",
         )
     if len(set(lengths)) > 1 or any(skip):
         history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")
@@ -226,9 +222,8 @@ def _refuse_lost_rows(parts: Sequence[Component]) -> None:
     for component in parts:
         count = len(component.acceleration_m_s2)
         if component.missing and whole >= count + component.missing:
-            raise InputError(
+            component.refuse(
                 f"{count} samples, where its header counts {count + component.missing} and another component has them",
-                where=component.where,
-                expected="components of which none lacks lines",
-                remedy="fetch the file again",
+                "components of which none lacks lines",
+                "fetch the file again",
             )

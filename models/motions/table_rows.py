@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import UP, Component
 from toppling.models.motions.metadata import Entry
 from toppling.models.motions.stations import Triple, triple
@@ -32,14 +31,11 @@ def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entr
     rows = [(entry, paths) for entry, paths in here if paths]
     if table and not rows:
         looked_for = table[0].h1
-        raise InputError(
+        table[0].refuse(
             f"none of the {len(table)} rows of the metadata table names a file that is given:"
             f" the first looks for {looked_for}",
-            where=table[0].where,
-            expected="paths relative to the folder of the table",
-            remedy="give this file or its folder too"
-            if looked_for.exists()
-            else "correct the paths in the table",
+            "paths relative to the folder of the table",
+            "give this file or its folder too" if looked_for.exists() else "correct the paths in the table",
         )
     return rows
 
@@ -52,22 +48,20 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
     """
     named = 2 + (entry.v is not None)
     if 1 < len(entry.files) < named:
-        raise InputError(
+        entry.refuse(
             f"the row names {len(entry.files)} files in {named} columns",
-            where=entry.where,
-            expected="a file of its own for every component, or one file that holds all",
-            remedy="correct h1, h2 and v: two of them name the same file",
+            "a file of its own for every component, or one file that holds all",
+            "correct h1, h2 and v: two of them name the same file",
         )
     given = {path.resolve(): path for path in here}
     parts: list[list[Component]] = []
     for file in entry.files:
         path = given.get(file.resolve())
         if path is None or path not in channels:
-            raise InputError(
+            entry.refuse(
                 f"{file} is not among the files given" if path is None else f"{path} could not be read",
-                where=entry.where,
-                expected="every file that the row names",
-                remedy="give the file or its folder too" if path is None else "see what is said of this file",
+                "every file that the row names",
+                "give the file or its folder too" if path is None else "see what is said of this file",
             )
         parts.append(channels[path])
     if len(parts) == 1:
@@ -80,11 +74,10 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
 
 def _one(components: list[Component], entry: Entry) -> Component:
     if len(components) != 1:
-        raise InputError(
+        entry.refuse(
             f"{components[0].path} holds {len(components)} channels",
-            where=entry.where,
-            expected="one channel a file where h1, h2 and v are different files",
-            remedy="name the same file in h1, h2 and v",
+            "one channel a file where h1, h2 and v are different files",
+            "name the same file in h1, h2 and v",
         )
     return components[0]
 
@@ -130,11 +123,10 @@ def _refuse_other_direction(name: str, component: Component, entry: Entry) -> No
     if not isinstance(direction, float if name == "v" else str):
         return
     points = direction if isinstance(direction, str) else f"{direction:g} degrees from north"
-    raise InputError(
+    entry.refuse(
         f"the row names {component.path.name} in column {name}, and the file says that it points {points}",
-        where=entry.where,
-        expected="two horizontals in h1 and h2, the vertical in v",
-        remedy="correct h1, h2 and v",
+        "two horizontals in h1 and h2, the vertical in v",
+        "correct h1, h2 and v",
     )
 
 
@@ -142,11 +134,10 @@ def _refuse_other_unit(component: Component, entry: Entry) -> None:
     by_name, by_row = component.stated_unit_m_s2, entry.unit_m_s2
     if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=_SAME_UNIT):
         return
-    raise InputError(
+    entry.refuse(
         f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by {component.path.name}",
-        where=entry.where,
-        expected="one unit of the samples",
-        remedy="correct the column 'unit', or leave it empty where the file states one",
+        "one unit of the samples",
+        "correct the column 'unit', or leave it empty where the file states one",
     )
 
 
@@ -167,11 +158,10 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
         scales.append(peak / about_mean)
     if max(scales) > _SAME_INSTRUMENT * min(scales):
         listed = ", ".join(f"{scale:.4g}" for scale in scales)
-        raise InputError(
+        entry.refuse(
             f"the peaks that the table states scale the channels by {listed} m/s2",
-            where=entry.where,
-            expected=f"one scale within a factor of {_SAME_INSTRUMENT:g}, as one instrument has",
-            remedy="state the samples' unit in the column 'unit', or give the StationXML",
+            f"one scale within a factor of {_SAME_INSTRUMENT:g}, as one instrument has",
+            "state the samples' unit in the column 'unit', or give the StationXML",
         )
     note = (
         "mean removed, scaled to the peaks of the metadata table,"
@@ -199,10 +189,9 @@ def _step(component: Component, entry: Entry) -> float:
     if not math.isfinite(by_file):
         return by_row if by_row and by_row > 0 else math.nan
     if by_row and not math.isclose(by_file, by_row, rel_tol=_SAME_STEP):
-        raise InputError(
+        entry.refuse(
             f"the time step is {by_row:g} s by the row, and {by_file:g} s by {component.path.name}",
-            where=entry.where,
-            expected="one time step of the samples",
-            remedy="correct the column 'dt' or the file, or leave 'dt' empty where the file states it",
+            "one time step of the samples",
+            "correct the column 'dt' or the file, or leave 'dt' empty where the file states it",
         )
     return by_file

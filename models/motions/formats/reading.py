@@ -8,9 +8,9 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import Component, check_time_step
-from toppling.models.motions.formats.decoding import HEAD_BYTES, text_of
 from toppling.models.motions.formats.key_value import cwb, esm, unam
 from toppling.models.motions.formats.record_text import RecordText
 

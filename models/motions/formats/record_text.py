@@ -4,13 +4,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.files.text_file import TextFile
 from toppling.models.motions.formats.component import Component, check_time_step
 
 _SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
@@ -36,24 +35,12 @@ class Counted:
 
 
 @dataclass(frozen=True)
-class RecordText:
-    """Lines of a file, or of a channel in it, by their places from 0; errors number them in the file, from 1."""
-
-    path: Path
-    lines: Sequence[str]
-    above: int = 0  # lines of the file before these
+class RecordText(TextFile):
+    """A file of records, or a channel in it."""
 
     def part(self, start: int, stop: int) -> "RecordText":
         """Some of the lines."""
         return RecordText(self.path, self.lines[start:stop], self.above + start)
-
-    def where(self, at: int) -> str:
-        """File and line, as an error names them."""
-        return f"{self.path}:{self.above + at + 1}"
-
-    def refuse(self, at: int, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
-        """Refuse the file for what is wrong at a line."""
-        raise InputError(what, where=self.where(at), expected=expected, remedy=remedy)
 
     def positive(self, at: int, value: float, name: str) -> float:
         """Value of a header, if it is a positive finite number."""

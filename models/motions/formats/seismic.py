@@ -13,8 +13,8 @@ import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
+from toppling.models.files.text_file import text_of
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
-from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.measures import STANDARD_G_M_S2

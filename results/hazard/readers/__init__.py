@@ -5,7 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from toppling.models.errors import InputError
-from toppling.models.motions.formats.decoding import text_of
+from toppling.models.files.text_file import text_of
 from toppling.results.hazard.readers import (
     cybershake,
     json_tables,

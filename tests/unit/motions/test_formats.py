@@ -307,14 +307,6 @@ def test_a_corner_that_no_filter_has_leaves_its_record_out(tmp_path, corner_hz):
     assert "below 50 Hz" in outcome.refusals[0].reason.expected
 
 
-def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path):
-    columns(tmp_path, shaking())
-    table = tmp_path / "table.csv"
-    table.write_bytes(table.read_bytes().rstrip() + b"\nMichoac\xe1n\n")
-    with pytest.raises(InputError, match=r"table\.csv:3: the byte b'\\xe1' is not UTF-8"):
-        read_table(table)
-
-
 def test_two_time_steps_are_refused(tmp_path):
     paths = peer(tmp_path, shaking())
     damaged(paths[1], 4, ".0100", ".0050")

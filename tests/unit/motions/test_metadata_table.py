@@ -7,7 +7,7 @@ from motion_samples import WRITERS, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.importing import import_records, record_files
-from toppling.models.motions.metadata import read_table
+from toppling.models.motions.metadata import looks_like_table, read_table
 
 
 def with_rows(folder: Path, *rows: str):
@@ -83,17 +83,18 @@ def test_a_horizontal_as_vertical_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_a_table_of_a_spreadsheet_with_decimal_commas_is_read(delimiter, encoding, tmp_path):
     rows = [
         ["h1", "h2", "v", "unit", "mag", "dt", "event"],
-        ["a, east", "b", "c", "0,5 gal", "6,5", "0,005", "Kumamoto, 2016"],
+        ["a, east", "b", "c", "0,5 gal", "6,5", "0,005", "Michoac\u00e1n, 1985"],
     ]
     content = "\r\n".join(delimiter.join(row) for row in rows) + "\r\n\x1a\x1a"
     (tmp_path / "table.csv").write_bytes(content.encode(encoding))
     (entry,) = read_table(tmp_path / "table.csv")
     assert (entry.magnitude, entry.time_step_s, entry.unit_m_s2) == (6.5, 0.005, pytest.approx(0.005))
-    assert (entry.h1.name, entry.event) == ("a, east", "Kumamoto, 2016")
+    assert (entry.h1.name, entry.event) == ("a, east", "Michoac\u00e1n, 1985")
+    assert looks_like_table(tmp_path / "table.csv")
 
 
 @pytest.mark.parametrize("number", ['"1,234"', '"6,5"'])

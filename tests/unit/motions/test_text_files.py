@@ -8,8 +8,8 @@ import pytest
 from motion_samples import STEP_S, WRITERS, shaking
 
 from toppling.models.errors import InputError
+from toppling.models.files.text_file import text_of
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.formats.decoding import text_of
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 

@@ -1,7 +1,13 @@
-"""From a file's bytes to text: encodings, ends of lines and of files as programs of any system write them."""
+"""Text files of strangers: encodings and ends of lines of any system, lines by their numbers, rows of tables."""
 
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn, Self
 
+from toppling.models.errors import InputError
+from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows
 from toppling.models.files.markup import table_text
 
 HEAD_BYTES = 4000
@@ -23,10 +29,6 @@ def text_of(content: bytes) -> str | None:
 
     Tables in HTML, LaTeX and Markdown have tabs between their cells. UTF-8 and UTF-16 are recognised; what is neither
     is in the encoding of western Windows, which has that of Latin-1 for every letter and sign of a unit.
-
-    Parameters
-    ----------
-    content : bytes
     """
     encoding = _utf_16(content)
     if encoding:
@@ -60,3 +62,42 @@ def _utf_16(content: bytes) -> str | None:
     if max(even, odd) < _UTF_16_SHARE or min(even, odd) > 1 - _UTF_16_SHARE:
         return None
     return "utf-16-le" if odd > even else "utf-16-be"
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """Lines of a file, or of a part of it, by their places from 0; errors number them in the file, from 1."""
+
+    path: Path
+    lines: Sequence[str]
+    above: int = 0  # lines of the file before these
+
+    @classmethod
+    def of_table(cls, path: Path) -> Self:
+        """A whole table, in any encoding that :func:`text_of` knows.
+
+        Raises
+        ------
+        InputError
+            If it is larger than any table, or holds a zero: with the line.
+        """
+        check_size(path, LARGEST_CSV_BYTES, "CSV")
+        content = path.read_bytes()
+        text = text_of(content)
+        if text is None or "\0" in text:
+            before = content[: content.find(0)] if text is None else text[: text.index("\0")].encode()
+            cls(path, ()).refuse(before.count(b"\n"), "a zero byte", "a CSV table", "save the table again")
+        return cls(path, text.splitlines())
+
+    def where(self, at: int) -> str:
+        """File and line, as an error names them."""
+        return f"{self.path}:{self.above + at + 1}"
+
+    def refuse(self, at: int, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+        """Refuse the file for what is wrong at a line."""
+        raise InputError(what, where=self.where(at), expected=expected, remedy=remedy)
+
+    def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, dict[str, str]]]:
+        """Rows of a table, each with the place of its line; its names stand in the line of a place."""
+        for number, row in csv_rows(self.lines[start:], self.path, separator):
+            yield start + number - 1, row

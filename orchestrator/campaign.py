@@ -131,10 +131,9 @@ KEYS = (
         "ensembles, relative to the file",
         "recorded motions that the rock survived, by which draws of its base are weighted", (),
         "none", '["quake.AT2"]', "guide/standing.md"),
-    Key("precision", lambda given, place: read_precision(given, place.where), "0.005 to 0.5",
+    Key("precision", read_precision, "0.005 to 0.5",
         "half of the 95 % interval at which the run ends", None, "all jobs", "0.05", "precision.md"),
-    Key("target", lambda given, place: read_target(given, place.folder, place.where),
-        '"median", "p05", "p95" or a table', "what the run is to state", None,
+    Key("target", read_target, '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
     Key("peak_displacement_m", number(lambda one: 0 < one <= _LARGEST_DISPLACEMENT_M),
         f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
@@ -187,7 +186,9 @@ class Campaign:
             raise Place(where).wrong(
                 "a campaign of many rocks", "a campaign of one", "give each rock a run of its own"
             )
-        changed = dataclasses.replace(self, precision=read_precision(precision, where))
+        changed = dataclasses.replace(
+            self, precision=read_precision(precision, Place(where, expected="0.005 to 0.5"))
+        )
         _check_together(changed, where, where, where)
         return changed
 

@@ -1,22 +1,15 @@
 """What computes here: processors differ in the last bit, by which kernels BLAS and the compiler choose for them."""
 
-import ctypes
 import os
 import platform
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 import llvmlite.binding
-import numpy as np
-
-_CORE_NAMES = (
-    "scipy_openblas_get_corename64_", "scipy_openblas_get_corename",
-    "openblas_get_corename64_", "openblas_get_corename",
-)  # fmt: skip
-
-_THREAD_NAMES = tuple(name.replace("get_corename", "set_num_threads") for name in _CORE_NAMES)
+import scipy.linalg  # noqa: F401  (loads SciPy's own BLAS, whose threads are counted too)
+from threadpoolctl import threadpool_info, threadpool_limits
 
 KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """By which a user chooses kernels: set before the program starts, they hold for all processes that it starts."""
@@ -52,28 +45,15 @@ def _model() -> str:
 
 def one_blas_thread() -> None:
     """Let BLAS compute with one thread in this process, however it was started: with several it may sum otherwise."""
-    for library in (*_openblas("numpy.libs"), *_openblas("scipy.libs")):
-        for name in _THREAD_NAMES:
-            if hasattr(library, name):
-                getattr(library, name)(1)
-                break
+    threadpool_limits(1, user_api="blas")
 
 
 def _blas_kernel() -> str:
-    """Kernel that OpenBLAS has chosen; where NumPy has another library, that library's name."""
-    for library in _openblas("numpy.libs"):
-        for name in _CORE_NAMES:
-            if hasattr(library, name):
-                ask = getattr(library, name)
-                ask.restype = ctypes.c_char_p
-                return (ask() or b"unknown").decode()
-    with suppress(KeyError, TypeError):
-        return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
+    """Kernel that NumPy's OpenBLAS has chosen; where NumPy has another library, that library's name."""
+    numpys = [
+        one for one in threadpool_info() if one["user_api"] == "blas" and "numpy.libs" in one["filepath"]
+    ]
+    for one in numpys or threadpool_info():
+        if one["user_api"] == "blas":
+            return str(one.get("architecture") or one["internal_api"])
     return "unknown"
-
-
-def _openblas(folder: str) -> Iterator[ctypes.CDLL]:
-    """OpenBLAS of NumPy's wheel or SciPy's, which is loaded already or will be."""
-    for path in (Path(np.__file__).parents[1] / folder).glob("*openblas*"):
-        with suppress(OSError):
-            yield ctypes.CDLL(str(path))

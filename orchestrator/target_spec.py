@@ -1,23 +1,23 @@
 """What a campaign asks to be stated, from the keys `precision` and `target` of its file."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, shown
 from toppling.models.motions.measures import LEVEL_MEASURES
-from toppling.models.spelling import did_you_mean
+from toppling.orchestrator.keys import Key, Place, number, path, read_keys, word
 
 _FINEST, _COARSEST = 0.005, 0.5
 _SHARES = ("median", "p05", "p95")
-_KEYS = ("of", "measure", "at", "hazard")
-_EXPECTED = (
-    f"{', '.join(map(repr, _SHARES))}, or a table with keys of {', '.join(_KEYS)}: "
-    '{ of = "p05", measure = "pgv_m_s" }, { measure = "pgv_m_s", at = 1.2 } (a probability) or '
-    '{ hazard = "curve.csv" } (a failure rate)'
-)
+_KEYS = (
+    Key("of", word(_SHARES), f"{', '.join(map(repr, _SHARES))}", "share that topples", None, "the median"),
+    Key("measure", word(LEVEL_MEASURES), f"one of {', '.join(LEVEL_MEASURES)}", "of the intensity", None, "the best"),
+    Key("at", number(lambda one: one > 0), "a positive intensity, with its measure", "whose probability is asked for",
+        None, "the share"),
+    Key("hazard", path, "the path of a file of one hazard curve", "whose failure rate is asked for", None, "the share"),
+)  # fmt: skip
+"""Keys of `target`."""
 
 
 @dataclass(frozen=True)
@@ -36,45 +36,30 @@ class TargetSpec:
         return {**table, "hazard": hazard or (str(self.hazard) if self.hazard else None)}
 
 
-def read_precision(value: Any, where: str) -> float:
+def read_precision(value: Any, place: Place) -> float:
     """Half of the interval of 95 % that is asked for.
 
     Raises InputError if it is no share.
     """
     if not is_number(value) or not _FINEST <= value <= _COARSEST:
-        remedy = "5 % is 0.05"
-        if is_number(value) and _FINEST <= value / 100.0 <= _COARSEST:
-            remedy = f"did you mean {value / 100.0:g}, {value:g} %?"
-        raise InputError(
-            shown(value), where=where, expected=f"a share from {_FINEST:g} to {_COARSEST:g}", remedy=remedy
+        percent = is_number(value) and _FINEST <= value / 100.0 <= _COARSEST
+        raise place.wrong(
+            shown(value), remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05"
         )
     return float(value)
 
 
-def read_target(value: Any, folder: Path, where: str) -> TargetSpec:
+def read_target(value: Any, place: Place) -> TargetSpec:
     """What is asked for, by a word or a table.
 
     Raises InputError if it is neither, or contradicts itself.
     """
-    table: Mapping[str, Any] = {"of": value} if isinstance(value, str) else value
-    if not isinstance(table, dict) or not table or not set(table) <= set(_KEYS):
-        raise _wrong(shown(value), where)
-    of, measure, at, hazard = (table.get(key) for key in _KEYS)
-    if of is not None and of not in _SHARES:
-        raise _wrong(shown(of), where, did_you_mean(str(of), _SHARES, "take 'median' if unsure"))
-    if measure is not None and measure not in LEVEL_MEASURES:
-        remedy = did_you_mean(str(measure), LEVEL_MEASURES, f"one of {', '.join(LEVEL_MEASURES)}")
-        raise _wrong(f"the measure {shown(measure)}", where, remedy)
-    if at is not None and (not is_number(at) or at <= 0 or measure is None):
-        raise _wrong(f"at = {shown(at)}", where, "give a positive intensity, and the measure that it is of")
-    if hazard is not None and not (isinstance(hazard, str) and hazard):
-        raise _wrong(f"hazard = {shown(hazard)}", where, "give the path of a file of one hazard curve")
-    if sum(one is not None for one in (of, at, hazard)) > 1:
-        raise _wrong("more than one of 'of', 'at' and 'hazard'", where, "ask one question a run")
-    return TargetSpec(
-        of or _SHARES[0], measure, None if at is None else float(at), folder / hazard if hazard else None
-    )
-
-
-def _wrong(what: str, where: str, remedy: str = "correct it, or leave it out for the median") -> InputError:
-    return InputError(what, where=where, expected=_EXPECTED, remedy=remedy)
+    table = {"of": value} if isinstance(value, str) else value
+    if not isinstance(table, dict) or not table:
+        raise place.wrong(shown(value))
+    read = read_keys(_KEYS, table, place.where, place.folder, joint=".")
+    if read["at"] is not None and read["measure"] is None:
+        raise place.wrong(f"at = {shown(table['at'])}", remedy="give the measure that it is of too")
+    if sum(read[name] is not None for name in ("of", "at", "hazard")) > 1:
+        raise place.wrong("more than one of 'of', 'at' and 'hazard'", remedy="ask one question a run")
+    return TargetSpec(**read | {"of": read["of"] or _SHARES[0]})

@@ -20,6 +20,7 @@ from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
+from toppling.orchestrator.plan import plan as expand
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
 from toppling.orchestrator.run import run as carry_out
@@ -35,6 +36,8 @@ class Planned:
     ----------
     campaign : Campaign
     plan : Plan
+    scene : Scene or None
+        None for many rocks.
     settling : Settling or None
         How far the rock settles under the friction with which it tilts most; None for many rocks.
     warnings : list of str
@@ -45,6 +48,7 @@ class Planned:
 
     campaign: Campaign
     plan: Plan
+    scene: Scene | None
     settling: Settling | None
     warnings: list[str]
     rocks: dict[str, Any] = field(default_factory=dict)
@@ -69,16 +73,17 @@ def plan(campaign: Campaign | str | Path) -> Planned:
         If the campaign does not fit its scene or its ensemble, or the rock does not stand by itself.
     """
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
-    planned = plan_of(chosen)
     if chosen.sites:
+        planned = plan_of(chosen)
         entries = scene_entries(planned, settlings_of(planned))
         problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
         problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
-        return Planned(chosen, planned, None, problems, entries)
+        return Planned(chosen, planned, None, None, problems, entries)
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
+    planned = expand(chosen, scene, ensemble)
     settling = Settlings.of(chosen, scene).checked()
     warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
-    return Planned(chosen, planned, settling, warnings + shaking_warnings(chosen, ensemble))
+    return Planned(chosen, planned, scene, settling, warnings + shaking_warnings(chosen, ensemble))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from toppling.orchestrator.processes import assets, pool_of
 from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.regression import fit
 from toppling.workers.engines import DEFAULT, ENGINES
-from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions
+from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State
@@ -51,16 +51,6 @@ CONVERGED = "reference"
 
 FLOOR = f"{CONVERGED}, disturbed"
 """Name of the setting that shows the floor of chaos."""
-
-_EXPLORED = {
-    "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
-    "fast, 20 iterations": replace(PRESETS["fast"], solver=SolverOptions(20, 1e-3)),
-    "fast, 500 iterations": replace(PRESETS["fast"], solver=SolverOptions(500, 1e-5)),
-    "fast, landings from 3e-3": replace(PRESETS["fast"], resolved_impact=3e-3),
-    "1/256": replace(PRESETS["standard"], step_share=1 / 256),
-}
-"""Points of the front beside and between the presets."""
-
 
 _Row = dict[str, object]
 
@@ -83,14 +73,11 @@ class Setting:
     shortcuts: bool = True
     # Azimuth toward which the start is disturbed as `_disturbed_start` says; None for a start at rest.
     disturbed_toward_deg: float | None = None
-    disturbed_share: float = _DISTURBED_SHARE  # how much it is disturbed then
 
 
-def settings(*, explore: bool = False) -> dict[str, Setting]:
-    """Presets of every engine that is installed, by their names, and what lies between them if asked for."""
+def settings() -> dict[str, Setting]:
+    """Presets of every engine that is installed, by their names."""
     presets = {name: Setting(one) for name, one in PRESETS.items()}
-    if explore:
-        presets |= {name: Setting(one) for name, one in _EXPLORED.items()}
     for engine in ENGINES.values():
         if engine.name != DEFAULT and engine.version is not None:
             presets |= {
@@ -158,13 +145,13 @@ def _read(path: Path) -> list[dict[Any, Any]]:
         return []
 
 
-def _disturbed_start(scene: Scene, toward_deg: float, share: float = _DISTURBED_SHARE) -> State:
-    """The rock of a settled scene raised by a share of its height, and tilted by as much (rad) toward an azimuth.
+def _disturbed_start(scene: Scene, toward_deg: float) -> State:
+    """The rock of a settled scene raised by a millionth of its height, and tilted by as much (rad) toward an azimuth.
 
     Raised alone, a block would land flat and go on as if nothing had been.
     """
-    up = np.array([0.0, 0.0, share * scene.rock.height_m])
-    half, azimuth = 0.5 * share, np.deg2rad(toward_deg)
+    up = np.array([0.0, 0.0, _DISTURBED_SHARE * scene.rock.height_m])
+    half, azimuth = 0.5 * _DISTURBED_SHARE, np.deg2rad(toward_deg)
     turn = (-half * np.sin(azimuth), half * np.cos(azimuth), 0.0, 1.0)  # about the vertical cross the azimuth
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
 
@@ -236,7 +223,7 @@ def _shake(job: Job, setting: Setting) -> _Row:
     scene, ensemble = assets()
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     toward = setting.disturbed_toward_deg
-    start = None if toward is None else _disturbed_start(scene, toward, setting.disturbed_share)
+    start = None if toward is None else _disturbed_start(scene, toward)
     began_s = time.process_time()  # of the processor: what a job costs also on a machine with other work
     result = shake(
         scene, motion, setting.settings, shortcuts=setting.shortcuts, initial=start, engine=setting.engine

@@ -34,7 +34,6 @@ from toppling.workers.options import PRESETS
     "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), metavar="LOW HIGH",
     help="Range from which PGA is drawn, m/s2.",
 )  # fmt: skip
-@option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
 @shared.processes_option
 def accuracy(
     scene: Path,
@@ -42,7 +41,6 @@ def accuracy(
     out: Path,
     count: int,
     pga_m_s2: tuple[float, float],
-    explore: bool,
     workers: int,
 ) -> None:
     """Compare the answers and the cost of the presets for the rock of SCENE under motions of ENSEMBLE.
@@ -61,7 +59,7 @@ def accuracy(
     """
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     jobs = draw_jobs(motions, count, pga_m_s2)
-    compared = settings(explore=explore)
+    compared = settings()
     compared[FLOOR] = Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0)
     with bar("shaking", count * len(compared)) as advance:
         said = {

@@ -33,7 +33,7 @@ from toppling.results.reader import Run, open_run
     "--measure", type=click.Choice(COMPARED), default=HEADLINE_MEASURE, metavar="MEASURE",
     help="Intensity measure of all fragilities, a column of the results.",
 )  # fmt: skip
-@option("--shared", is_flag=True, help="Use only the records and levels that all rocks share.")
+@option("--shared", "only_shared", is_flag=True, help="Use only the records and levels that all rocks share.")
 @option("--reports", is_flag=True, help="Also write the report of each rock that has none.")
 @shared.samples_option(SAMPLES)
 @shared.json_option("Print the table as JSON.")
@@ -41,7 +41,7 @@ def atlas(
     runs: tuple[Path, ...],
     out: Path | None,
     measure: str,
-    shared: bool,
+    only_shared: bool,
     reports: bool,
     samples: int,
     as_json: bool,
@@ -62,7 +62,9 @@ def atlas(
     if reports:
         _write_reports(of_rocks, samples)
     with bar("rocks", 2 * len(of_rocks)) as advance:
-        rocks, common = beside_each_other(of_rocks, measure, samples, only_shared=shared, advance=advance)
+        rocks, common = beside_each_other(
+            of_rocks, measure, samples, only_shared=only_shared, advance=advance
+        )
         title = ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
         text = gallery_page(title, opened, rocks, common, measure, folder, advance)
     write_text(text, folder / "atlas.html")

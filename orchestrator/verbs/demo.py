@@ -25,7 +25,6 @@ friction = [1.0]
 restitution = [0.0]
 preset = "fast"
 """
-_SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
 _DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
@@ -108,25 +107,14 @@ def _make_records(out: Path) -> None:
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:
-    """Write the largest campaign that should end in time, judging by a few sampled jobs."""
+    """Write the largest campaign that should end in time, judging by a few jobs on trial."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.workers.job import Assets, JobSpec, run_job
+    from toppling.orchestrator.pilot import statics_of, try_out
 
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
-    by_duration = ensemble.catalog.sort_by("duration_s")["record_id"].to_pylist()
-    record = by_duration[len(by_duration) // 2]
-    assets = Assets(scene, ensemble)
-    cost_s = []
-    for level in (
-        _SAMPLE_LEVELS_M_S2[0],
-        *_SAMPLE_LEVELS_M_S2,
-    ):  # the first one also pays for what is computed once
-        spec = JobSpec(scene.id, record, ensemble.sha(record), level, 45.0, 1.0, 1.0, 0.0, 0, "fast")
-        start = time.perf_counter()
-        run_job(spec, assets)
-        cost_s.append(time.perf_counter() - start)
-    affordable = min(workers, os.cpu_count() or 1) * seconds / (sum(cost_s[1:]) / len(_SAMPLE_LEVELS_M_S2))
+    pilot = try_out(scene, ensemble, statics_of(scene).least_m_s2, [45.0], (1.0, 1.0), "fast")
+    affordable = min(workers, os.cpu_count() or 1) * seconds / pilot.job_s
     jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
     step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]

@@ -66,11 +66,10 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
 def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
     """What is said of one rock before the time and after it; counts are added."""
     from toppling.models.contact import ContactProperties
-    from toppling.models.scene import Scene
     from toppling.orchestrator.settling_notes import settling_notes
 
-    chosen, planned = found.campaign, found.plan
-    scene = Scene.load(chosen.scene)
+    chosen, planned, scene = found.campaign, found.plan, found.scene
+    assert scene is not None
     counts |= {
         "records": len(planned.scenes[0].record_sha), "levels": max(len(chosen.pga_m_s2), 1),
         "azimuths": max(len(chosen.azimuth_deg), 1), "frictions": len(chosen.friction),

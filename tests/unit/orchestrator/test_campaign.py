@@ -127,7 +127,7 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
         ({"scene": 3}, "scene"),
         ({"levels": "hunt"}, "no longer chosen"),
         ({"precision": 5}, "did you mean 0.05, 5 %?"),
-        ({"precision": 0.0}, "a share from 0.005 to 0.5"),
+        ({"precision": 0.0}, "expected: 0.005 to 0.5"),
         ({"precision": "5%"}, "precision"),
         ({"precision": 0.1, "pga_m_s2": "recorded"}, "no levels to choose among"),
         ({"target": "p05"}, "a target without a precision"),

@@ -19,11 +19,11 @@ from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.orchestrator.recorded import Recorded, check_weighable
 from toppling.results.analysis.exchange import read_curves
-from toppling.results.analysis.fits import answered, basis_of
+from toppling.results.analysis.fits import answered, curve_over
 from toppling.results.analysis.fragility import by_contact
-from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
+from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.analysis.regression import fit
-from toppling.results.analysis.resampling import bootstrap
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness
 from toppling.results.hazard.places import SITE_REACH_KM, distance_km
 from toppling.results.hazard.survival import Standing
@@ -106,9 +106,8 @@ def standing_rock(
     """A rock with the fragility of a run or of a file, and its bootstrap samples of records where these are known."""
     if jobs is None:
         curve = read_curves(path).get(measure)
-        resampled = curve.resampled if curve else None
     else:
-        curve, resampled = _fit(jobs, measure, advance)
+        curve = curve_over(jobs.frame, measure, SAMPLES, jobs.completeness, advance)
     if curve is None:
         no_answer = jobs is not None and answered(jobs.frame).empty
         raise InputError(
@@ -117,7 +116,7 @@ def standing_rock(
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' lists the measures that have one",
         )
-    return Standing(name, curve, years, resampled)
+    return Standing(name, curve, years)
 
 
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
@@ -178,17 +177,6 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
             shake = partial(shaken, cluster=nullcontext(client), watch=weighing(watch))
             also = weigh(one, recorded, Path(place), shake)
     return joined(own, also) if own else also
-
-
-def _fit(jobs: Jobs, measure: str, advance: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
-    """Fragility of a run, and of bootstrap samples of its records."""
-    measured = _with_measure(jobs.frame, measure)
-    fitted = fit(measured, [measure]) if len(measured) else None
-    if fitted is None or (curve := fitted.lognormal) is None:
-        return None, None
-    return replace(curve, basis=basis_of(jobs.frame, measure, jobs.completeness)), bootstrap(
-        measured, fitted, advance=advance
-    )
 
 
 def _with_measure(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:

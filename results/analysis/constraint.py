@@ -146,7 +146,8 @@ def _interval(
     drawn = [rock.drawn for rock in rocks]
     if not all(drawn):
         return (math.nan, math.nan)
-    fewest = min((rock.resampled for rock in rocks if rock.resampled), key=lambda one: one.records)
+    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
+    fewest = min(known, key=lambda one: one.records)
     values = [
         statement([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
         for curves in zip(*drawn, strict=True)
@@ -194,11 +195,8 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})
-            | (
-                {"samples": len(rock.resampled.fitted), "samples_without_fit": rock.resampled.without_fit}
-                if rock.resampled
-                else {}
-            )
+            | ({"samples": len(drawn.fitted), "samples_without_fit": drawn.without_fit} if drawn else {})
             for rock in rocks
+            for drawn in (rock.curve.resampled,)
         ],
     }

@@ -1,17 +1,17 @@
-"""What the fits of a run say together: their table, the one that stands for the run, the jobs they rest on."""
+"""The fits of a contact: their table, the curve that stands for the run, the jobs they rest on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import pandas as pd
 
-from toppling.models.motions.measures import MEASURES
-from toppling.results.analysis.lognormal import Basis, Resampled
-from toppling.results.analysis.regression import Fit
-from toppling.results.analysis.resampling import lognormal_interval
+from toppling.models.motions.measures import COMPARED, MEASURES
+from toppling.results.analysis.lognormal import Basis, Lognormal, lognormal_interval
+from toppling.results.analysis.ranking import compare_measures
+from toppling.results.analysis.regression import Fit, fit
+from toppling.results.analysis.resampling import SAMPLES, sampled
 from toppling.results.completeness import Completeness
-
-SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
-"""On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
 
 FEW_TOPPLED = 10
 """Fewer topplings bear no curve that is worth a picture, and rank no measure."""
@@ -28,10 +28,10 @@ def headline(models: Sequence[Fit]) -> Fit | None:
     )
 
 
-def summary(models: Sequence[Fit], resampled: Sequence[Resampled | None]) -> pd.DataFrame:
+def summary(models: Sequence[Fit]) -> pd.DataFrame:
     """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`."""
     lines = []
-    for model, samples in zip(models, resampled, strict=True):
+    for model in models:
         line: dict[str, object] = {
             "measures": " + ".join(model.measures), "link": model.link, "problem": model.problem,
             "jobs": model.jobs, "toppled": model.toppled, "records": model.records,
@@ -39,7 +39,7 @@ def summary(models: Sequence[Fit], resampled: Sequence[Resampled | None]) -> pd.
         }  # fmt: skip
         if curve := model.lognormal:
             line |= {"median": curve.median, "beta": curve.beta}
-        if samples is not None:
+        if (samples := model.resampled) is not None:
             found = samples.coefficients
             line |= {"samples": len(found), "samples_without_fit": samples.without_fit}
             if model.lognormal:
@@ -73,3 +73,81 @@ def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None)
         jobs_planned=run.planned if run else None,
         jobs_done=run.done if run else None,
     )
+
+
+def curve_over(
+    jobs: pd.DataFrame,
+    measure: str,
+    samples: int = SAMPLES,
+    run: Completeness | None = None,
+    advance: Callable[[], None] = lambda: None,
+) -> Lognormal | None:
+    """Fragility of jobs of one contact over a measure, with its samples and what it rests on; None without a fit.
+
+    run: of the run whose jobs these are.
+    advance: called before each bootstrap sample.
+    """
+    known = answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
+    fitted = fit(known, [measure]) if len(known) else None
+    if fitted is None or fitted.lognormal is None:
+        return None
+    curve = sampled(known, fitted, samples, advance).lognormal
+    assert curve is not None  # samples change no coefficient
+    return replace(curve, basis=basis_of(jobs, measure, run))
+
+
+@dataclass(frozen=True, eq=False)
+class ContactFits:
+    """Jobs of one scene, preset and contact, with their fits."""
+
+    jobs: pd.DataFrame  # all of them, with or without an answer
+    samples: int = SAMPLES  # bootstrap samples of the fits
+    run: Completeness | None = None  # of the run whose jobs these are
+    words: str = ""  # what distinguishes it from others, such as "μ = 0.8"
+    told: Callable[[str], object] = lambda _: None  # of the measure before the samples of its fit
+
+    @cached_property
+    def known(self) -> pd.DataFrame:
+        """Jobs with an answer."""
+        return answered(self.jobs)
+
+    @property
+    def toppled(self) -> int:
+        """Number of jobs that toppled the rock."""
+        return int(self.known["toppled"].sum())
+
+    @cached_property
+    def ranking(self) -> pd.DataFrame:
+        """Measures of intensity, best first."""
+        return compare_measures(self.known)
+
+    @property
+    def measures(self) -> list[str]:
+        """Single measures, in the ranking's order."""
+        return [name for name in self.ranking["measures"] if name in COMPARED]
+
+    @cached_property
+    def models(self) -> list[Fit]:
+        """Fit of each single measure with its samples, in the ranking's order."""
+        return [self.fitted([name]) for name in self.measures]
+
+    def fitted(self, measures: Sequence[str], link: str = "probit") -> Fit:
+        """Fit of some measures together with its samples."""
+        self.told(" and ".join(measures))
+        return sampled(self.known, fit(self.known, measures, link), self.samples)
+
+    @cached_property
+    def curves(self) -> dict[str, Lognormal]:
+        """Lognormal fragility over each measure that has one."""
+        found = {one.measures[0]: one.lognormal for one in self.models}
+        return {
+            name: replace(curve, basis=basis_of(self.jobs, name, self.run))
+            for name, curve in found.items()
+            if curve
+        }
+
+    @property
+    def best(self) -> Lognormal | None:
+        """Curve of the best predictor that may stand for the run."""
+        chosen = headline(self.models)
+        return self.curves[chosen.measures[0]] if chosen else None

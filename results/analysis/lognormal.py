@@ -1,7 +1,7 @@
 """Lognormal fragility curves, what a fit of one rests on, and its samples."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,6 +107,23 @@ class Resampled:
         found = iter(self.coefficients)
         never = Lognormal(measure, math.inf, 0.0)
         return [lognormal_of(measure, *next(found)) if has_fit else never for has_fit in self.fitted]
+
+
+def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
+    """Intervals of median and beta over bootstrap samples of a lognormal fit."""
+    intercept, slope = resampled.coefficients.T
+    median = resampled.interval(np.exp(-intercept / slope), level)
+    beta = resampled.interval(1.0 / slope, level)
+    return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
+
+
+def with_samples(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
+    """A curve with its bootstrap samples, if there are any, and their interval of its median."""
+    if resampled is None or not len(resampled.coefficients):
+        return replace(curve, resampled=resampled)
+    ends = lognormal_interval(resampled)
+    interval = float(ends["median_low"]), float(ends["median_high"])
+    return replace(curve, median_interval=interval, resampled=resampled)
 
 
 def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:

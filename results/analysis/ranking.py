@@ -14,10 +14,9 @@ from sklearn.model_selection import GroupKFold
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
-from toppling.results.analysis.fits import SURFACES
 from toppling.results.analysis.fragility import effective_records, wilson
 from toppling.results.analysis.lognormal import expanded_interval
-from toppling.results.analysis.regression import NEAR_TIE, fit
+from toppling.results.analysis.regression import NEAR_TIE, SURFACES, fit
 from toppling.results.analysis.resampling import LEAST_RECORDS
 
 _BINS = 10

@@ -6,7 +6,7 @@ With a probit link and one measure it is the lognormal fragility Phi(ln(x / medi
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.special import expit, ndtr, ndtri
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.lognormal import Lognormal, lognormal_of
+from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
 from toppling.results.schema import SCHEMA, describe
 
 _FLATTEST_SLOPE = 0.1
@@ -25,6 +25,9 @@ _FLATTEST_SLOPE = 0.1
 NEAR_TIE = 1e-6
 """Jobs of one level differ in the last digits, as each is scaled and turned: so much nearer, values are one."""
 
+
+SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
+"""On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
 
 LINKS = {"probit": ndtr, "logit": expit}
 """What turns a predictor into a probability."""
@@ -53,13 +56,15 @@ class Fit:
     # For one measure: the largest intensity that some job stood, and the least that toppled one. Where the
     # answers are separated these bound the median.
     bounds: tuple[float, float] = (math.nan, math.nan)
+    # The same fit to resampled records, where it was asked for.
+    resampled: Resampled | None = field(default=None, compare=False, repr=False)
 
     @property
     def lognormal(self) -> Lognormal | None:
         """The lognormal fragility that this is, if it is one: one measure, probit, rising with intensity."""
         if self.problem or self.link != "probit" or len(self.measures) != 1:
             return None
-        return lognormal_of(self.measures[0], *self.coefficients)
+        return with_samples(lognormal_of(self.measures[0], *self.coefficients), self.resampled)
 
     def probability(self, frame: pd.DataFrame) -> Array:
         """Toppling probability of each row's measures."""

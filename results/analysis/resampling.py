@@ -15,7 +15,7 @@ from scipy.special import ndtri
 from scipy.stats import t
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.lognormal import Resampled
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, scored
 
 LEAST_RECORDS = 5
@@ -69,21 +69,15 @@ def bootstrap(
     return Resampled(refits, fitted_again, len(records), turns)
 
 
-def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
-    """Intervals of median and beta over bootstrap samples of a lognormal fit."""
-    intercept, slope = resampled.coefficients.T
-    median = resampled.interval(np.exp(-intercept / slope), level)
-    beta = resampled.interval(1.0 / slope, level)
-    return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
-
-
-def with_interval(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
-    """A curve with its bootstrap samples and their interval of its median; as it was where there are none."""
-    if resampled is None or not len(resampled.coefficients):
-        return curve
-    ends = lognormal_interval(resampled)
-    interval = float(ends["median_low"]), float(ends["median_high"])
-    return replace(curve, median_interval=interval, resampled=resampled)
+def sampled(
+    frame: pd.DataFrame, fitted: Fit, samples: int = SAMPLES, advance: Callable[[], None] = lambda: None
+) -> Fit:
+    """A fit with its `bootstrap`; as it was where it has a problem."""
+    return (
+        fitted
+        if fitted.problem
+        else replace(fitted, resampled=bootstrap(frame, fitted, samples, advance=advance))
+    )
 
 
 _TAIL = 0.975

@@ -1,7 +1,7 @@
 """Several rocks beside each other: of each its fragility over one measure, its statics and its place."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
-from toppling.results.analysis.fits import FEW_TOPPLED, answered, basis_of
+from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.regression import fit
-from toppling.results.analysis.resampling import SAMPLES, bootstrap, with_interval
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
 
 
@@ -158,16 +157,14 @@ def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
 
 def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> Beside:
     known = answered(jobs) if len(jobs) else jobs
-    curve, why_not = None, (run.entry.get("problem") or "no job has an answer").splitlines()[0]
+    curve: Lognormal | None = None
+    why_not = (run.entry.get("problem") or "no job has an answer").splitlines()[0]
     if len(known):
         toppled = int(known["toppled"].sum())
-        fitted = fit(known, [measure]) if toppled >= FEW_TOPPLED else None
         why_not = f"{toppled} of {len(known)} jobs toppled it"
-        if fitted is not None and fitted.lognormal is not None:
-            drawn = bootstrap(known, fitted, samples)
-            basis = basis_of(jobs, measure, run.completeness())
-            curve = replace(with_interval(fitted.lognormal, drawn), basis=basis)
-            why_not = ""
+        if toppled >= FEW_TOPPLED:
+            curve = curve_over(jobs, measure, samples, run.completeness())
+        why_not = "" if curve else why_not
     statics = run.quasi_static()
     weakest = least = None
     if statics is not None and (finite := statics.astype(float).dropna(subset=["value"])).size:

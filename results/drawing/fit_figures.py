@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from scipy.special import ndtr, ndtri
 
 from toppling.results.analysis.fits import FEW_TOPPLED
-from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
     HALF_WIDTH_IN,
@@ -33,7 +33,6 @@ _FIT_CAPTION = (
 
 def fit_figure(
     curve: Lognormal,
-    resampled: Resampled | None,
     observed: pd.DataFrame,
     ranking: pd.DataFrame,
     calibrated: pd.DataFrame,
@@ -42,8 +41,7 @@ def fit_figure(
 ) -> Figure:
     """One measure's fragility with its band, how the measures rank, and how predictions hold.
 
-    resampled: from `analysis.fits.bootstrap`.
-    observed, ranking, calibrated: from `analysis.fits`: observed_shares, compare_measures, calibration.
+    observed, ranking, calibrated: from `analysis.ranking`: observed_shares, compare_measures, calibration.
     toppled: topplings among the jobs, where known: too few of them rank no measure.
     width_in: three panels in a row on a page's width, below each other on less.
     """
@@ -66,7 +64,7 @@ def fit_figure(
             size=6.5,
             color="0.25",
         )
-        draw_curve(left, curve, resampled, observed)
+        draw_curve(left, curve, observed)
         if too_few:
             left.set_title(f"too few topplings for a curve ({toppled})")
             _say_too_few(middle, toppled)
@@ -78,11 +76,12 @@ def fit_figure(
     return figure
 
 
-def draw_curve(axes: Axes, curve: Lognormal, resampled: Resampled | None, observed: pd.DataFrame) -> None:
+def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
     """Lognormal fragility with its band, over the observed shares with their intervals."""
     intensity = np.geomspace(
         min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
     )
+    resampled = curve.resampled
     if resampled is not None and len(resampled.coefficients):
         drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
         axes.fill_between(intensity, *resampled.interval(drawn), color=MAIN_COLOUR, alpha=0.3, lw=0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from toppling.models.files.csv_text import write_csv
-from toppling.models.motions.measures import COMPARED, OPENQUAKE
+from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis import fits, ranking, regression, resampling
 from toppling.results.analysis.audit_statistics import Audit, audit_table
 from toppling.results.analysis.directions import sector_share, topple_rose
@@ -24,7 +24,6 @@ from toppling.results.analysis.fragility import (
     unplaced,
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
-from toppling.results.analysis.lognormal import Resampled
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_figures import fit_figure, surface_figure
 from toppling.results.drawing.friction_figures import friction_figure
@@ -199,47 +198,39 @@ def _write_contact(
     advance: Callable[[float, str], object],
     run: Completeness | None,
 ) -> Iterator[Path]:
-    known = fits.answered(jobs)
     advance(0, "ranking of the measures")
-    ranked = ranking.compare_measures(known)
-    yield write_csv(ranked, target / "measures.csv")
-    singles = [measure for measure in ranked["measures"] if measure in COMPARED]
-    models = [regression.fit(known, [measure]) for measure in singles]
-    both = [names for names in fits.SURFACES if set(names) <= set(singles)]
-    models += [regression.fit(known, names, link) for names in both for link in regression.LINKS]
-    resampled: list[Resampled | None] = []
-    for model in models:
-        measures = " and ".join(map(short_name, model.measures))
-        advance(FIT_PARTS / len(models), f"bootstrap of the fit over {measures}")
-        resampled.append(None if model.problem else resampling.bootstrap(known, model, samples))
-    table = fits.summary(models, resampled)
+    parts = 0
+
+    def told(measures: str) -> None:
+        names = " and ".join(map(short_name, measures.split(" and ")))
+        advance(FIT_PARTS / parts, f"bootstrap of the fit over {names}")
+
+    contact = fits.ContactFits(jobs, samples, run, told=told)
+    yield write_csv(contact.ranking, target / "measures.csv")
+    both = [names for names in regression.SURFACES if set(names) <= set(contact.measures)]
+    parts = len(contact.measures) + len(both) * len(regression.LINKS)
+    of_two = [contact.fitted(names, link) for names in both for link in regression.LINKS] if parts else []
+    models = [*contact.models, *of_two]
+    table = fits.summary(models)
     _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])
     yield write_csv(table, target / "fits.csv")
-    curves = [
-        replace(resampling.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
-        for each, drawn in zip(models, resampled, strict=True)
-        if (curve := each.lognormal)
-    ]
     surfaces = [
-        replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run), resampled=drawn)
-        for each, drawn in zip(models, resampled, strict=True)
-        if each.measures == fits.SURFACES[0] and (surface := surface_of(each))
+        replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
+        for each in of_two
+        if each.measures == regression.SURFACES[0] and (surface := surface_of(each))
     ]
     for surface in surfaces:
-        yield from save(surface_figure(surface, known), target / "surface", _remark(run))
-    if curves:
+        yield from save(surface_figure(surface, contact.known), target / "surface", _remark(run))
+    if curves := list(contact.curves.values()):
         for suffix in (".csv", ".json"):
             yield write_curves(target / f"curves{suffix}", curves, name, surfaces)
         if any(curve.measure in OPENQUAKE for curve in curves):
             yield write_curves(target / "curves.xml", curves, name)
-        chosen = fits.headline(models) or next(each for each in models if each.lognormal)
-        assert chosen.lognormal is not None  # as chosen
-        calibrated = ranking.calibration(known, ranking.out_of_fold(known, chosen.measures))
+        chosen = contact.best or curves[0]
+        calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [chosen.measure]))
         yield write_csv(calibrated, target / "calibration.csv")
-        observed = ranking.observed_shares(known, chosen.measures[0])
-        drawn = resampled[models.index(chosen)]
-        toppled = int(known["toppled"].sum())
-        figure = fit_figure(chosen.lognormal, drawn, observed, ranked, calibrated, toppled)
+        observed = ranking.observed_shares(contact.known, chosen.measure)
+        figure = fit_figure(chosen, observed, contact.ranking, calibrated, contact.toppled)
         yield from save(figure, target / "fits", _remark(run))
 
 

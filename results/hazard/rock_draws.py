@@ -47,7 +47,7 @@ def draws_of(rocks: Sequence[Standing]) -> Draws | None:
     count = min(map(len, drawn)) if vary else SAMPLES
     by_rock = [each[:count] for each in drawn] if vary else [[rock.curve] * count for rock in rocks]
     carries = ("fragility",) * vary + ("age",) * old
-    known = [rock.resampled for rock in rocks if rock.resampled]
+    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
     fewest = min(known, key=lambda one: one.records) if vary else None
     return Draws(
         [list(curves) for curves in zip(*by_rock, strict=True)], drawn_ages(rocks, count), carries, fewest

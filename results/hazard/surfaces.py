@@ -78,7 +78,7 @@ def surface_of(fitted: Fit) -> Surface | None:
     """Surface of a probit fit to several measures; None where it has none."""
     if fitted.problem or fitted.link != "probit":
         return None
-    return Surface(fitted.measures, fitted.coefficients)
+    return Surface(fitted.measures, fitted.coefficients, resampled=fitted.resampled)
 
 
 def drawn_surfaces(resampled: Resampled, measures: Sequence[str]) -> list[Surface]:

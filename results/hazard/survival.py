@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import Exposure, exposure
 from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_rate
 
@@ -19,17 +19,15 @@ class Standing:
     """A rock that has stood for some time."""
 
     name: str
-    curve: Lognormal
+    curve: Lognormal  # with samples of other records, where these are known
     years: Array  # (n,): equally likely ages; one where it is known
-    # The same curve of resampled records; None for a curve of a file, which does not keep them.
-    resampled: Resampled | None = None
     # Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
     together: bool = False
 
     @property
     def drawn(self) -> list[Lognormal]:
         """Its curve of each resample; none where they are not known."""
-        known = self.resampled
+        known = self.curve.resampled
         return known.lognormals(self.curve.measure) if known and len(known.fitted) else []
 
 

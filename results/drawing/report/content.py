@@ -1,6 +1,6 @@
 """The data of a report, computed once: the run's jobs, fits of each contact, and the standing rock's constraint."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -10,11 +10,11 @@ import pandas as pd
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
-from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
-from toppling.results.analysis import fits, lognormal, ranking, regression, resampling
+from toppling.results.analysis import fits, resampling
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.style import printed_unit
 from toppling.results.hazard.survival import Standing
@@ -28,65 +28,15 @@ HEADLINE_MEASURE = "pgv_m_s"
 """Measure of the report's first sentence if it has a fit, as in 'toppling constrain': hazard curves of it exist."""
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """Jobs of one scene, preset and contact, with their fits."""
-
-    words: str  # what distinguishes it from others, such as "μ = 0.8"
-    jobs: pd.DataFrame  # all of its jobs, with or without an answer
-    samples: int  # bootstrap samples of the fits
-
-    @cached_property
-    def known(self) -> pd.DataFrame:
-        """Jobs with an answer."""
-        return fits.answered(self.jobs)
+class Contact(fits.ContactFits):
+    """A contact as its report sees it."""
 
     @property
-    def toppled(self) -> int:
-        """Number of jobs that toppled the rock."""
-        return int(self.known["toppled"].sum())
-
-    @cached_property
-    def ranking(self) -> pd.DataFrame:
-        """Measures of intensity, best first."""
-        return ranking.compare_measures(self.known)
-
-    @cached_property
-    def models(self) -> list[tuple[regression.Fit, lognormal.Resampled | None]]:
-        """Fit of each single measure with its samples, in the ranking's order."""
-        singles = [name for name in self.ranking["measures"] if name in COMPARED]
-        models = [regression.fit(self.known, [name]) for name in singles]
-        return [
-            (one, None if one.problem else resampling.bootstrap(self.known, one, self.samples))
-            for one in models
-        ]
-
-    @property
-    def best(self) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
-        """Curve of the best predictor that may represent the run."""
-        return (
-            self.curve_of(chosen.measures[0])
-            if (chosen := fits.headline([one for one, _ in self.models]))
-            else None
-        )
-
-    @property
-    def headline(self) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
+    def headline(self) -> Lognormal | None:
         """Curve that the report begins with; None where too few topple for one."""
         if self.toppled < fits.FEW_TOPPLED:
             return None
-        return self.curve_of(HEADLINE_MEASURE) or self.best
-
-    def curve_of(self, measure: str) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
-        """Curve over a measure with its samples; None where it has no fit."""
-        return next(
-            (
-                (one.lognormal, drawn)
-                for one, drawn in self.models
-                if one.measures == (measure,) and one.lognormal
-            ),
-            None,
-        )
+        return self.curves.get(HEADLINE_MEASURE) or self.best
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +70,7 @@ class Content:
     def contacts(self) -> list[Contact]:
         """Contacts of the run."""
         return [
-            Contact(contact_words(jobs, self.frame), jobs, self.samples)
+            Contact(jobs, self.samples, self.completeness, contact_words(jobs, self.frame))
             for jobs in by_contact(self.frame).values()
         ]
 
@@ -148,16 +98,11 @@ class Content:
     @cached_property
     def standing(self) -> Standing | None:
         """The chief contact's rock, over the hazard's measure or the headline's; None where that has no fit."""
-        measure = self.tree.measure if self.tree else None
-        found = self.chief.curve_of(measure) if measure else self.chief.headline
-        if found is None or self.chief.toppled < fits.FEW_TOPPLED:
+        chief = self.chief
+        curve = chief.curves.get(self.tree.measure) if self.tree else chief.headline
+        if curve is None or chief.toppled < fits.FEW_TOPPLED:
             return None
-        curve, resampled = found
-        basis = fits.basis_of(self.chief.jobs, curve.measure, self.completeness)
-        curve = replace(resampling.with_interval(curve, resampled), basis=basis)
-        return Standing(
-            self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years, resampled
-        )
+        return Standing(self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years)
 
     @cached_property
     def constraint(self) -> Constraint | None:

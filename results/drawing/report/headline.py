@@ -7,8 +7,6 @@ from matplotlib.figure import Figure
 from toppling.models.spelling import counted
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.ranking import observed_shares
-from toppling.results.analysis.regression import Fit
-from toppling.results.analysis.resampling import lognormal_interval
 from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.fit_figures import draw_curve, draw_shares
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
@@ -51,12 +49,9 @@ def _what_topples(content: Content) -> str:
             f"The rock toppled in {contact.toppled} of {len(contact.known):,} shakings with an answer "
             f"({contact.words}): " + _no_curve(contact)
         )
-    curve, resampled = contact.headline
+    curve = contact.headline
     unit, name = printed_unit(curve.measure), short_name(curve.measure)
-    spread = ""
-    if resampled is not None and len(resampled.coefficients):
-        ends = lognormal_interval(resampled)
-        spread = f" (95 %: {ends['median_low']:.2g} to {ends['median_high']:.2g})"
+    spread = " (95 %: {:.2g} to {:.2g})".format(*curve.median_interval) if curve.median_interval else ""
     return (
         f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case in two, and with "
         f"{curve.intensity(0.05):.2g} {unit} in one in twenty ({contact.words})."
@@ -66,8 +61,8 @@ def _what_topples(content: Content) -> str:
 def _no_curve(contact: Contact) -> str:
     if contact.toppled < FEW_TOPPLED:
         return f"fewer than {FEW_TOPPLED} topplings are too few for a curve."
-    problems: list[Fit] = [one for one, _ in contact.models if one.problem]
-    return f"no curve can be fitted ({problems[0].problem})." if problems else "no curve can be fitted."
+    problems = [one.problem for one in contact.models if one.problem]
+    return f"no curve can be fitted ({problems[0]})." if problems else "no curve can be fitted."
 
 
 def _how_likely(content: Content) -> str:
@@ -112,7 +107,7 @@ def _caption(content: Content) -> str:
     contact, rock = content.chief, f"the rock {content.run.rock}"
     if contact.headline is None:
         return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 %, by record."
-    name = short_name(contact.headline[0].measure)
+    name = short_name(contact.headline.measure)
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
         "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
@@ -130,9 +125,9 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
             _draw_shares(axes, observed_shares(contact.known, "level_pga_m_s2"))
             axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
             return figure
-        curve, resampled = contact.headline
+        curve = contact.headline
         observed = observed_shares(contact.known, curve.measure)
-        draw_curve(axes, curve, resampled, observed)
+        draw_curve(axes, curve, observed)
         axes.plot([curve.median, curve.median, axes.get_xlim()[0]], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
         event = content.statement
         if event is not None and event["measure"] == curve.measure:

@@ -203,13 +203,12 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         )
-    summary = fits.summary([one for one, _ in contact.models], [drawn for _, drawn in contact.models])
+    summary = fits.summary(contact.models)
     parts = [title, _verdict(contact.ranking)]
-    if contact.best is not None:
-        curve, drawn = contact.best
+    if (curve := contact.best) is not None:
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
         observed = ranking.observed_shares(contact.known, curve.measure)
-        draw = partial(fit_figure, curve, drawn, observed, contact.ranking, calibrated, contact.toppled)
+        draw = partial(fit_figure, curve, observed, contact.ranking, calibrated, contact.toppled)
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
             f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records left out "

@@ -139,7 +139,7 @@ def test_a_picture_of_too_few_topplings_says_so_and_ranks_nothing(jobs, toppled,
     curve = fit(jobs, ["pgv_m_s"]).lognormal
     ranking = compare_measures(jobs, [["pgv_m_s"], ["pga_m_s2"]], samples=20)
     calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
-    figure = fit_figure(curve, None, observed_shares(jobs, "pgv_m_s"), ranking, calibrated, toppled)
+    figure = fit_figure(curve, observed_shares(jobs, "pgv_m_s"), ranking, calibrated, toppled)
     left, middle, _ = figure.axes
     assert ("too few topplings" in left.get_title()) != is_ranked
     assert any("too few topplings" in text.get_text() for text in middle.texts) != is_ranked

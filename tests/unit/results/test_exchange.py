@@ -21,8 +21,7 @@ from toppling.results.analysis.exchange import (
     write_curves,
 )
 from toppling.results.analysis.fragility import CONTACT_COLUMNS
-from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
-from toppling.results.analysis.resampling import with_interval
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, with_samples
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.hazard.surfaces import Surface
 from toppling.results.schema import SCHEMA, describe
@@ -242,7 +241,7 @@ def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
     drawn = Resampled(np.array([[-0.5, 2.5], [-0.6, 2.0]]), fitted, 30)
     basis = Basis("5c3a", 570, 212, 30, 4, 2.75)
     path = write_curves(
-        tmp_path / f"curves{suffix}", [with_interval(Lognormal("pgv_m_s", 1.2, 0.4, basis), drawn)]
+        tmp_path / f"curves{suffix}", [with_samples(Lognormal("pgv_m_s", 1.2, 0.4, basis), drawn)]
     )
     again = read_curves(path)["pgv_m_s"].resampled
     np.testing.assert_allclose(again.coefficients, drawn.coefficients, rtol=1e-5)

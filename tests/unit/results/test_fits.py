@@ -10,7 +10,7 @@ from seeded import BETA, THETA_M_S, rows
 
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import wilson
-from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.lognormal import Lognormal, lognormal_interval
 from toppling.results.analysis.ranking import (
     _scores,
     calibration,
@@ -19,7 +19,7 @@ from toppling.results.analysis.ranking import (
     out_of_fold,
 )
 from toppling.results.analysis.regression import fit
-from toppling.results.analysis.resampling import bootstrap, lognormal_interval
+from toppling.results.analysis.resampling import bootstrap
 from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.schema import SCHEMA
 
@@ -249,7 +249,7 @@ def test_the_figure_says_what_its_intervals_are_and_which_measures_have_no_fit(j
     calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
     table = pd.concat([ranking, lacking], ignore_index=True)
     for told, lost in ((table, [0]), (ranking, []), (table[["measures"]], range(len(table)))):
-        figure = fit_figure(curve, None, shares, told, calibrated)
+        figure = fit_figure(curve, shares, told, calibrated)
         middle = figure.axes[1]
         words = [text for text in middle.texts if text.get_text() == "no fit"]
         assert sorted(text.get_position()[1] for text in words) == list(lost)

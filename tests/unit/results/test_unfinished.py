@@ -22,7 +22,7 @@ from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered, summary
 from toppling.results.analysis.regression import Fit, fit
-from toppling.results.analysis.resampling import bootstrap
+from toppling.results.analysis.resampling import sampled
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_table import few_records, fit_words
 from toppling.results.drawing.report.content import Content
@@ -93,7 +93,7 @@ def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, tmp_path):
 def test_the_terminal_shows_median_and_beta_with_their_intervals(unfinished, tmp_path):
     known = answered(open_run(unfinished).frame())
     found = fit(known, ["pgv_m_s"])
-    words = fit_words(summary([found], [bootstrap(known, found, 40)]), known)
+    words = fit_words(summary([sampled(known, found, 40)]), known)
     assert "median (95 %)" in words
     assert f"{found.lognormal.median:.3g} (" in words
     assert words.endswith("With 9 records, fewer than about 20, the intervals are too narrow.")
@@ -172,5 +172,5 @@ def test_enough_records_are_no_matter_of_words():
 
 
 def test_where_no_measure_is_known_there_is_no_fit_to_show():
-    none = summary([Fit(("pga_m_s2", "pgv_m_s"), "logit", (), 1, 0, 1, "no job topples")], [None])
+    none = summary([Fit(("pga_m_s2", "pgv_m_s"), "logit", (), 1, 0, 1, "no job topples")])
     assert "there is no fit" in fit_words(none, pd.DataFrame([row("a")]))

@@ -1,4 +1,4 @@
-"""The array that nearly every function takes and returns."""
+"""The arrays that nearly every function takes and returns."""
 
 from typing import TypeVar
 
@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _MOST_COUNTED = 1_000_000
@@ -16,7 +18,7 @@ def bounds_of(rows: Array) -> Array:
     return np.array([[column.min() for column in rows.T], [column.max() for column in rows.T]])
 
 
-def inside_box(rows: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+def inside_box(rows: Array, low: Array, high: Array) -> Flags:
     """Which rows (n, k) lie between two (k,), axis by axis for the same reason."""
     inside = np.ones(len(rows), bool)
     for column, least, most in zip(rows.T, low, high, strict=True):
@@ -27,7 +29,7 @@ def inside_box(rows: Array, low: Array, high: Array) -> NDArray[np.bool_]:
 
 def inside_cylinder(
     points: Array, axis: Array, radius: float, lowest: float, at_once: int = 100_000
-) -> NDArray[np.int64]:
+) -> Indices:
     """Numbers of the points (n, 3) nearer to a vertical axis (2,) than a radius, and above a level.
 
     Block by block: what is worked out on the way stays in the cache.

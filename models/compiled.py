@@ -21,15 +21,13 @@ from typing import Any
 import llvmlite
 import llvmlite.binding
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array as Array
+from toppling.models.arrays import Flags as Flags
+from toppling.models.arrays import Indices as Indices
 from toppling.models.files.folder import cache_folder
 from toppling.models.numba_alone import numba
 
-Array = Array
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 _SHIPPED_VARIABLE = "TOPPLING_COMPILED"

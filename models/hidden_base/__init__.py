@@ -1,6 +1,6 @@
 """The hidden base: what a scan saw of the gap, and draws of the base that it did not see."""
 
 __all__ = [
-    "draws", "from_scan", "inspection", "intervals", "near_interface", "observed", "rim_seen", "rough_base",
-    "sides_seen", "standing", "statics", "underside", "unseen_side",
+    "draws", "from_scan", "inspection", "intervals", "near_interface", "observed", "rough_base",
+    "standing", "statics", "underside", "unseen_side",
 ]  # fmt: skip

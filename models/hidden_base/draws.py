@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.digest import BLANK, KEY, read_json, seal
 from toppling.models.files.documents import shown
@@ -81,7 +81,7 @@ class UnseenBase:
     # (n,): over a surface: which vertices of the rock's mesh the feet of each draw are, in their order. Their
     # third coordinate is then the height over the interface plane and not the clearance, and the rock touches
     # where its mesh does.
-    vertices: NDArray[np.int64] | None = None
+    vertices: Indices | None = None
 
     def __len__(self) -> int:
         return len(self.draws)
@@ -206,7 +206,7 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
         kept |= worst
 
 
-def _outline(feet: Array, of: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _outline(feet: Array, of: Flags) -> Flags:
     """Which feet (n,) are corners of the outline of some of them, seen from below; all of those on one line."""
     numbers = np.flatnonzero(of)
     corners = np.zeros(len(feet), bool)
@@ -217,7 +217,7 @@ def _outline(feet: Array, of: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return corners
 
 
-def _numbers(vertices: Any, draws: tuple[BaseDraw, ...]) -> NDArray[np.int64] | None:
+def _numbers(vertices: Any, draws: tuple[BaseDraw, ...]) -> Indices | None:
     """Vertices of the rock that the feet are, refused where they are not those of the draws."""
     if vertices is None:
         return None

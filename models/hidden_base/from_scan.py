@@ -13,12 +13,20 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
+from toppling.models.hidden_base.evidence import (
+    Pulls,
+    bowls,
+    check_joint,
+    check_spanned,
+    flat_draws,
+    likelihood,
+    mixed_weights,
+    shares_by_evidence,
+)
 from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resampled
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
-from toppling.models.hidden_base.kinds import bowls, flat_draws, mixed_weights, shares_by_evidence
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
-from toppling.models.hidden_base.pulls import Pulls, check_joint, check_spanned, likelihood
 from toppling.models.hidden_base.statics import (
     BAND_PER_HEIGHT,
     FEET_PER_HEIGHT,

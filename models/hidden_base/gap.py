@@ -15,16 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.unseen_side import SIDE_TANGENT
 from toppling.models.shares import effective_number
-
-Index = NDArray[np.intp]
 
 _JITTER = 1e-6
 """Of the variance, added to the diagonal of a covariance so that it can be inverted."""
@@ -81,7 +78,7 @@ class BaseObservation:
     """What is known of a gap."""
 
     places_m: Array  # (n, 2): where the gap is asked for
-    known: Index  # (m,): places where it was seen
+    known: Indices  # (m,): places where it was seen
     # (m,): what was seen there, and the standard deviation of an error of the place's own.
     gap_m: Array
     std_m: Array
@@ -89,14 +86,14 @@ class BaseObservation:
     # low places have large ones, a fit takes the group's error for the difference between them: give such a
     # group one value.
     shared_m: Array
-    group: Index  # (m,)
+    group: Indices  # (m,)
     floor_m: Array  # (n,): least gap; above 0 where rock and pedestal cannot touch
-    touching: Index  # (k,): places where they are known to touch
+    touching: Indices  # (k,): places where they are known to touch
     # (draws, n): how far each place lies beyond the rim of the draws on each line of the weight, where nobody
     # saw it.
     beyond_m: Array | None = None
 
-    def on_base(self, number: int) -> NDArray[np.bool_]:
+    def on_base(self, number: int) -> Flags:
         """Which places (n,) lie on the base of the draws on a line of the weight."""
         if self.beyond_m is None:
             return np.ones(len(self.places_m), bool)
@@ -161,7 +158,7 @@ def draw_gaps(
     return found
 
 
-def resampled(weight: Array, count: int, random: np.random.Generator) -> Index:
+def resampled(weight: Array, count: int, random: np.random.Generator) -> Indices:
     """Numbers (count,) of draws, each as often as its weight says (systematic resampling)."""
     steps = (np.arange(count) + random.random()) / count
     return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
@@ -184,7 +181,7 @@ def weights(log_weight: Array) -> Array:
     return np.asarray(weight)
 
 
-def _facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Index | None:
+def _facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Indices | None:
     """The three places on which a body with these gaps rests under a line through a point of the plane, if any."""
     try:
         hull = ConvexHull(np.column_stack([places_m, gap_m]))
@@ -338,7 +335,7 @@ def _made_to_stand(
     return _above_floor(field, covariance, observed.floor_m, feet)
 
 
-def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Index) -> tuple[Array, float]:
+def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Indices) -> tuple[Array, float]:
     """Field nearest to the given one that is 0 at the feet and nowhere below its floor; squared distance to it.
 
     A quadratic programme, solved by its active set: forces at the feet may pull, all others only push.

@@ -7,11 +7,10 @@ from itertools import product
 
 import contourpy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import BaseObservation, Relief
 from toppling.models.hidden_base.inspection import Inspection
@@ -95,7 +94,7 @@ class HiddenPart:
         return self.width_m**2 / int(self.in_closing.sum())
 
     @property
-    def in_closing(self) -> NDArray[np.bool_]:
+    def in_closing(self) -> Flags:
         """Which of the inner places lie on the likeliest outline."""
         under = self.under
         return under.hidden.ravel()[under.grid.index(self.observed.places_m[: self.inner])]
@@ -109,7 +108,7 @@ class Rim:
     gap_m: Array
     std_m: Array
     shared_m: Array
-    group: NDArray[np.intp]
+    group: Indices
 
 
 def hidden_part(
@@ -227,9 +226,7 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     )
 
 
-def _shows_below(
-    under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float
-) -> NDArray[np.bool_]:
+def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float) -> Flags:
     """Where (k,) the pedestal shows so far in below places (k, 2) of a rim that hangs that its side goes on no more."""
     shows = np.zeros(len(places), bool)
     core = under.grid.nodes_m[ndimage.binary_erosion(under.hidden, iterations=int(_RIM_BORDER))]
@@ -246,9 +243,7 @@ def _shows_below(
     return shows
 
 
-def _errors(
-    rim: Array, hangs: Array, low: Array
-) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_]]:
+def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags, Flags]:
     """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
 
     Second, how far the place lies off the plane of its neighbours (k,), m. Third, where (k,) the side is steep.
@@ -363,7 +358,7 @@ def _least_gap(under: Underside) -> Array:
     return np.asarray(_FLATTEST_RAY * under.grid.cell_m * ndimage.distance_transform_edt(lit) * lit)
 
 
-def _spread(places: Array, most: int) -> NDArray[np.intp]:
+def _spread(places: Array, most: int) -> Indices:
     """Numbers of at most so many places that lie spread, the corners of their hull among them."""
     if len(places) <= most:
         return np.arange(len(places))

@@ -19,16 +19,16 @@ from toppling.models.hidden_base.from_scan import (
     unseen_base,
 )
 from toppling.models.hidden_base.gap import encloses
-from toppling.models.hidden_base.hooked import hooked_m_s2
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.nominal import (
     FLAT_MARGIN,
+    bases_on_surface,
     nominal_draw,
     smooth_fits_inspection,
     smooth_is_likely,
 )
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
-from toppling.models.hidden_base.over_surface import bases_on_surface
+from toppling.models.hidden_base.statics import hooked_m_s2
 from toppling.models.hidden_base.underside import Base, Underside, hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock

@@ -3,16 +3,15 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import Array, Flags
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.doubt import SECTORS, sectors
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Edge, Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
@@ -65,14 +64,12 @@ class Base:
     """Height of the rock's underside over the interface plane."""
 
     grid: Grid
-    height_m: NDArray[np.float64]  # (shape): height over the plane, 0 where the rock rests on it
-    hidden: NDArray[np.bool_]  # (shape): where the underside was not seen
-    below_m: NDArray[np.float64] | None = None  # of what hangs beyond the pedestal's edge, from below
-    unseen_below: NDArray[np.bool_] | None = None  # what is unseen of that
+    height_m: Array  # (shape): height over the plane, 0 where the rock rests on it
+    hidden: Flags  # (shape): where the underside was not seen
+    below_m: Array | None = None  # of what hangs beyond the pedestal's edge, from below
+    unseen_below: Flags | None = None  # what is unseen of that
     side: UnseenSide | None = None  # over which the rim was not seen
-    passage: NDArray[np.bool_] | None = (
-        None  # (shape): what of the hidden part one sees through, between feet
-    )
+    passage: Flags | None = None  # (shape): what of the hidden part one sees through, between feet
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +78,30 @@ class Underside:
 
     grid: Grid
     # (shape): least height of the rock's points over the interface plane, 0 where there are none.
-    seen_m: NDArray[np.float64]
+    seen_m: Array
     # (shape): cells with points of the rock, those within its rim without, and those of the rim itself.
-    seen: NDArray[np.bool_]
-    hidden: NDArray[np.bool_]
-    carries: NDArray[np.bool_]
-    outline: NDArray[np.bool_] | None  # (shape): within the contact that the user outlined
+    seen: Flags
+    hidden: Flags
+    carries: Flags
+    outline: Flags | None  # (shape): within the contact that the user outlined
     # (shape): how many cells deep a hidden cell lies in a hole of the pedestal's seen points; 0 where the
     # pedestal was seen.
-    hole_depth: NDArray[np.float64]
-    into_seen: NDArray[np.float64]  # (shape): cells from the hidden part
+    hole_depth: Array
+    into_seen: Array  # (shape): cells from the hidden part
     # How the rim goes on where nobody saw it; the hidden part reaches to its likeliest outline.
     side: UnseenSide | None = None
-    widest: NDArray[np.bool_] | None = None  # (shape): hidden on the widest of them
+    widest: Flags | None = None  # (shape): hidden on the widest of them
     # (shape): of the hidden part, what one sees through between feet.
-    passage: NDArray[np.bool_] | None = None
+    passage: Flags | None = None
 
     @property
-    def may_be_hidden(self) -> NDArray[np.bool_]:
+    def may_be_hidden(self) -> Flags:
         """Cells (shape) of the base on one outline or another."""
         return self.hidden if self.widest is None else self.widest
 
     @classmethod
     def of(
-        cls,
-        near: NearInterface,
-        hint: InterfaceHint | None = None,
-        interface: Interface | None = None,
+        cls, near: NearInterface, hint: InterfaceHint | None = None, interface: Interface | None = None
     ) -> "Underside":
         """Underside from what was seen near the interface, on cells of its lattice if any.
 
@@ -158,12 +152,12 @@ class Underside:
             passage = hidden & ndimage.binary_dilation(lit_there, iterations=_PASSAGE_CELLS)
         return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen, side, widest, passage)
 
-    def beyond_m(self, places_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def beyond_m(self, places_m: Array) -> Array | None:
         """How far places (n, 2) lie beyond each rim that was drawn (DRAWN, n); None where it was seen around."""
         side = self.side
         return None if side is None else np.array([side.beyond_m(places_m, k) for k in range(DRAWN)])
 
-    def closed_by(self, sheet_m: NDArray[np.float64], height_m: float) -> Base:
+    def closed_by(self, sheet_m: Array, height_m: float) -> Base:
         """Base whose hidden part is a sheet; beside it the seen surface rules, and gives way within a few cells."""
         side = smooth_sheet(self.grid, np.where(self.seen, self.seen_m, 0.0), np.where(self.seen, 3.0, 0.0))
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
@@ -221,9 +215,7 @@ def hidden_base(
     return _with_hanging(base, sheet, near.low, interface.edge, height_m)
 
 
-def _with_hanging(
-    base: Base, sheet_m: NDArray[np.float64], low: NDArray[np.float64], edge: Edge, height_m: float
-) -> Base:
+def _with_hanging(base: Base, sheet_m: Array, low: Array, edge: Edge, height_m: float) -> Base:
     """A base that goes on to the edge, beyond which a part of the rock hangs, closed no lower than was seen."""
     height, seen = _lowest(base.grid, low)
     beyond = edge.outside_m(base.grid.nodes_m) > 0.0
@@ -242,7 +234,7 @@ def _with_hanging(
     )
 
 
-def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _within_rim(seen: Flags) -> Flags:
     """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed."""
     hull = ConvexHull(np.argwhere(seen)).volume
     for reach in _CLOSING_CELLS:
@@ -256,9 +248,7 @@ def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return hidden
 
 
-def _gone_on(
-    grid: Grid, side: UnseenSide, hidden: NDArray[np.bool_], free: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _gone_on(grid: Grid, side: UnseenSide, hidden: Flags, free: Flags) -> tuple[Flags, Flags]:
     """Cells of the base on the likeliest outline of the side that nobody saw, and on any.
 
     hidden: within what was seen of the rim.
@@ -272,14 +262,12 @@ def _gone_on(
     return hidden, hidden | _largest(hidden | (free & (share < 1.0) & side.in_range(nodes)))
 
 
-def _seen_through(hidden: NDArray[np.bool_], shown: NDArray[np.bool_]) -> bool:
+def _seen_through(hidden: Flags, shown: Flags) -> bool:
     """Whether the pedestal was seen below most of what the rock's low parts enclose."""
     return bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
 
 
-def _stands_on_feet(
-    grid: Grid, seen: NDArray[np.bool_], hidden: NDArray[np.bool_], feet: NDArray[np.bool_], passed: bool
-) -> bool:
+def _stands_on_feet(grid: Grid, seen: Flags, hidden: Flags, feet: Flags, passed: bool) -> bool:
     """Whether the rock lies low in few directions around its hidden part, or that is passed between wide feet."""
     if not hidden.any() or not seen.any():
         return False
@@ -289,7 +277,7 @@ def _stands_on_feet(
     return len(around) <= _FEET_AROUND_SHARE * SECTORS
 
 
-def _feet(grid: Grid, seen: NDArray[np.bool_], shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _feet(grid: Grid, seen: Flags, shown: Flags) -> Flags:
     """Cells between what was seen of a rock's feet where the pedestal was not: those of each foot."""
     nodes = grid.nodes_m
     hull = ConvexHull(nodes[seen]).equations
@@ -298,17 +286,13 @@ def _feet(grid: Grid, seen: NDArray[np.bool_], shown: NDArray[np.bool_]) -> NDAr
     return ndimage.binary_opening(inside & ~seen & ~shown, iterations=2)
 
 
-def _lowest_of_rim(
-    height: NDArray[np.float64], seen: NDArray[np.bool_], height_m: float
-) -> NDArray[np.bool_]:
+def _lowest_of_rim(height: Array, seen: Flags, height_m: float) -> Flags:
     """Seen cells that are the lowest around."""
     known = np.where(seen, height, np.inf)
     return seen & (known <= ndimage.minimum_filter(known, _RIM_CELLS) + _RIM_SPREAD_PER_HEIGHT * height_m)
 
 
-def _unseen_relief(
-    grid: Grid, rim: NDArray[np.float64], height_m: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _unseen_relief(grid: Grid, rim: Array, height_m: float, rng: np.random.Generator) -> Array:
     """Smooth random heights, as rough as a base whose rim hangs so high over the pedestal may be."""
     beyond = float(np.median(rim)) - _SHARP_RIM_PER_HEIGHT * height_m if len(rim) else 0.0
     waves = ndimage.gaussian_filter(
@@ -317,13 +301,13 @@ def _unseen_relief(
     return _RELIEF_OF_RIM * max(beyond, 0.0) * waves / waves.std()
 
 
-def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _largest(mask: Flags) -> Flags:
     """Keep the largest connected part."""
     parts, count = ndimage.label(mask)
     return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
 
 
-def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_], core: float) -> NDArray[np.bool_]:
+def _deepest(depth: Array, hidden: Flags, core: float) -> Flags:
     """Where the rock rests: the core of each hole, whose border skimming rays miss; all of a wide one."""
     holes, count = ndimage.label(depth > 0)
     if count == 0:
@@ -335,7 +319,7 @@ def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_], core: float)
     return (depth > 0) & (depth >= least[holes])
 
 
-def _lowest(grid: Grid, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _lowest(grid: Grid, points: Array) -> tuple[Array, Flags]:
     """Least height in each cell, and which cells hold points."""
     index = grid.index(points)
     order = np.lexsort((points[:, 2], index))
@@ -347,7 +331,7 @@ def _lowest(grid: Grid, points: NDArray[np.float64]) -> tuple[NDArray[np.float64
     return height, seen
 
 
-def depth_of_holes(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
+def depth_of_holes(grid: Grid, lit: Array) -> Array:
     """How many cells deep each cell lies in a hole of the pedestal's seen points; 0 where it was seen."""
     if len(lit) < 10:
         return np.full(grid.shape, 10.0)

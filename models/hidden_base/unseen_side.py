@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.special import ndtri
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
 
 DRAWN = 16
@@ -101,7 +100,7 @@ class UnseenSide:
         beyond = away * (1.0 - 1.0 / np.maximum(share, 1.0))
         return np.where(self.in_range(places_m), beyond, 0.0)
 
-    def in_range(self, places_m: Array) -> NDArray[np.bool_]:
+    def in_range(self, places_m: Array) -> Flags:
         """Whether places (..., 2 or 3) lie in the unseen range, as seen from the middle."""
         offset = places_m[..., :2] - self.middle_m
         into, wide = self._into(np.arctan2(offset[..., 1], offset[..., 0]))
@@ -118,7 +117,7 @@ class UnseenSide:
         return self.middle_m + float(self.radii_m.max()) * np.array([[-1.0, -1.0], [1.0, 1.0]])
 
 
-def _shown(ways: Array) -> NDArray[np.int64]:
+def _shown(ways: Array) -> Indices:
     count = np.bincount(sectors(ways), minlength=SECTORS)
     return np.flatnonzero(count >= max(3.0, _LEAST_SHARE * count.mean()))
 
@@ -128,7 +127,7 @@ class _Rim:
     """What is known of a rim about a middle, by sectors of directions."""
 
     middle_m: Array  # (2,)
-    sector: NDArray[np.int64]  # (k,), in order
+    sector: Indices  # (k,), in order
     away_m: Array  # (k,)
     std_m: Array  # (k,), 0 where the rim was seen
 
@@ -175,7 +174,7 @@ class _Rim:
         return self.places_m[[from_begin.argmax(), from_begin.argmin()]]
 
 
-def _rim_seen(low: Array, middle_m: Array) -> tuple[NDArray[np.int64], Array]:
+def _rim_seen(low: Array, middle_m: Array) -> tuple[Indices, Array]:
     """Sectors (k,) in which the rim was seen, and its distance (k,) from a middle."""
     offset = low[:, :2] - middle_m
     sector, away = sectors(offset), np.linalg.norm(offset, axis=1)

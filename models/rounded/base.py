@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toppling.models.compiled import Array
+from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock

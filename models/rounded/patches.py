@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from toppling.models.compiled import Array, Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.joined import joined_parts
 from toppling.models.kept import kept
 from toppling.models.rock import Rock

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from toppling.models.compiled import Array, Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.rounded.patches import Patches
 from toppling.models.support import TOPPLED_FALL, TOPPLED_TILT_DEG

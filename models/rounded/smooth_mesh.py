@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toppling.models.compiled import Array, Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.support import TOPPLED_TILT_DEG

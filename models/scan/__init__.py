@@ -3,7 +3,7 @@
 from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
-    "candidates", "close", "control_points", "crevice", "doubt", "edge", "half_samples", "hints_file", "interface",
+    "candidates", "close", "crevice", "doubt", "half_samples", "hints_file", "interface",
     "interface_hint", "measure", "parts", "placement", "read", "reference", "register", "segment", "separated_meshes",
-    "sheet", "survey", "view", "virtual", "worked_out",
+    "survey", "view", "virtual", "worked_out",
 ]  # fmt: skip

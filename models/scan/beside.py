@@ -12,8 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from toppling.models.arrays import Array
-from toppling.models.compiled import Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import compass_deg
 from toppling.models.joined import joined_parts
 from toppling.models.scan.interface import Interface

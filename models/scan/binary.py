@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import unit_of_remarks
 from toppling.models.scan import reference
-from toppling.models.scan.scans import NOWHERE, Pose, in_survey
-from toppling.models.scan.steps import coordinate_steps
+from toppling.models.scan.plausible import coordinate_steps
+from toppling.models.scan.ptx import NOWHERE, Pose, in_survey
 
 _NOISE = (7, 18)
 """Classes of low and high noise in the LAS specification."""
@@ -37,10 +38,7 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 Points = tuple[dict[str, Any], list[NDArray]]
 
 
-_damaged = refusals(
-    expected="a whole point cloud",
-    remedy="copy or export the file again",
-)
+_damaged = refusals(expected="a whole point cloud", remedy="copy or export the file again")
 
 
 def las(path: Path) -> Points:
@@ -80,7 +78,7 @@ def las(path: Path) -> Points:
     ]
 
 
-def _deleted(points: Any) -> NDArray[np.bool_]:
+def _deleted(points: Any) -> Flags:
     return np.asarray(points.withheld, bool) | np.isin(points.classification, _NOISE)
 
 
@@ -158,7 +156,7 @@ def e57(path: Path) -> Points:
     _check_count(sum(header.point_count for header in headers), path)
     invalid = 0
 
-    def scans() -> Iterator[tuple[NDArray[np.float64], Pose]]:
+    def scans() -> Iterator[tuple[Array, Pose]]:
         nonlocal invalid
         for header in headers:
             points = _e57_points(source, header, path)
@@ -171,7 +169,7 @@ def e57(path: Path) -> Points:
     return stated, [points, station]
 
 
-def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
+def _e57_points(source: Any, header: Any, path: Path) -> Array:
     """Valid points (n, 3) of a scan in its own frame."""
     fields = set(header.point_fields)
     possible = [axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields]
@@ -183,7 +181,7 @@ def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
     return points
 
 
-def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) -> NDArray[np.float64]:
+def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) -> Array:
     """Those of a scan's points that are valid in such coordinates."""
     fields = set(header.point_fields)
     names = [*axes, *(name for name in _INVALID if name in fields and name[:4] == axes[0][:4])]
@@ -218,7 +216,7 @@ def _e57_pose(node: Any, path: Path) -> Pose:
     return Rotation.from_quat(turn).as_matrix().T, shift
 
 
-def _part(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] | None:
+def _part(node: Any, part: str, names: str, path: Path) -> Array | None:
     """Numbers of a part of a scan's pose by their names; None if there is none."""
     if not node.isDefined("pose") or not node["pose"].isDefined(part):
         return None

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import bounds_of, distinct, inside_cylinder
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
 from toppling.models.joined import joined_parts
 from toppling.models.scan.surfels import Surfels, orient, thin
 
@@ -41,14 +40,14 @@ class Candidate:
     """Something that stands on something: a peak, the surfels cut off with it, and how it was cut."""
 
     height_m: float
-    top_m: NDArray[np.float64]
+    top_m: Array
     surfels: Surfels
-    rock: NDArray[np.bool_]
+    rock: Flags
     concave_share: float
-    loop_m: NDArray[np.float64]
+    loop_m: Array
 
 
-def surfels_of(points_m: NDArray[np.float64], finest_m: float = 0.0) -> Surfels:
+def surfels_of(points_m: Array, finest_m: float = 0.0) -> Surfels:
     """Thin a cloud to about `_COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
     sample = points_m[:: max(1, len(points_m) // _SAMPLED_POINTS)]
     voxel = max(float(np.diff(bounds_of(sample), axis=0).max()) / 150, finest_m)
@@ -65,7 +64,7 @@ def surfels_of(points_m: NDArray[np.float64], finest_m: float = 0.0) -> Surfels:
     return orient(thinned, voxel)
 
 
-def find_candidates(points_m: NDArray[np.float64], coarse: Surfels) -> list[Candidate]:
+def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     """Find what stands on something in the cloud, the highest first.
 
     The highest are looked at anew from near by, as the whole cloud's patches may be too wide for their crevice.
@@ -90,7 +89,7 @@ def _overlap(one: Candidate, other: Candidate) -> bool:
     return bool((one.rock & other.rock).sum() > 0.5 * min(one.rock.sum(), other.rock.sum()))
 
 
-def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate:
+def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
     """Cut a candidate again with as many patches around it alone as the whole cloud had; twice, if it shrank."""
     for _ in range(_ZOOMS):
         rock = coarse.surfels.points_m[coarse.rock]
@@ -115,7 +114,7 @@ def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate
     return coarse
 
 
-def neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+def neighbourhood(points_m: Array, voxel_m: float) -> Indices:
     """Pairs (m, 2) of neighbouring surfels, each once."""
     distance, near = cKDTree(points_m).query(points_m, 13)
     start = np.repeat(np.arange(len(points_m)), 12)
@@ -126,7 +125,7 @@ def neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.i
     return np.column_stack(np.divmod(distinct(lower * len(points_m) + upper), len(points_m)))
 
 
-def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:
+def _peaks(surfels: Surfels, edges: Indices) -> list[tuple[int, float]]:
     """Peaks and the level at which each joins something of its size, the most prominent first."""
     z = surfels.points_m[:, 2]
     order = np.argsort(-z)
@@ -167,11 +166,7 @@ def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]
 
 
 def _cut_off(
-    surfels: Surfels,
-    edges: NDArray[np.int64],
-    peak: int,
-    height_m: float,
-    border: NDArray[np.bool_] | None = None,
+    surfels: Surfels, edges: Indices, peak: int, height_m: float, border: Flags | None = None
 ) -> Candidate | None:
     """Cut a peak off its surroundings; None if what comes off is no rock.
 
@@ -187,11 +182,7 @@ def _cut_off(
 
 
 def _cut_at(
-    surfels: Surfels,
-    edges: NDArray[np.int64],
-    peak: int,
-    height: float,
-    border: NDArray[np.bool_] | None,
+    surfels: Surfels, edges: Indices, peak: int, height: float, border: Flags | None
 ) -> Candidate | None:
     """Cut a peak off as if it were so high."""
     points = surfels.points_m
@@ -210,12 +201,7 @@ def _cut_at(
 
 
 def cut_between(
-    surfels: Surfels,
-    edges: NDArray[np.int64],
-    seeds: NDArray[np.bool_],
-    far: NDArray[np.bool_],
-    peak: int,
-    height_m: NDArray[np.float64] | None = None,
+    surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, peak: int, height_m: Array | None = None
 ) -> Candidate | None:
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
     rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
@@ -229,7 +215,7 @@ def cut_between(
     )
 
 
-def component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64]) -> NDArray[np.bool_]:
+def component_of(member: int, among: Flags, edges: Indices) -> Flags:
     """Which of some surfels are joined with one of them."""
     inside = edges[among[edges].all(axis=1)]
     component = joined_parts(inside, len(among))
@@ -237,12 +223,8 @@ def component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64]
 
 
 def minimum_cut(
-    surfels: Surfels,
-    edges: NDArray[np.int64],
-    seeds: NDArray[np.bool_],
-    far: NDArray[np.bool_],
-    height_m: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.bool_], float]:
+    surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, height_m: Array | None = None
+) -> tuple[Flags, float]:
     """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave.
 
     Where heights over a known interface are given, edges through it cost next to nothing.
@@ -266,19 +248,19 @@ def minimum_cut(
     return reached, concave_share(surfels, edges, reached)
 
 
-def concave_share(surfels: Surfels, edges: NDArray[np.int64], rock: NDArray[np.bool_]) -> float:
+def concave_share(surfels: Surfels, edges: Indices, rock: Flags) -> float:
     """Share of the edges between a rock and the rest that run through a crease."""
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
     return float((bend(surfels, cut) < CREASE).mean()) if len(cut) else 1.0
 
 
-def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:
+def _reachable(graph: csr_matrix, start: int) -> Flags:
     reached = np.zeros(graph.shape[0], bool)
     reached[breadth_first_order(graph, start, return_predecessors=False)] = True
     return reached
 
 
-def bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+def bend(surfels: Surfels, edges: Indices) -> Array:
     """How the surface bends between neighbours: positive convex, negative concave, about the angle."""
     a, b = edges.T
     along = surfels.points_m[b] - surfels.points_m[a]

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import plane_axes
 from toppling.models.hidden_base.observed import PLACES_ACROSS
 from toppling.models.hidden_base.underside import CELLS_PER_HEIGHT
-from toppling.models.scan.interface import Interface, reweighted_plane
-from toppling.models.scan.sheet import Planes, Sheet
+from toppling.models.scan.interface import Interface, Planes, Sheet, reweighted_plane
 from toppling.models.scan.surfels import Surfels
 
 _RING_PER_HEIGHT = 0.12
@@ -49,7 +47,7 @@ _CURVE_NOISE_PER_HEIGHT = 0.0012
 
 
 def carried_surface(
-    surfels: Surfels, rock: NDArray[np.bool_], height_m: float, given: Interface | None = None
+    surfels: Surfels, rock: Flags, height_m: float, given: Interface | None = None
 ) -> Interface | None:
     """Interface with the surface that the patches beside a rock show; None where one plane is enough.
 
@@ -81,7 +79,7 @@ def carried_surface(
     return Interface(frame.point_m, frame.normal, frame.axes, roughness, sheet)
 
 
-def level_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float, plane: Interface) -> Interface:
+def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interface) -> Interface:
     """The interface plane as a surface of its own, for a rock beside which something stands; arguments as above.
 
     The same plane where too little of the rock's rim was seen to lay a surface below it.
@@ -97,9 +95,7 @@ def level_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float, pl
     return replace(plane, sheet=Sheet(np.zeros((1, 3)), "plane", nothing, middle, 0.0, lattice, ring))
 
 
-def _ring(
-    surfels: Surfels, rock: NDArray[np.bool_], height_m: float
-) -> tuple[NDArray[np.bool_], Array, Array]:
+def _ring(surfels: Surfels, rock: Flags, height_m: float) -> tuple[Flags, Array, Array]:
     """Which patches carry a rock and lie beside it, the distance of each from it, and places (k, 3) of its rim."""
     away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
     beside = ~rock & (surfels.normals[:, 2] > _UPWARD) & (away < _RING_PER_HEIGHT * height_m)
@@ -217,7 +213,7 @@ def _facets(flat: Array, normals: Array, area: Array, height_m: float) -> list[A
 
 def _largest_facet(
     flat: Array, normals: Array, area: Array, tolerance_m: float, alike: float
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Plane through the most of the patches that are left (those with an area), and which of these are its own."""
     left = area > 0.0
     tree, candidates = cKDTree(flat), np.flatnonzero(left)
@@ -273,7 +269,7 @@ def _meetings(planes: Planes, flat: Array) -> Iterator[Sheet]:
     yield Sheet(planes, "steps", _sides(off.argmin(axis=0), len(planes), flat), middle, 0.0)
 
 
-def _sides(label: NDArray[np.intp], count: int, flat: Array) -> Array:
+def _sides(label: Indices, count: int, flat: Array) -> Array:
     """Lines between the facets, by discriminants (count, 3) that are largest on their own."""
     design = np.column_stack([np.ones(len(flat)), flat[:, :2]])
     one_hot = (label[:, None] == np.arange(count)).astype(float)

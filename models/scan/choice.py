@@ -1,11 +1,12 @@
-"""Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say."""
+"""Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say or none shows."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg, slope_of_normal
 from toppling.models.scan.candidates import (
@@ -17,7 +18,7 @@ from toppling.models.scan.candidates import (
 )
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface import fitted_plane
-from toppling.models.scan.surfels import LEVEL, Surfels
+from toppling.models.scan.surfels import LEVEL, Surfels, in_plants
 
 _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
@@ -38,12 +39,7 @@ _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
 """Of the cloud's extent, about a place that is named; with fewer points one shows no rock."""
 
 
-def choose(
-    candidates: list[Candidate],
-    near_m: NDArray[np.float64] | None,
-    origin_m: NDArray[np.float64],
-    coarse: Surfels,
-) -> Candidate:
+def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
     """Pick the one thing that stands there, or the one nearest to where the user points."""
     standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
     if not standing:
@@ -74,10 +70,7 @@ def _in_reach(one: Candidate, other: Candidate) -> bool:
 
 
 def _nothing_stands(
-    candidates: list[Candidate],
-    coarse: Surfels,
-    near_m: NDArray[np.float64] | None,
-    origin_m: NDArray[np.float64],
+    candidates: list[Candidate], coarse: Surfels, near_m: Array | None, origin_m: Array
 ) -> InputError:
     """Say what of the user's knowledge would help, in this cloud's numbers."""
     candidates = [each for each in candidates if len(each.loop_m) >= _LEAST_LOOP]
@@ -143,7 +136,7 @@ def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
     )
 
 
-def is_near(candidates: list[Candidate], near_m: NDArray[np.float64]) -> bool:
+def is_near(candidates: list[Candidate], near_m: Array) -> bool:
     """Whether something that stands there has its top near to where the user points."""
     return any(
         c.concave_share > LEAST_CONCAVE_SHARE
@@ -153,10 +146,7 @@ def is_near(candidates: list[Candidate], near_m: NDArray[np.float64]) -> bool:
 
 
 def look_around(
-    points_m: NDArray[np.float64],
-    near_m: NDArray[np.float64],
-    coarse: Surfels,
-    candidates: list[Candidate],
+    points_m: Array, near_m: Array, coarse: Surfels, candidates: list[Candidate]
 ) -> tuple[Surfels, list[Candidate]]:
     """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
     for around in circles_around(points_m, near_m, coarse, _CIRCLES):
@@ -168,8 +158,8 @@ def look_around(
 
 
 def circles_around(
-    points_m: NDArray[np.float64], near_m: NDArray[np.float64], coarse: Surfels, shares: Sequence[float]
-) -> Iterator[NDArray[np.float64]]:
+    points_m: Array, near_m: Array, coarse: Surfels, shares: Sequence[float]
+) -> Iterator[Array]:
     """Points (k, 3) within ever smaller shares of the cloud's extent from a place, while there are enough."""
     away = np.hypot(*(points_m[:, :2] - near_m).T)
     extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
@@ -180,9 +170,7 @@ def circles_around(
         yield around
 
 
-def _nearest(
-    standing: list[Candidate], near_m: NDArray[np.float64], origin_m: NDArray[np.float64]
-) -> Candidate:
+def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candidate:
     """Pick what stands nearest to where the user points, if that is near."""
     away = [float(np.hypot(*(c.top_m[:2] - near_m))) for c in standing]
     first = int(np.argmin(away))
@@ -199,8 +187,112 @@ def _nearest(
     return standing[first]
 
 
-def _tops(candidates: list[Candidate], origin_m: NDArray[np.float64]) -> str:
+def _tops(candidates: list[Candidate], origin_m: Array) -> str:
     """Where things stand, survey coordinates."""
     return "; ".join(
         "{:.1f}, {:.1f} ({:.2g} m high)".format(*(c.top_m + origin_m)[:2], c.height_m) for c in candidates
+    )
+
+
+_SAMPLE = 5_000
+_SPACINGS_PER_HEIGHT = 50
+"""A rock so many times as high as points lie apart is split off and closed; of 30 it is not."""
+_THICK = 0.18
+"""Thickness over width of the median patch: noise of 0.01 of the relief makes it 0.13, of 0.015 0.23."""
+_WIDTH_VOXELS = 1.1
+"""Standard deviation of the places around a patch that its plane is fitted to."""
+_LEAST_NOISES_PER_HEIGHT = 100
+_PLANTS = 0.15
+"""Share of the patches that are thick: at most 0.1 without plants, 0.2 to 0.7 where grass stands all around a rock."""
+_OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
+"""All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
+and this share of the cloud's extent: of noise alone the farthest of a million lies 5 off."""
+
+
+def with_reason(error: InputError, points_m: Array) -> InputError:
+    """The same refusal of a cloud (n, 3) with what of its points may be the reason, and what would do."""
+    if (of_plane := _without_relief(points_m)) is not None:
+        return of_plane
+    patches = surfels_of(points_m)
+    return _with(error, _too_noisy(patches) or _grown_over(patches) or _too_few(points_m))
+
+
+@contextmanager
+def plants_named(points_m: Array) -> Iterator[None]:
+    """What is refused within has the plants in a cloud (n, 3) as a reason, if it shows many."""
+    try:
+        yield
+    except InputError as error:
+        raise _with(error, _grown_over(surfels_of(points_m))) from error
+
+
+def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
+    if told is None:
+        return error
+    what, remedy = told
+    return InputError(
+        f"{error.what}; {what}",
+        where=error.where,
+        expected=error.expected,
+        remedy=f"{remedy}; else: {error.remedy}",
+    )
+
+
+def _grown_over(patches: Surfels) -> tuple[str, str] | None:
+    share = float(in_plants(patches.points_m, patches.roughness).mean())
+    if share < _PLANTS:
+        return None
+    return (
+        f"{share:.0%} of the patches of the cloud are as thick as they are wide, as grass, twigs and rubble are: where "
+        "these hide the rock's foot, what seems to be its pedestal is none",
+        "crop plants from the cloud (CloudCompare's CSF or a filter of last returns leaves the ground), or clear the "
+        "rock's foot and scan again",
+    )
+
+
+def _without_relief(points_m: Array) -> InputError | None:
+    """The refusal of a wall, a floor or a slope: nothing stands out of its plane but noise."""
+    every = at_most(points_m, _SAMPLE)
+    plane = fitted_plane(every)
+    off_m = np.abs((points_m - plane.point_m) @ plane.normal)
+    noise_m = 1.4826 * float(np.median(off_m))
+    strays = min(_STRAYS, len(off_m))
+    farthest_m = float(np.partition(off_m, -strays)[-strays])
+    extent_m = float(np.ptp(every, axis=0).max())
+    if farthest_m > min(_OF_NOISE * noise_m, _OF_EXTENT * extent_m):
+        return None
+    dip_deg = np.rad2deg(np.arccos(min(abs(plane.normal[2]), 1.0)))
+    return InputError(
+        f"nothing in the cloud stands on anything: all of it lies within {farthest_m:.2g} m of a plane that dips by "
+        f"{dip_deg:.0f} degrees, as a floor, a slope or a wall does",
+        where="segmentation",
+        expected="a rock that stands on a pedestal",
+        remedy="give the clouds that show the rock as well, or a larger part of them",
+    )
+
+
+def _too_few(points_m: Array) -> tuple[str, str] | None:
+    every = at_most(points_m, _SAMPLE)
+    spacing_m = float(np.median(cKDTree(points_m).query(every, min(5, len(points_m)))[0][:, -1]))
+    relief_m = float(np.ptp(np.quantile(points_m[:, 2], [0.001, 0.999])))
+    if _SPACINGS_PER_HEIGHT * spacing_m < relief_m:
+        return None
+    return (
+        f"the cloud has few points: they lie about {spacing_m:.2g} m apart, and show rocks of "
+        f"{_SPACINGS_PER_HEIGHT * spacing_m:.2g} m and more",
+        f"give all stations and clouds that were not thinned: points a {_SPACINGS_PER_HEIGHT}th of the rock's height "
+        "apart or nearer",
+    )
+
+
+def _too_noisy(patches: Surfels) -> tuple[str, str] | None:
+    thick = float(np.median(patches.roughness))
+    if thick < _THICK:
+        return None
+    off_m = thick * _WIDTH_VOXELS * patches.voxel_m
+    return (
+        f"the cloud is noisy or rough: its patches of {patches.voxel_m:.2g} m lie about {off_m:.2g} m off the surface "
+        "through those around them, from noise, plants or rubble",
+        f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from nearer, "
+        "average repeated scans, leave out far stations, plants and returns at grazing angles",
     )

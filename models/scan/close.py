@@ -1,11 +1,11 @@
 """Closing: one closed body from the rock's surfels, its base on the interface plane.
 
-The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013); where the base is
-hidden,
-points sunk below the base close it, and the base is then cut exactly (Manifold), so that where the rock
-rests its
-vertices lie on the interface plane.
+The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013). A side that no station saw goes
+on level by level as the outlines that were seen do. Where the base is hidden, points sunk below it close it, and it is
+then cut exactly (Manifold), so that where the rock rests its vertices lie on the interface plane.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,19 +14,70 @@ import contourpy
 import manifold3d
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import QhullError, cKDTree
 
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.near_interface import LEVELS, SidesSeen
 from toppling.models.hidden_base.underside import Base
+from toppling.models.hidden_base.unseen_side import UnseenSide
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.gone_on import side_gone_on
-from toppling.models.scan.interface import Interface
-from toppling.models.scan.sheet import Sheet
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.interface import Edge, Interface, Sheet
+from toppling.models.scan.surfels import LEVEL, Surfels
+
+_LEAST_PATCHES = 40
+_NEIGHBOURS = 9
+
+
+def _side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float) -> tuple[Array, Array]:
+    """Places (k, 3) of the side above an unseen rim, u, v, h, and their outward normals, about a step apart.
+
+    base: over whose unseen range the side is closed.
+    flat_m, normals: (n, 3), of the rock's patches.
+    """
+    upright = normals[:, 2] < LEVEL
+    side, sides = flat_m[upright], SidesSeen.of(flat_m, normals, base.middle_m)
+    levels = np.linspace(side[:, 2].min(), side[:, 2].max(), LEVELS + 1)
+    height_m, rings, ways = np.diff(levels)[0], [], []
+    for low_m, high_m in pairwise(levels):
+        patches = side[(side[:, 2] >= low_m) & (side[:, 2] < high_m)]
+        around = _unseen(patches, normals[upright], sides.led_down(0.5 * (low_m + high_m)))
+        if around is None:
+            continue
+        turn = np.arange(0.0, 2.0 * np.pi, step_m / around.radius_m)
+        out = np.column_stack([np.cos(turn), np.sin(turn)])
+        far = around.middle_m + 2.0 * around.radius_m * out
+        places = around.middle_m + (far - around.middle_m) / around.share_out(far)[:, None]
+        inside = around.in_range(far) & base.in_range(places)
+        for up in np.arange(low_m, high_m, min(step_m, height_m)):
+            rings.append(np.column_stack([places, np.full(len(places), up)])[inside])
+            ways.append(out[inside])
+    if not rings or not sum(map(len, rings)):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    places, way = np.vstack(rings), np.vstack(ways)
+    return places, _outward(places, way)
+
+
+def _unseen(patches_m: Array, normals: Array, led_down: Array) -> UnseenSide | None:
+    """How the outline of a level goes on; None where it was seen around, or too little of it."""
+    if len(patches_m) < _LEAST_PATCHES:
+        return None
+    try:
+        return UnseenSide.of(patches_m * [1.0, 1.0, 0.0], normals, led_down)
+    except QhullError:
+        return None
+
+
+def _outward(places_m: Array, way: Array) -> Array:
+    """Normals (k, 3) of planes through the neighbourhood of each place, on the side of a horizontal way (k, 2)."""
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(places_m))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
+    normals = np.array(cloud.normals)
+    sense = np.sign((normals[:, :2] * way).sum(axis=1))
+    return normals * np.where(sense == 0.0, 1.0, sense)[:, None]
+
 
 POISSON_DEPTH, COARSE_DEPTH = 7, 6
 """Levels of the octree: of a scene's rock, and of rocks that only tell how numbers spread."""
@@ -56,11 +107,7 @@ class ClosedRock:
 
 
 def close_rock(
-    surfels: Surfels,
-    rock: NDArray[np.bool_],
-    base: Base,
-    interface: Interface,
-    depth: int = POISSON_DEPTH,
+    surfels: Surfels, rock: Flags, base: Base, interface: Interface, depth: int = POISSON_DEPTH
 ) -> ClosedRock:
     """Close the rock with its base.
 
@@ -87,7 +134,7 @@ def close_rock(
     height = float(np.ptp(flat[:, 2]))
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
     if base.side is not None:
-        unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
+        unseen, outward = _side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
     body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     if base.side is None:
@@ -114,7 +161,7 @@ def close_rock(
     )
 
 
-def _within_outline(body: manifold3d.Manifold, seen_m: NDArray[np.float64]) -> manifold3d.Manifold:
+def _within_outline(body: manifold3d.Manifold, seen_m: Array) -> manifold3d.Manifold:
     """The part of a body that lies above and about the outline of places (n, 2)."""
     outline = manifold3d.CrossSection.hull_points(seen_m)
     low_u, low_v, high_u, high_v = outline.bounds()
@@ -123,7 +170,7 @@ def _within_outline(body: manifold3d.Manifold, seen_m: NDArray[np.float64]) -> m
     return body ^ outline.extrude(high - low + 2.0).translate([0.0, 0.0, low - 1.0])
 
 
-def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: float) -> NDArray[np.float64]:
+def _apart(vertices: Array, faces: Indices, reach_m: float) -> Array:
     """Vertices, those of sheets that touch moved toward their own sheet: joined, they would be no closed body."""
     touching = np.unique(cKDTree(vertices).query_pairs(0.1 * reach_m, output_type="ndarray"))
     moved = vertices.copy()
@@ -133,14 +180,14 @@ def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: flo
     return moved
 
 
-def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+def _together(points: Array, reach_m: float) -> Flags:
     """Which points belong to the largest group of neighbours."""
     pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
     group = joined_parts(pairs, len(points))
     return group == np.bincount(group).argmax()
 
 
-def _above(base: Base, flat: NDArray[np.float64], height_m: float) -> manifold3d.Manifold:
+def _above(base: Base, flat: Array, height_m: float) -> manifold3d.Manifold:
     """Everything above the base, as a body: its floor the base and, beyond it, the interface plane.
 
     It reaches two heights beyond the base, or as far as the rock's points and a quarter of its height.
@@ -160,9 +207,7 @@ def _above(base: Base, flat: NDArray[np.float64], height_m: float) -> manifold3d
     return _body_over(u, v, floor, top_m)
 
 
-def _above_surface(
-    base: Base, flat: NDArray[np.float64], height_m: float, sheet: Sheet
-) -> manifold3d.Manifold:
+def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> manifold3d.Manifold:
     """The same over a surface: its floor the base at the lattice's nodes; beyond it, what was seen closes the body."""
     stride = round(sheet.lattice_m / base.grid.cell_m)
     nodes = base.grid.nodes_m[::stride, ::stride]
@@ -178,7 +223,7 @@ def _above_surface(
     return _body_over(across, along, np.pad(floor, 2, constant_values=low), high)
 
 
-def _beyond(base: Base, edge: Edge, flat: NDArray[np.float64], height_m: float) -> manifold3d.Manifold:
+def _beyond(base: Base, edge: Edge, flat: Array, height_m: float) -> manifold3d.Manifold:
     """Everything beyond the pedestal's edge and above what hangs there, as a body."""
     assert base.below_m is not None
     nodes, reach, low = base.grid.nodes_m, 2.0 * height_m, float(flat[:, 2].min()) - height_m
@@ -201,9 +246,7 @@ def _beyond(base: Base, edge: Edge, flat: NDArray[np.float64], height_m: float) 
     return above ^ section.extrude(reach - low).translate([0.0, 0.0, low])
 
 
-def _body_over(
-    u: NDArray[np.float64], v: NDArray[np.float64], floor: NDArray[np.float64], top_m: float
-) -> manifold3d.Manifold:
+def _body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Manifold:
     """Body between a floor, given at the nodes of a grid, and a level top."""
     count = u.size
     vertices = np.vstack(
@@ -226,7 +269,7 @@ def _body_over(
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 
 
-def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64], depth: int) -> manifold3d.Manifold:
+def _poisson(points: Array, normals: Array, depth: int) -> manifold3d.Manifold:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
     for scale in _POISSON_SCALES:
@@ -241,9 +284,7 @@ def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64], depth: i
     raise _not_closed(f"the reconstructed surface is no closed body ({body.status().name})")
 
 
-def _capped(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _capped(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Mesh with its open loops, cracks between the octree's levels, closed by fans about their centres."""
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     forward, backward = directed @ [len(vertices), 1], directed @ [1, len(vertices)]
@@ -263,11 +304,7 @@ def _capped(
 
 
 def _shares(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    resting: NDArray[np.bool_],
-    seen: NDArray[np.float64],
-    voxel_m: float,
+    vertices: Array, faces: Indices, resting: Flags, seen: Array, voxel_m: float
 ) -> tuple[float, float, float]:
     corner = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)

@@ -16,7 +16,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import bounds_of, inside_box
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.scan.interface import Interface, reweighted_plane
@@ -42,29 +42,29 @@ LEAST_SEEN = 30
 class Grid:
     """Square cells over the interface plane."""
 
-    first_m: NDArray[np.float64]  # (2,): centre of cell (0, 0), u and v
+    first_m: Array  # (2,): centre of cell (0, 0), u and v
     cell_m: float
     shape: tuple[int, int]
 
     @classmethod
-    def over(cls, low_m: NDArray[np.float64], high_m: NDArray[np.float64], cell_m: float) -> "Grid":
+    def over(cls, low_m: Array, high_m: Array, cell_m: float) -> "Grid":
         """Grid that covers a rectangle."""
         size = np.ceil((high_m - low_m) / cell_m).astype(int) + 1
         return cls(np.asarray(low_m, float), cell_m, (int(size[0]), int(size[1])))
 
-    def index(self, flat_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    def index(self, flat_m: Array) -> Indices:
         """Return the number of the cell nearest to each point, the border's for those outside."""
         where = np.rint((flat_m[:, :2] - self.first_m) / self.cell_m).astype(np.int64)
         where = np.clip(where, 0, np.array(self.shape) - 1)
         return where[:, 0] * self.shape[1] + where[:, 1]
 
-    def at(self, values: NDArray[np.float64], flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, values: Array, flat_m: Array) -> Array:
         """Bilinear interpolation of values on the grid."""
         where = (flat_m[:, :2] - self.first_m) / self.cell_m
         return ndimage.map_coordinates(values, where.T, order=1, mode="nearest")
 
     @property
-    def nodes_m(self) -> NDArray[np.float64]:
+    def nodes_m(self) -> Array:
         """Centres of the cells (*shape, 2)."""
         return (
             np.stack(np.meshgrid(*(np.arange(n) * self.cell_m for n in self.shape), indexing="ij"), -1)
@@ -72,9 +72,7 @@ class Grid:
         )
 
 
-def smooth_sheet(
-    grid: Grid, target: NDArray[np.float64], weight: NDArray[np.float64], tension: float = 1e-3
-) -> NDArray[np.float64]:
+def smooth_sheet(grid: Grid, target: Array, weight: Array, tension: float = 1e-3) -> Array:
     """Heights that bend least (thin plate) while they follow weighted targets; both of the grid's shape.
 
     A trace of membrane, its tension over the plate's stiffness, keeps far ends level instead of running away.
@@ -99,7 +97,7 @@ def grid_laplacian(shape: tuple[int, ...]) -> csc_matrix:
     return csc_matrix(diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent)
 
 
-def grid_triangles(shape: tuple[int, ...]) -> NDArray[np.int64]:
+def grid_triangles(shape: tuple[int, ...]) -> Indices:
     """Triangles (m, 3) of a grid's cells, each halved from its first node to the one across."""
     number = np.arange(shape[0] * shape[1]).reshape(shape)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
@@ -108,14 +106,14 @@ def grid_triangles(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def judge_crevice(
-    points_m: NDArray[np.float64],
+    points_m: Array,
     label: NDArray[np.int8],
     interface: Interface,
     height_m: float,
     *,
     refit: bool = True,
     relabel: bool = True,
-    sure: NDArray[np.bool_] | None = None,
+    sure: Flags | None = None,
 ) -> tuple[NDArray[np.int8], Interface]:
     """Judge the labels near the interface anew, and fit the interface anew to what they show, unless they are given.
 
@@ -169,12 +167,7 @@ def check_seen(points: int, side: str, *, given: bool) -> None:
 
 
 def _relabelled(
-    points_m: NDArray[np.float64],
-    label: NDArray[np.int8],
-    interface: Interface,
-    height_m: float,
-    *,
-    given: bool,
+    points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float, *, given: bool
 ) -> NDArray[np.int8]:
     flat = interface.over(points_m)
     rock = flat[label == ROCK]
@@ -204,9 +197,7 @@ def _relabelled(
     return changed
 
 
-def _pedestal_sheet(
-    grid: Grid, flat: NDArray[np.float64], pedestal: NDArray[np.bool_], height_m: float
-) -> tuple[NDArray[np.float64], float]:
+def _pedestal_sheet(grid: Grid, flat: Array, pedestal: Flags, height_m: float) -> tuple[Array, float]:
     """Heights of the pedestal's sheet, and how far a point of it may lie from it.
 
     Starts from the points known to be pedestal, then takes in what lies on the sheet under the rock.
@@ -229,7 +220,7 @@ def _pedestal_sheet(
     return sheet, min(tolerance, max(5.0 * _scatter_m(gap[taken], index[taken]), 0.0015 * height_m))
 
 
-def _scatter_m(gap: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
+def _scatter_m(gap: Array, cell: Indices) -> float:
     """Standard deviation of gaps about the mean of their cell, robust; infinite where too few cells have several."""
     _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
     mean = np.bincount(number, gap) / count
@@ -244,20 +235,14 @@ def _scatter_m(gap: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
 class NearRim:
     """The pedestal's points around the rock's rim, each with a say in the interface that fades with its distance."""
 
-    points_m: NDArray[np.float64]  # (n, 3)
-    say: NDArray[np.float64]  # (n,)
-    cell: NDArray[np.int64]  # (n,): of a grid of equal areas: near stations see the same crevice more densely
-    number: NDArray[np.int64]  # (n,): among the points that they were chosen from
+    points_m: Array  # (n, 3)
+    say: Array  # (n,)
+    cell: Indices  # (n,): of a grid of equal areas: near stations see the same crevice more densely
+    number: Indices  # (n,): among the points that they were chosen from
     height_m: float  # of the rock
 
     @classmethod
-    def of(
-        cls,
-        points_m: NDArray[np.float64],
-        label: NDArray[np.int8],
-        interface: Interface,
-        height_m: float,
-    ) -> "NearRim":
+    def of(cls, points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float) -> "NearRim":
         """Those of labelled points; InputError if next to nothing of the rock shows near the interface."""
         flat = interface.flat(points_m)
         rim = _rim_polygon(flat[label == ROCK], height_m, given=False)
@@ -272,7 +257,7 @@ class NearRim:
         cell = (u - u.min(initial=0)) * (1 + np.ptp(v) if len(v) else 1) + v - v.min(initial=0)
         return cls(points_m[number], say, cell, number, height_m)
 
-    def fitted(self, kept: NDArray[np.bool_] | None = None) -> Interface:
+    def fitted(self, kept: Flags | None = None) -> Interface:
         """Plane through the points, or those of them that are kept (n,); InputError if they are next to none."""
         kept = np.ones(len(self.points_m), bool) if kept is None else kept
         points, cell = self.points_m[kept], self.cell[kept]
@@ -288,7 +273,7 @@ class NearRim:
         return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
 
 
-def _rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
+def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:
     """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions.
 
     Raises InputError if next to nothing of the rock shows near the interface.
@@ -304,7 +289,7 @@ def _rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool
     return lowest[ConvexHull(lowest).vertices]
 
 
-def _outside(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _outside(polygon: Array, points: Array) -> Array:
     """Distance of points (n, 2) from a convex, counter-clockwise polygon, 0 inside."""
     nearest = np.full(len(points), np.inf)
     inside = np.ones(len(points), bool)
@@ -317,7 +302,7 @@ def _outside(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     return np.where(inside, 0.0, nearest)
 
 
-def not_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.bool_]:
+def not_strays(points: Array, alone: float = 3.0) -> Flags:
     """Which points have their neighbours near: mixed pixels hang alone between rock and pedestal."""
     if len(points) < 7:
         return np.zeros(len(points), bool)  # nobody has six neighbours

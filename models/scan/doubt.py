@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Indices
 from toppling.models.frames import azimuth_deg, compass_deg
 from toppling.models.scan.interface import Interface
 
@@ -20,20 +19,20 @@ class Doubt:
     sentence: str
 
 
-def sectors(ways: Array, count: int = SECTORS) -> NDArray[np.int64]:
+def sectors(ways: Array, count: int = SECTORS) -> Indices:
     """Which of so many sectors each of some ways (n, 2 or 3) leads into."""
     turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
     return np.floor(turn * count).astype(np.int64) % count
 
 
-def median_by_sector(values: Array, ways: Array) -> tuple[NDArray[np.int64], Array]:
+def median_by_sector(values: Array, ways: Array) -> tuple[Indices, Array]:
     """The sectors (k,) that some ways (n, 2 or 3) lead into, and the median of the values (n,) in each."""
     sector = sectors(ways)
     shown = np.unique(sector)
     return shown, np.array([np.median(values[sector == k]) for k in shown])
 
 
-def widest_gap_deg(shown: NDArray[np.int64]) -> tuple[float, float]:
+def widest_gap_deg(shown: Indices) -> tuple[float, float]:
     """Width of the widest range of directions without any of some sectors (k,), in order, and its middle, degrees."""
     empty = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
     widest = int(empty.argmax())

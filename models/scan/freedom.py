@@ -1,32 +1,36 @@
 """Whether what was scanned is a free rigid block: seen, embedded, attached, leaning, a stack, with room to fall."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array, at_most
+from toppling.models.arrays import Array, Flags, at_most
 from toppling.models.errors import InputError
-from toppling.models.frames import azimuth_deg
+from toppling.models.frames import azimuth_deg, slope_of_normal
 from toppling.models.rock import Rock
-from toppling.models.scan.attached import SPARSE, attached
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.doubt import (
-    SECTORS,
-    Doubt,
-    azimuth_told,
-    direction_told,
-    median_by_sector,
-    middle,
-    sectors,
-    widest_gap_deg,
+from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, sectors, widest_gap_deg
+from toppling.models.scan.foot import (
+    SPARSE,
+    attached,
+    bridged,
+    check_not_sunk,
+    embedded,
+    off_what_was_seen,
+    overgrown,
+    unseen_rim,
 )
+from toppling.models.scan.hanging import hanging_doubt
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.joints import weakest_joint
-from toppling.models.scan.level_frame import tilted_frame
-from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.measure import ObservedRock, outside_support_m
+from toppling.models.scan.one_block import OF_JOINT, OF_LAYERS, doubled, side_by_side, stacked
+from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import PEDESTAL, ROCK
-from toppling.models.scan.stacked import OF_JOINT, stacked
-from toppling.models.scan.surfels import in_plants, roughness, thin
+from toppling.models.scan.surfels import Surfels, in_plants, roughness, thin
 
 _MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
@@ -39,24 +43,6 @@ _SEEN_SHARE = 0.1
 _LEANS_ABOVE = 0.2
 """Of the rock's height: a neighbour that is touched above it holds the rock."""
 _LEAST_TOUCHES = 8
-_FLARE, _WAIST = (0.1, 0.3), (0.45, 0.65)
-"""Of the rock's height: sides are judged above the ground's last roughness, and where a boulder's upper half bends."""
-_FLARE_DEG, _FLARE_SHARE = 8.0, 0.8
-"""A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
-Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
-_UPRIGHT_DEG, _BENT_DEG, _UNDERCUT_SHARE, _BULGING_SHARE = -3.0, 12.0, 0.35, 0.12
-"""Sides are those of a boulder's upper half if they point no farther down at the foot, in the mean over the directions,
-bend by more to the waist, overhang in a smaller share of the directions, and at the waist in hardly any. Of four
-boulders sunk by 0.25 to 0.5 of their height feet point -1 to 24 degrees up and bend by 16 to 44; of 25 free rocks those
-with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the directions."""
-_TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
-"""Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
-rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
-_TWO_SPARSE = 0.35
-"""Told in a cloud of few points, where patches tell a crease from a bend less: of two bodies 0.5 to 0.74, of free rocks
-at most 0.3."""
-_TWO_STANDS = 0.1
-"""Of the rock's height: a smaller part that comes down so far stands there itself, and may be what is meant."""
 _BESIDE_VOXELS, _OTHERS, _LEAST_IN_REACH = 4.0, 400_000, 25
 _IN_REACH_ABOVE, _ON_ROCK = 0.3, 0.05
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high,
@@ -64,7 +50,43 @@ and so far out of the hull of the closed rock; what is not is the rock's own."""
 _HULL_AT_ONCE = 1000
 
 
-def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
+def checked_doubts(
+    observed: ObservedRock, interface: Interface, closed: ClosedRock, cloud: Cloud, label: NDArray[np.int8]
+) -> list[Doubt]:
+    """Doubts in a closed rock, if it was seen enough and can stand; label (n,): of each point of the cloud.
+
+    Raises InputError as of each check, and as of `doubts`.
+    """
+    _check_seen_enough(observed, interface, closed)
+    check_not_sunk(observed, interface)
+    _check_can_stand(closed.rock, interface)
+    of_block = doubts(observed, interface, cloud.points_m, label, cloud.label is not None, closed.rock)
+    step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
+    of_rock = at_most(np.flatnonzero(label == ROCK), OF_LAYERS)
+    of_contact = [
+        off_what_was_seen(observed, interface, cloud.origin_m),
+        hanging_doubt(observed, interface),
+        overgrown(observed, interface),
+        doubled(observed, cloud.points_m[of_rock], step_m),
+        unseen_rim(observed, interface, closed.rock.com_m),
+        bridged(observed, interface) if any(mesh is not None for mesh in cloud.meshes) else None,
+    ]
+    return [*(each for each in of_contact if each is not None), *of_block]
+
+
+def _check_can_stand(rock: Rock, interface: Interface) -> None:
+    """Refuse a rock whose centre of mass lies outside everything near the interface: the split must be wrong."""
+    outside = outside_support_m(rock, interface)
+    if outside > 0.0:
+        raise InputError(
+            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
+            where="statics",
+            expected="a rock that stands: its centre of mass above its base",
+            remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
+        )
+
+
+def _check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
     """Refuse a rock most of whose surface no station saw.
 
     Raises InputError: that one side is not enough, that points are too few, or that the rock is hidden or embedded.
@@ -129,87 +151,12 @@ def doubts(
         attached(observed, interface, parted=separated or observed.hint is not None),
         embedded(observed, interface),
         _leaning(observed, interface),
-        _two(observed, interface, separated),
+        side_by_side(observed, interface, separated),
         stacked(observed, interface, points_m[at_most(np.flatnonzero(label == ROCK), OF_JOINT)]),
         _hemmed_in(observed, points_m[at_most(np.flatnonzero(label == PEDESTAL), _OTHERS)], closed),
-        tilted_frame(observed.surfels, observed.patches),
+        _tilted_frame(observed.surfels, observed.patches),
     ]
     return [each for each in found if each is not None]
-
-
-def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
-    """A doubt where the sides look like the upper part of a boulder, down to the ground: no overhang, or a flare.
-
-    A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
-    """
-    return _embedded(*_side_dips_deg(observed, interface))
-
-
-def _embedded(foot: Array, waist: Array) -> Doubt | None:
-    if len(foot) < 0.5 * SECTORS:
-        return None
-    share = float((foot > _FLARE_DEG).mean())
-    if share >= _FLARE_SHARE:
-        median = np.median(foot)
-        what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {median:.0f} degrees"
-    elif _domed(foot, waist):
-        what = (
-            "the rock is widest near the ground, where hardly anything overhangs, and its sides bend by "
-            f"{waist.mean() - foot.mean():.0f} degrees up to the middle, as those of a boulder's upper half"
-        )
-    else:
-        return None
-    return Doubt(
-        "embedded",
-        f"{what}: it may be embedded, and go on below the ground; then the volume is "
-        "too small, the contact unknown, and what surrounds the rock holds it. A probe or a trench beside it shows "
-        "whether its base lies at the interface",
-    )
-
-
-def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
-    """Refuse a rock that is a dome on the ground, unless the user has said where it meets its pedestal.
-
-    Raises InputError if its sides flare down to the ground and bend inward from there on: its widest part lies
-    below.
-    """
-    foot, waist = _side_dips_deg(observed, interface)
-    sunk = _embedded(foot, waist)
-    if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > _FLARE_DEG:
-        raise InputError(
-            sunk.sentence,
-            where="the rock",
-            expected="a rock that is seen to its base: sides that are upright or overhang above it",
-            remedy="if its base was found at the ground, say where they meet by --plane, --point or --outline; a rock "
-            "that goes on below the ground does not topple as a free block",
-        )
-
-
-def _domed(foot_deg: Array, waist_deg: Array) -> bool:
-    """Whether sides with such dips are those of a boulder's upper half."""
-    if len(waist_deg) < 0.5 * SECTORS:
-        return False
-    bulging = (foot_deg < -_FLARE_DEG).mean() < _UNDERCUT_SHARE and (waist_deg < 0.0).mean() < _BULGING_SHARE
-    return bool(foot_deg.mean() > _UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > _BENT_DEG and bulging)
-
-
-def _side_dips_deg(observed: ObservedRock, interface: Interface) -> tuple[Array, Array]:
-    """Median angles of the sides' normals above the interface plane in each direction: at the foot, at the waist."""
-    foot, waist = (_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
-    return foot, waist
-
-
-def _dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
-    """Median angle of the normals above the interface plane between two shares of the height, in each direction."""
-    surfels = observed.surfels
-    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
-    up = interface.over(points)[:, 2] / observed.height_m
-    inside = (up > low) & (up < high)
-    if not inside.any():
-        return np.zeros(0)
-    flat = interface.flat(points)[inside, :2]
-    dip = np.rad2deg(np.arcsin(np.clip(normals[inside] @ interface.normal, -1.0, 1.0)))
-    return median_by_sector(dip, flat - middle(flat))[1]
 
 
 def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
@@ -229,28 +176,6 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
         f"a neighbour touches the rock {np.median(places[:, 2]):.2g} m above the interface, toward {toward}: it may "
         "hold or wedge the rock, and the answer is that of the rock without it",
     )
-
-
-def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt | None:
-    joint = weakest_joint(observed, interface)
-    told = _TWO_SPARSE if observed.patches_apart > SPARSE else _TWO_TOLD
-    if joint is None or joint.creased_share < told:
-        return None
-    what = (
-        f"a crease parts {joint.part:.0%} of the rock's surface, toward {azimuth_told(joint.way, interface)}, from the "
-        f"rest, along {joint.creased_share:.0%} of the way around: it may be two blocks that touch, one leaning on the "
-        "other; volume and weight are then those of both"
-    )
-    both = joint.part >= _TWO_PART or joint.lowest_m < _TWO_STANDS * observed.height_m
-    if joint.creased_share >= _TWO_REFUSED and both and not separated:
-        raise InputError(
-            what,
-            where="the rock",
-            expected="one block that stands free",
-            remedy="crop the neighbour off the cloud, or separate the rock in another program and give it by --rock "
-            "FILE or CLASS, which also says that it is one block",
-        )
-    return Doubt("leaning", what)
 
 
 def _hemmed_in(observed: ObservedRock, pedestal_m: Array, closed: Rock | None) -> Doubt | None:
@@ -284,3 +209,108 @@ def _out_of_hull_m(points_m: Array, vertices_m: Array) -> Array:
     # All at once take gigabytes: 30,000 points beside a hull of 10,000 facets.
     blocks = np.array_split(points_m, len(points_m) // _HULL_AT_ONCE + 1)
     return np.concatenate([(each @ planes[:, :3].T + planes[:, 3]).max(axis=1) for each in blocks])
+
+
+_MOST_DIP_DEG, _LEAST_DIP_DEG = 12.0, 1.5
+"""Dips of levels that are told: steeper ones were not made level, a gentler one hardly matters."""
+_ALIKE_DEG = 1.0
+"""Between the normals of two levels: natural ground does not keep a dip so well from one height to another."""
+_LEAST_SHARE = 0.1
+"""Of the patches that lie about level, in one level."""
+_WIDE_VOXELS, _APART_VOXELS = 8.0, 6.0
+"""How wide a level is (standard deviation of its patches' places), and how far over another."""
+_TRIALS, _PLANES, _ROUNDS = 200, 4, 12
+_REFINED = 20
+"""Of the trials, those with most patches: a plane through one patch and its normal is degrees off where a wide level
+is uneven, and ends in a part of it."""
+_NEAR_VOXELS, _ABOUT_VOXELS, _TURNED_DEG = 0.5, 2.0, 8.0
+"""How far off a plane, and turned from it, its patches lie; how far off others about it do."""
+_EVEN_SHARE = 0.8
+"""Of the patches about a plane that lie on it, where it was made: ground is uneven."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """A plane that many patches lie on."""
+
+    middle_m: Array  # (3,)
+    normal: Array  # (3,), upward
+    off_m: float  # root mean square distance of its patches
+    even_share: float  # of the patches about it that lie on it
+    wide_m: float  # standard deviation of their places across
+
+
+def _tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
+    """A doubt where planes about the rock at different heights dip alike: paving, steps and plinths are made level.
+
+    Parameters
+    ----------
+    surfels : Surfels
+        Patches about the rock.
+    rock : (n,) bool array
+        Which of them are the rock's.
+    """
+    level = ~rock & (surfels.normals[:, 2] > np.cos(np.deg2rad(_MOST_DIP_DEG)))
+    planes = _planes(surfels.points_m[level], surfels.normals[level], surfels.voxel_m)
+    if not planes:
+        return None
+    first = planes[0]
+    like = [each for each in planes if each.normal @ first.normal > np.cos(np.deg2rad(_ALIKE_DEG))]
+    heights_m = [float((each.middle_m - first.middle_m) @ first.normal) for each in like]
+    apart_m = max(heights_m) - min(heights_m)
+    dip_deg, toward_deg = slope_of_normal(first.normal)
+    if apart_m < _APART_VOXELS * surfels.voxel_m or dip_deg < _LEAST_DIP_DEG:
+        return None
+    off_m = max(each.off_m for each in like)
+    return Doubt(
+        "frame",
+        f"levels {apart_m:.2g} m apart about the rock, each a plane within {off_m:.1g} m, dip alike, by "
+        f"{dip_deg:.1f} degrees toward {direction_told(toward_deg)}: if they were made level, as paving, steps or a "
+        "plinth, z does not point upward in this cloud, and the rock is taken to lean by as much. Then give --up "
+        "{:.4f},{:.4f},{:.4f}".format(*first.normal),
+    )
+
+
+def _planes(points_m: Array, normals: Array, voxel_m: float) -> list[_Level]:
+    """Planes that are even, wide and hold a share of patches (n, 3), those with most first."""
+    random, found = np.random.default_rng(11), []
+    left = np.arange(len(points_m))
+    least = max(3.0, _LEAST_SHARE * len(points_m))
+    for _ in range(_PLANES):
+        if len(left) < least:
+            break
+        on, level = _largest(points_m[left], normals[left], voxel_m, random)
+        if on.sum() < least:
+            break
+        if level.even_share > _EVEN_SHARE and level.wide_m > _WIDE_VOXELS * voxel_m:
+            found.append(level)
+        left = left[~on]
+    return found
+
+
+def _largest(
+    points_m: Array, normals: Array, voxel_m: float, random: np.random.Generator
+) -> tuple[Flags, _Level]:
+    """Patches (n,) on the plane that holds most of them, of those through some, and that plane."""
+
+    def on_plane(middle_m: Array, normal: Array, voxels: float = _NEAR_VOXELS) -> Flags:
+        near = np.abs((points_m - middle_m) @ normal) < voxels * voxel_m
+        return np.asarray(near & (normals @ normal > np.cos(np.deg2rad(_TURNED_DEG))))
+
+    def refined(start: int) -> tuple[Flags, _Level]:
+        middle_m, normal, spread_m = points_m[start], normals[start], np.zeros(3)
+        for _ in range(_ROUNDS):
+            on = points_m[on_plane(middle_m, normal)]
+            if len(on) < 3:
+                break
+            middle_m = on.mean(axis=0)
+            _, spread_m, axes = np.linalg.svd(on - middle_m, full_matrices=False)
+            spread_m, normal = spread_m / np.sqrt(len(on)), axes[2] * (np.sign(axes[2, 2]) or 1.0)
+        about, last = on_plane(middle_m, normal, _ABOUT_VOXELS), on_plane(middle_m, normal)
+        share = float(last.sum() / max(about.sum(), 1))
+        return last, _Level(middle_m, normal, float(spread_m[2]), share, float(spread_m[1]))
+
+    tried = random.integers(0, len(points_m), _TRIALS)
+    held = [int(on_plane(points_m[number], normals[number]).sum()) for number in tried]
+    starts = tried[np.argsort(held, kind="stable")[::-1][:_REFINED]]
+    return max((refined(start) for start in starts), key=lambda found: int(found[0].sum()))

@@ -5,21 +5,19 @@ from typing import Any
 
 import contourpy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.statics import carried
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 from toppling.models.scan.beside import Beside, few_triangles, is_ground
 from toppling.models.scan.crevice import grid_laplacian, grid_triangles
-from toppling.models.scan.edge import up_to_edge
-from toppling.models.scan.interface import Interface
-from toppling.models.scan.sheet import lattice
+from toppling.models.scan.interface import Interface, lattice, up_to_edge
 from toppling.models.scan.surfels import Surfels
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
@@ -39,9 +37,9 @@ class Ground:
 
     pedestal: Pedestal
     # (k, 3): convex outline of the contact on the interface plane, counter-clockwise seen from above.
-    outline_m: NDArray[np.float64]
+    outline_m: Array
     # list of (k, 3): where the pedestal ends, the pedestal on the left side.
-    edges_m: list[NDArray[np.float64]]
+    edges_m: list[Array]
     # What of that surface stands beside the rock and is no map of heights, in words.
     beside: str | None = None
 
@@ -67,9 +65,7 @@ class Ground:
         return replace(self, pedestal=pedestal, beside=stands.sentence)
 
 
-def pedestal_ground(
-    surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface
-) -> Ground:
+def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: Interface) -> Ground:
     """Mesh the pedestal as a height over the interface plane, within reach of the rock, up to cliff edges."""
     flat_rock = interface.over(rock.vertices_m)
     height = float(np.ptp(interface.flat(rock.vertices_m)[:, 2]))
@@ -114,7 +110,7 @@ def pedestal_ground(
     )
 
 
-def _outline_m(rock: Rock, interface: Interface, height_m: float) -> NDArray[np.float64]:
+def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
     """Convex outline (k, 3) of where the rock rests, counter-clockwise."""
     if interface.sheet is None:
         return support_polygon_m(carried(rock, interface), Pedestal(interface.point_m, interface.normal))
@@ -124,11 +120,11 @@ def _outline_m(rock: Rock, interface: Interface, height_m: float) -> NDArray[np.
     return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
 
 
-def _hull(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _hull(places: Array) -> Array:
     return places[ConvexHull(places).vertices]
 
 
-def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -> dict[str, Any]:
+def kept_of(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, Any]:
     """How much of what was seen of the pedestal the scene keeps, and why not the rest."""
     assert ground.pedestal.vertices_m is not None
     assert ground.pedestal.faces is not None
@@ -146,25 +142,19 @@ def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -
     }
 
 
-def _among_its_like(flat: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+def _among_its_like(flat: Array, reach_m: float) -> Flags:
     """Which patches lie within reach of the median height around: strays between rock and pedestal make spikes."""
     near = cKDTree(flat[:, :2]).query(flat[:, :2], min(13, len(flat)))[1]
     return np.abs(flat[:, 2] - np.median(flat[near, 2], axis=1)) < reach_m
 
 
-def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _inside(nodes: Array, polygon: Array) -> Flags:
     from matplotlib.path import Path as Polygon
 
     return Polygon(polygon).contains_points(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
 
 
-def _lost(
-    flat: NDArray[np.float64],
-    top: NDArray[np.bool_],
-    nodes: NDArray[np.float64],
-    cell: float,
-    standing: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
+def _lost(flat: Array, top: Flags, nodes: Array, cell: float, standing: Flags) -> Flags:
     """Nodes without pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
     tree_top = cKDTree(flat[top, :2])
     below = flat[~top & (flat[:, 2] < -2 * cell)]
@@ -183,12 +173,7 @@ def _lost(
     return labels != np.bincount(labels[standing]).argmax()
 
 
-def _surface(
-    top: NDArray[np.float64],
-    nodes: NDArray[np.float64],
-    cell: float,
-    standing: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+def _surface(top: Array, nodes: Array, cell: float, standing: Flags) -> Array:
     """Heights at the nodes: the mean of what was seen, zero where the rock stands, a membrane elsewhere."""
     shape = nodes.shape[:2]
     index = np.rint((top[:, :2] - nodes[0, 0]) / cell).astype(int)
@@ -202,9 +187,7 @@ def _surface(
     return spsolve(system.tocsc(), weight * target).reshape(shape)
 
 
-def _underside(
-    flat_rock: NDArray[np.float64], faces: NDArray[np.int64], nodes: NDArray[np.float64], cell: float
-) -> NDArray[np.float64]:
+def _underside(flat_rock: Array, faces: Indices, nodes: Array, cell: float) -> Array:
     """Lowest of the rock's vertices near each node and of its faces over it, huge beside it: no pedestal reaches in."""
     shape = nodes.shape[:2]
     low = np.full(shape, np.inf)
@@ -215,9 +198,7 @@ def _underside(
     return np.fmin(low, over)
 
 
-def _triangles(
-    nodes: NDArray[np.float64], surface: NDArray[np.float64], kept: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _triangles(nodes: Array, surface: Array, kept: Flags) -> tuple[Array, Indices]:
     faces = grid_triangles(kept.shape)
     faces = faces[kept.ravel()[faces].all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
@@ -225,9 +206,7 @@ def _triangles(
     return vertices, faces.reshape(-1, 3)
 
 
-def _edges(
-    nodes: NDArray[np.float64], surface: NDArray[np.float64], lost: NDArray[np.bool_]
-) -> list[NDArray[np.float64]]:
+def _edges(nodes: Array, surface: Array, lost: Flags) -> list[Array]:
     """Boundary between kept and lost, smoothed and straightened, the kept side on the left."""
     if not lost.any():
         return []
@@ -250,9 +229,7 @@ def _edges(
     return edges
 
 
-def _left_kept(
-    line: NDArray[np.float64], kept: NDArray[np.float64], first: NDArray[np.float64], cell: float
-) -> NDArray[np.float64]:
+def _left_kept(line: Array, kept: Array, first: Array, cell: float) -> Array:
     step = np.diff(line, axis=0)
     longest = int(np.argmax(np.linalg.norm(step, axis=1)))
     left = np.array([-step[longest, 1], step[longest, 0]]) / np.linalg.norm(step[longest])
@@ -262,7 +239,7 @@ def _left_kept(
     return line if value[0] > value[1] else line[::-1]
 
 
-def _straightened(line: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+def _straightened(line: Array, tolerance: float) -> Array:
     """Fewest of the line's points that keep it within a tolerance (Douglas and Peucker 1973)."""
     chord = line[-1] - line[0]
     length = float(np.linalg.norm(chord))

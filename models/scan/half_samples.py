@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.underside import hidden_base
@@ -114,11 +115,7 @@ def uncertainty(
     spreads = partial(_spreads, observed, invented_share)
     closed, tried = _half_samples(draw, spreads, realisations, each)
     given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
-    found: dict[str, Any] = {
-        "method": f"half samples{given}",
-        "realisations": tried,
-        "closed": len(closed),
-    }
+    found: dict[str, Any] = {"method": f"half samples{given}", "realisations": tried, "closed": len(closed)}
     if len(closed) < _LEAST_CLOSED:
         return found
     return found | _told(closed, spreads(closed), invented_share)
@@ -130,7 +127,7 @@ class _HalfSample:
 
     rock: Rock
     interface: Interface
-    limits_m_s2: NDArray[np.float64]
+    limits_m_s2: Array
 
     @classmethod
     def drawn(
@@ -153,7 +150,7 @@ class _HalfSample:
         return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))
 
 
-Spreads = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+Spreads = dict[str, tuple[Array, Array]]
 """By a number's name in the report: its standard deviation over half samples, and the floor of what they share."""
 
 
@@ -264,7 +261,7 @@ def invention_warning(scene: Scene) -> str | None:
     )
 
 
-def _half(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+def _half(points: Array, rng: np.random.Generator) -> Array:
     return points[rng.random(len(points)) < 0.5]
 
 
@@ -272,9 +269,9 @@ def _half(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.f
 class _Beside:
     """Points on both sides of the interface, from which it is fitted, and the direction in which each lies."""
 
-    points_m: NDArray[np.float64]
+    points_m: Array
     label: NDArray[np.int8]
-    sector: NDArray[np.int64]
+    sector: Indices
     interface: Interface
     height_m: float
 
@@ -306,5 +303,5 @@ class _Beside:
         )
 
 
-def _std(values: Any) -> NDArray[np.float64]:
+def _std(values: Any) -> Array:
     return np.std(np.asarray(values, float), axis=0, ddof=1)

@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
-from toppling.models.compiled import Flags
+from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.scan.doubt import Doubt, azimuth_told
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.freedom import embedded
-from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.foot import embedded
+from toppling.models.scan.interface import Edge, Interface, fit_interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
 

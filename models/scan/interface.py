@@ -1,20 +1,176 @@
-"""The interface: the plane on which rock and pedestal meet, and how far they leave it."""
+"""The interface: the plane on which rock and pedestal meet, the surface that is carried below the rock, its edge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, shifted_and_turned
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
+
+Planes = Array
+"""(k, 3): heights h = a + b u + c v."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """The pedestal's surface over the interface plane."""
+
+    planes: Planes  # (k, 3): facets as h = a + b u + c v; of a curve the one plane from which it bends
+    # How facets meet: "hollow" (the highest counts), "ridge" (the lowest), "steps" (the one that is named by
+    # `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands
+    # beside.
+    how: str
+    # (k, 3): of steps: the facet whose value a + b u + c v is the largest is there. Of a curve its bend (uu,
+    # uv, vv) as the only row: h = ... + (uu u^2 + 2 uv u v + vv v^2) / 2 about `middle_m`.
+    sides: Array
+    middle_m: Array  # (2,)
+    reach_m: float  # beyond this distance from the middle a curve goes on as at it
+    # Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same
+    # triangles.
+    lattice_m: float = 0.0
+    # (k, 2): convex outline of the rock's foot, u and v.
+    ring_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def at(self, flat_m: Array) -> Array:
+        """Heights (...) over the plane at places (..., 2 or 3), u and v: linear within the lattice's triangles."""
+        return between_nodes(flat_m, self.lattice_m, self._smooth) if self.lattice_m else self._smooth(flat_m)
+
+    def _smooth(self, flat_m: Array) -> Array:
+        u, v = flat_m[..., 0], flat_m[..., 1]
+        each = self.planes[:, 0] + u[..., None] * self.planes[:, 1] + v[..., None] * self.planes[:, 2]
+        if self.how == "curve":
+            offset = flat_m[..., :2] - self.middle_m
+            away = np.linalg.norm(offset, axis=-1, keepdims=True)
+            near = offset * np.minimum(1.0, self.reach_m / np.maximum(away, 1e-12))
+            uu, uv, vv = self.sides[0]
+            bend = uu * near[..., 0] ** 2 + 2.0 * uv * near[..., 0] * near[..., 1] + vv * near[..., 1] ** 2
+            return np.asarray(each[..., 0] + 0.5 * bend)
+        if self.how == "steps":
+            side = self.sides[:, 0] + u[..., None] * self.sides[:, 1] + v[..., None] * self.sides[:, 2]
+            return np.take_along_axis(each, side.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        return np.asarray(each.max(axis=-1) if self.how == "hollow" else each.min(axis=-1))
+
+    def to_json(self) -> dict[str, Any]:
+        """What :meth:`of` reads."""
+        return {
+            each.name: value.tolist() if isinstance(value := getattr(self, each.name), np.ndarray) else value
+            for each in fields(self)
+        }
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Sheet:
+        """The sheet of a document."""
+        read: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, list) else value for name, value in told.items()
+        }
+        return cls(**read)
+
+    @property
+    def sentence(self) -> str:
+        """What it is, in words."""
+        if self.how == "plane":
+            return "the interface plane below the rock"
+        slopes = np.rad2deg(np.arctan(np.hypot(*self.planes[:, 1:].T)))
+        if self.how == "curve":
+            uu, uv, vv = self.sides[0]
+            bend = np.linalg.eigvalsh([[uu, uv], [uv, vv]])
+            most = bend[np.abs(bend).argmax()]
+            return f"a {'hollow' if most > 0 else 'dome'} of radius {1.0 / abs(most):.2g} m carried under the rock"
+        listed = " and ".join(f"{slope:.0f}" for slope in slopes)
+        meet = {"hollow": "that meet in a hollow", "ridge": "that meet in a ridge", "steps": "with a step"}
+        return f"{len(slopes)} facets, {listed} degrees off the interface plane, {meet[self.how]}"
+
+
+def between_nodes(flat_m: Array, lattice_m: float, at_nodes: Callable[[Array], Array]) -> Array:
+    """Values (...) at places (..., 2 or 3), linear within the triangles (`grid_triangles`) of a lattice."""
+    share = flat_m[..., :2] / lattice_m
+    first = np.floor(share + 1e-9)
+    share = share - first
+    corner = first + np.where(share[..., :1] >= share[..., 1:], [1.0, 0.0], [0.0, 1.0])
+    start, side, end = (at_nodes(each * lattice_m) for each in (first, corner, first + 1.0))
+    return np.asarray(start + (side - start) * share.max(axis=-1) + (end - side) * share.min(axis=-1))
+
+
+def lattice(sheet: Sheet, low_m: Array, high_m: Array) -> Array:
+    """Nodes (n, m, 2) of the lattice over a rectangle of u, v."""
+    begin, end = np.floor(low_m / sheet.lattice_m), np.ceil(high_m / sheet.lattice_m)
+    ways = [sheet.lattice_m * np.arange(a, b + 1.0) for a, b in zip(begin, end, strict=True)]
+    return np.stack(np.meshgrid(*ways, indexing="ij"), axis=-1)
+
+
+_LINES = 16
+"""Of an edge that tell on which side a place lies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """Where the pedestal ends, by lines along its edge."""
+
+    lines: Array  # (k, 4): places u, v on the interface plane and the unit normals outward there
+    blur_m: float  # lines nearer to a place than this have the same say about it
+
+    @property
+    def clear_m(self) -> float:
+        """Gap between the pedestal's end and what hangs beside it, where nobody saw it."""
+        return 0.04 * self.blur_m
+
+    def outside_m(self, flat_m: Array) -> Array:
+        """Distances (...) of places (..., 2 or 3), u and v, beyond the edge; negative on the pedestal."""
+        places = flat_m[..., :2].reshape(-1, 2)
+        say, at, outward = self._near(places)
+        beyond = ((places[:, None] - at) * outward).sum(axis=2)
+        return np.asarray((say * beyond).sum(axis=1) / say.sum(axis=1)).reshape(flat_m.shape[:-1])
+
+    def outward(self, flat_m: Array) -> Array:
+        """Unit vectors (n, 3) out of the cliff's face below the edge at places (n, 2 or 3)."""
+        say, _, outward = self._near(flat_m[:, :2])
+        way = (say[..., None] * outward).sum(axis=1)
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        return np.column_stack([way, np.zeros(len(way))])
+
+    def _near(self, places: Array) -> tuple[Array, Array, Array]:
+        """Lines around each place (n, 2): their say (n, k), places (n, k, 2) and outward normals (n, k, 2)."""
+        away, nearest = cKDTree(self.lines[:, :2]).query(
+            places, list(range(1, min(_LINES, len(self.lines)) + 1))
+        )
+        lines = self.lines[nearest]
+        return 1.0 / (away**2 + self.blur_m**2), lines[..., :2], lines[..., 2:]
+
+    def carries(self, over_m: Array) -> Flags:
+        """Whether the pedestal lies below places (n, 3) of the rock: u, v and the height over it."""
+        return np.asarray(
+            (self.outside_m(over_m) < 2.0 * self.clear_m) & (over_m[:, 2] > -0.01 * self.clear_m)
+        )
+
+
+def up_to_edge(vertices_m: Array, faces: Indices, outside_m: Array) -> tuple[Array, Indices]:
+    """The part of a mesh within an edge, cut where distances (n,) of its vertices beyond the edge cross zero."""
+    out = outside_m > 0.0
+    beyond = out[faces].sum(axis=1)
+    parts, cuts, begin = [faces[beyond == 0]], [np.zeros((0, 3))], len(vertices_m)
+    for lone in (False, True):  # the corner that is alone on its side of the edge first
+        mixed = faces[beyond == (1 if lone else 2)]
+        first = (out[mixed] == lone).argmax(axis=1)
+        a, b, c = (mixed[np.arange(len(mixed)), (first + k) % 3] for k in range(3))
+        for end in (b, c):
+            low, high = np.minimum(a, end), np.maximum(a, end)
+            share = outside_m[low] / (outside_m[low] - outside_m[high])
+            cuts.append(vertices_m[low] + share[:, None] * (vertices_m[high] - vertices_m[low]))
+        ab, ac = (begin + k * len(a) + np.arange(len(a)) for k in range(2))
+        begin += 2 * len(a)
+        new = [(ab, b, c), (ab, c, ac)] if lone else [(a, ab, ac)]
+        parts += [np.stack(each, axis=-1) for each in new]
+    used, numbers = np.unique(np.concatenate(parts), return_inverse=True)
+    places, joined = np.unique(np.vstack([vertices_m, *cuts])[used], axis=0, return_inverse=True)
+    return places, joined.ravel()[numbers].reshape(-1, 3).astype(np.int64)
+
 
 _CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""
@@ -103,7 +259,7 @@ class Interface:
         return com[:, :2] - down[:2] / down[2] * com[:, 2:]
 
 
-def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
+def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
     """Plane through the pedestal's side of the crevice, by reweighted least squares (Tukey's biweight).
 
     A few patches high up the rock that were taken for pedestal draw least squares toward them from the start: where

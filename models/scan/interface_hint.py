@@ -1,17 +1,20 @@
 """What the user knows of where rock and pedestal meet: a measured plane, picked points or a contact outline."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.path import Path as Polygon
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
-from toppling.models.frames import plane_axes, plane_normal
+from toppling.models.frames import plane_axes, plane_normal, slope_of_normal
+from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.header import TEXT, named_columns
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.surfels import Surfels
 
 _STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""
@@ -30,7 +33,7 @@ class InterfaceHint:
     """What the user says about the interface, in the coordinates they said it in."""
 
     interface: Interface  # taken as it is; its roughness is the misfit of the points that it was given by
-    anchors_m: NDArray[np.float64]  # (k, 3): places at the contact, which tell the rock that is meant
+    anchors_m: Array  # (k, 3): places at the contact, which tell the rock that is meant
     # Whether the anchors are the contact's outline, in order: the rock rests inside it and nowhere else.
     encloses: bool
     kind: str  # `plane`, `points` or `outline`
@@ -113,7 +116,7 @@ class InterfaceHint:
             points = points[:-1]
         return cls.points(points, "outline")
 
-    def moved(self, shift_m: NDArray[np.float64]) -> "InterfaceHint":
+    def moved(self, shift_m: Array) -> "InterfaceHint":
         """The same hint in coordinates from which `shift_m` is taken away."""
         plane = self.interface
         return InterfaceHint(
@@ -123,7 +126,7 @@ class InterfaceHint:
             self.kind,
         )
 
-    def inside(self, flat_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def inside(self, flat_m: Array) -> Flags:
         """Which points (..., 2), u and v on the interface, lie inside the outline."""
         ring = Polygon(self.interface.flat(self.anchors_m)[:, :2])
         return ring.contains_points(flat_m.reshape(-1, 2)).reshape(flat_m.shape[:-1])
@@ -160,12 +163,7 @@ def hint_of(
     return InterfaceHint.points(outline, "outline") if outline else None
 
 
-def check_near(
-    hint: InterfaceHint,
-    low_m: NDArray[np.float64],
-    high_m: NDArray[np.float64],
-    origin_m: NDArray[np.float64],
-) -> None:
+def check_near(hint: InterfaceHint, low_m: Array, high_m: Array, origin_m: Array) -> None:
     """Refuse a hint on a place that the cloud (its bounds in the hint's frame) does not show.
 
     Raises InputError if an anchor lies outside the cloud.
@@ -182,5 +180,55 @@ def check_near(
         )
 
 
-def _interface(point: NDArray[np.float64], normal: NDArray[np.float64], misfit_m: float) -> Interface:
+def _interface(point: Array, normal: Array, misfit_m: float) -> Interface:
     return Interface(point, normal, np.column_stack([*plane_axes(normal), normal]), misfit_m)
+
+
+OFF_PER_HEIGHT = 0.015
+"""Of the rock's height: what a measured interface may lie off what was seen."""
+_AGREES_PER_HEIGHT = 0.002
+"""Of the rock's height: what a place that was pointed at may lie off what was seen and still agree with it."""
+_POINTED_PER_HEIGHT = 0.05
+"""Of the rock's height: what places that were pointed at may be off in the mean; farther away another pedestal was
+meant. One of them may be off by twice as much."""
+_PLANE_PER_OFF = 1.0 / 3.0
+"""Roughness of a pedestal over how far places lie off it, below which the places are off and not its plane."""
+
+
+def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> InterfaceHint | None:
+    """The pedestal's plane as it was seen, where it is known better than by the places that the user pointed at.
+
+    A place that was clicked or typed is off by some centimetres, by which a plane through a few of them tilts by
+    degrees. A measured plane and an outline are taken as they are.
+
+    rock: (n,), which patches are the rock's, as split by the hint.
+    Returns None where the places agree with what was seen, lie too far off, or the pedestal is no plane.
+    """
+    if hint.kind != "points":
+        return None
+    try:
+        seen = fit_interface(surfels, rock)
+    except InputError:  # next to nothing of it was seen, which is what hints are for
+        return None
+    height_m = float(np.ptp(surfels.points_m[rock, 2]))
+    over_m = seen.flat(hint.anchors_m)[:, 2]
+    off_m = float(np.abs(over_m).max())
+    if max(abs(float(over_m.mean())), 0.5 * off_m) > _POINTED_PER_HEIGHT * height_m:
+        return None
+    if off_m < _AGREES_PER_HEIGHT * height_m:
+        return None
+    if seen.roughness_m > _PLANE_PER_OFF * off_m:
+        return None
+    return replace(hint, interface=seen)
+
+
+def points_told(hint: InterfaceHint, seen: Interface) -> str:
+    """What to tell of places in whose stead the pedestal's plane was taken as it was seen."""
+    heights_m = seen.flat(hint.anchors_m)[:, 2]
+    dip_deg, toward_deg = slope_of_normal(seen.normal)
+    return (
+        f"the places of --point lie {heights_m.min():+.2g} to {heights_m.max():+.2g} m over the pedestal that was seen "
+        f"about them, which is a plane within {seen.roughness_m:.2g} m: it was taken instead, and dips by "
+        f"{dip_deg:.1f} degrees toward {direction_told(toward_deg)}. An interface that is to be taken as it is given "
+        "is said by --plane"
+    )

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-from toppling.models.arrays import Array
-from toppling.models.compiled import Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg
 from toppling.models.joined import joined_parts

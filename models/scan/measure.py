@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.sides_seen import SidesSeen
+from toppling.models.arrays import Array, Flags
+from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.rock import Rock
@@ -34,13 +34,13 @@ class ObservedRock:
     """What was seen of rock and pedestal."""
 
     # (n, 3): points about the interface, scene frame.
-    rock_m: NDArray[np.float64]
-    pedestal_m: NDArray[np.float64]
+    rock_m: Array
+    pedestal_m: Array
     # (n, 3): those of them that shape the base (`near_the_interface`).
-    low_m: NDArray[np.float64]
-    lit_m: NDArray[np.float64]
+    low_m: Array
+    lit_m: Array
     surfels: Surfels
-    patches: NDArray[np.bool_]  # (k,): which surfels are the rock's
+    patches: Flags  # (k,): which surfels are the rock's
     height_m: float
     hint: InterfaceHint | None  # the interface as the user knows it
 
@@ -98,7 +98,7 @@ def stands(rock: Rock, interface: Interface) -> bool:
     return bool((toppling(rock, interface, AZIMUTHS_DEG[::3]) > 0.0).all())
 
 
-def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+def toppling(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     """Quasi-static toppling accelerations (n,) on the interface plane, or the surface carried below the rock, m/s2."""
     if not interface.is_plane:
         return on_surface(rock, interface, azimuths_deg)
@@ -127,11 +127,7 @@ def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[d
 
 
 def confidence(
-    parts: Segmentation,
-    points_m: NDArray[np.float64],
-    label: NDArray[np.int8],
-    interface: Interface,
-    height_m: float,
+    parts: Segmentation, points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> dict[str, float]:
     """How sure the split is: four numbers, each 0 to 1.
 

@@ -1,13 +1,14 @@
-"""Meshes of photogrammetry as clouds: points spread over their triangles, and what a mesh shows of its frame."""
+"""Meshes of photogrammetry as clouds: points on them, which of these could be seen, and what shows of their frame."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+import open3d as o3d
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import MESH_FORMATS, read_triangles
 from toppling.models.files.ply import read_header
@@ -38,7 +39,7 @@ def is_mesh(path: Path) -> bool:
     return any(each.name == "face" and each.count > 0 for each in read_header(path).elements)
 
 
-def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
+def mesh_as_in_file(path: Path) -> tuple[Array, Indices]:
     """Vertices (n, 3) of triangles in the file's own axes and unit, and triangles (m, 3).
 
     Raises InputError as of `read_triangles`.
@@ -54,7 +55,7 @@ def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
 
 
 def check_frame(
-    vertices: Array, faces: NDArray[np.int64], path: Path, placement: Placement, *, unit_given: bool
+    vertices: Array, faces: Indices, path: Path, placement: Placement, *, unit_given: bool
 ) -> None:
     """Refuse a mesh that shows that it is not in metres with z up, unless the user says what it is: all at once.
 
@@ -88,13 +89,13 @@ def check_frame(
             )
 
 
-def facing_up(vertices: Array, faces: NDArray[np.int64], placement: Placement) -> NDArray[np.int64]:
+def facing_up(vertices: Array, faces: Indices, placement: Placement) -> Indices:
     """Triangles (m, 3) of an open surface turned so that it faces toward what the user says is up."""
     facing = _facing(vertices @ placement.turn.T, faces)
     return faces[:, ::-1] if facing is not None and facing[2] < -_TURNED_OVER else faces
 
 
-def _facing(vertices: Array, faces: NDArray[np.int64]) -> Array | None:
+def _facing(vertices: Array, faces: Indices) -> Array | None:
     """Unit vector toward which an open surface faces in the mean; None for one that is closed."""
     corners = vertices[faces]
     area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -108,7 +109,7 @@ def _usual_up(path: Path) -> str:
     return "y" if path.suffix.lower() in UPWARD_Y else "z"
 
 
-def _sideways(vertices: Array, faces: NDArray[np.int64], usual: str) -> tuple[str, str] | None:
+def _sideways(vertices: Array, faces: Indices, usual: str) -> tuple[str, str] | None:
     facing = _facing(vertices, faces)
     if facing is None:
         return None
@@ -151,7 +152,7 @@ def _angle_deg(one: Array, other: object) -> float:
     return float(np.rad2deg(np.arccos(np.clip(np.dot(one, np.asarray(other, float)), -1.0, 1.0))))
 
 
-def points_on(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+def points_on(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Points (n, 3) on triangles, and the triangle of each; a low-discrepancy sequence, the same for the same mesh.
 
     Examples
@@ -174,8 +175,71 @@ def points_on(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray
     return first * (1.0 - u - v) + second * u + third * v, triangle
 
 
-def outward(vertices: Array, faces: NDArray[np.int64]) -> Array:
+def outward(vertices: Array, faces: Indices) -> Array:
     """Unit normals (m, 3) of triangles, by the order of their corners; 0 of one without area."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+
+
+Mesh = tuple[Array, Indices]
+_LIFT = 2e-5
+"""Of the model's extent: how far above its surface a point looks about. Surfaces nearer to each other touch."""
+_ROOM = 0.02
+"""Of the model's extent: so much room before the next surface, and a camera may have been there."""
+_DIRECTIONS = 48
+_GRAZING = 0.05
+_LOWEST = 0.08
+"""Rise of a way over its length that leads to the sky; what leads lower without a hit passes below the model."""
+_MOST_BURIED, _MOST_TWISTED = 0.5, 0.02
+"""More of the points cannot be buried, or of the edges run the same way in two triangles: these do not say which side
+is out, and nothing is left out."""
+
+
+def exposed(points_m: Array, normals: Array, meshes: Sequence[Mesh]) -> Flags:
+    """Which points of meshes could have been seen: a way leads from them to the sky, or to room before a surface.
+
+    points_m, normals: (n, 3), on the meshes, z up.
+    meshes: of each its vertices (k, 3) and triangles (m, 3).
+    """
+    everything = np.ones(len(points_m), bool)
+    if any(_twisted(faces) > _MOST_TWISTED for _, faces in meshes):
+        return everything
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    size, centre = float((high - low).max()), 0.5 * (low + high)
+    scene = o3d.t.geometry.RaycastingScene()
+    for vertices, faces in meshes:
+        corners = o3d.core.Tensor.from_numpy((vertices - centre).astype(np.float32))
+        scene.add_triangles(corners, o3d.core.Tensor.from_numpy(faces.astype(np.uint32)))
+    seen = _seen(scene, points_m - centre, normals, size)
+    return seen if seen.mean() > 1.0 - _MOST_BURIED else everything
+
+
+def _twisted(faces: Indices) -> float:
+    """Share of the edges that two triangles go along in one direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return 1.0 - len(np.unique(edges[:, 0] * (faces.max() + 1) + edges[:, 1])) / len(edges)
+
+
+def _seen(scene: o3d.t.geometry.RaycastingScene, points: Array, normals: Array, size: float) -> Flags:
+    seen = np.zeros(len(points), bool)
+    left = np.arange(len(points))
+    for way in _ways():
+        rows = left[normals[left] @ way > _GRAZING]
+        start = points[rows] + _LIFT * size * normals[rows]
+        rays = np.concatenate([start, np.broadcast_to(way, start.shape)], axis=1).astype(np.float32)
+        hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+        away = hit["t_hit"].numpy()
+        front = hit["primitive_normals"].numpy() @ way < 0.0
+        free = np.isfinite(away) & (away > _ROOM * size) & front
+        seen[rows[free | (np.isinf(away) & (way[2] > _LOWEST))]] = True
+        left = left[~seen[left]]
+    return seen
+
+
+def _ways() -> Array:
+    """Unit vectors (n, 3) all around, from the zenith down."""
+    number = np.arange(_DIRECTIONS)
+    rise = 1.0 - 2.0 * number / (_DIRECTIONS - 1)
+    turn = number * np.pi * (3.0 - np.sqrt(5.0))
+    return np.column_stack([*(np.sqrt(1.0 - rise**2) * (np.cos(turn), np.sin(turn))), rise])

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import refusals
 from toppling.models.scan.read import Cloud
 
@@ -47,9 +48,7 @@ def check_overlap(cloud: Cloud) -> None:
         _check(names, samples, cloud.origin_m, _LEAST_IN_FILE)
 
 
-def _check(
-    names: list[str], samples: list[NDArray[np.float64]], origin_m: NDArray[np.float64], least: float
-) -> None:
+def _check(names: list[str], samples: list[Array], origin_m: Array, least: float) -> None:
     """Refuse the one of several clouds that overlaps the others least, if by less than such a share."""
     against = [_Against.of(samples, number) for number in range(len(samples))]
     _refuse_other_units(against, names, origin_m)
@@ -65,7 +64,7 @@ def _check(
     raise _no_overlap(f"does not overlap the other clouds{also}{units}", names[alone[0]])
 
 
-def _stations(cloud: Cloud) -> tuple[list[str], list[NDArray[np.float64]]]:
+def _stations(cloud: Cloud) -> tuple[list[str], list[Array]]:
     """Names of the stations, and some points of each."""
     names, samples, start = [], [], 0
     for name, count in cloud.files:
@@ -90,14 +89,14 @@ def _some(rows: NDArray, count: int) -> NDArray:
 class _Against:
     """One file's points against those of all others."""
 
-    points_m: NDArray[np.float64]
-    others_m: NDArray[np.float64]
+    points_m: Array
+    others_m: Array
     others_size_m: float
     ratio: float
     rise: float
 
     @classmethod
-    def of(cls, samples: list[NDArray[np.float64]], number: int) -> "_Against":
+    def of(cls, samples: list[Array], number: int) -> "_Against":
         """Compare sizes, in space and in height, with those that are typical of the others."""
         others = [sample for other, sample in enumerate(samples) if other != number]
         size = float(np.median([_size(other) for other in others]))
@@ -111,7 +110,7 @@ class _Against:
         reach = _OVERLAP_SHARE * self.others_size_m
         return max(_near(self.points_m, self.others_m, reach), _near(self.others_m, self.points_m, reach))
 
-    def fit_gained(self, unit: float, origin_m: NDArray[np.float64]) -> float:
+    def fit_gained(self, unit: float, origin_m: Array) -> float:
         """How much better file and others fit each other after conversion, 0 where the sizes tell against it.
 
         The smaller of the two shares counts: through any cloud of sloping ground some points of a smaller one lie on
@@ -128,7 +127,7 @@ class _Against:
         return after - as_is
 
 
-def _refuse_other_units(against: list[_Against], names: list[str], origin_m: NDArray[np.float64]) -> None:
+def _refuse_other_units(against: list[_Against], names: list[str], origin_m: Array) -> None:
     """Blame the file whose conversion brings it and the others together best."""
     gains = [
         (each.fit_gained(unit, origin_m), unit < 1.0, unit, number)
@@ -146,11 +145,11 @@ def _refuse_other_units(against: list[_Against], names: list[str], origin_m: NDA
         raise _no_overlap(f"is in other units than the other clouds: {explanation}", names[number])
 
 
-def _size(points: NDArray[np.float64]) -> float:
+def _size(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)))
 
 
-def _near(points: NDArray[np.float64], others: NDArray[np.float64], reach_m: float) -> float:
+def _near(points: Array, others: Array, reach_m: float) -> float:
     """Share of the points that have one of the others within reach."""
     distance, _ = cKDTree(others).query(points, distance_upper_bound=reach_m)
     return float(np.isfinite(distance).mean())

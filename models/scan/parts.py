@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.ply import read_vertices
@@ -59,10 +60,7 @@ class Part:
 
 def parts_of(rock: str | None, pedestal: str | None) -> tuple[Part | None, Part | None]:
     """What the user says of the two."""
-    return (
-        Part.of(rock, "--rock") if rock else None,
-        Part.of(pedestal, "--pedestal") if pedestal else None,
-    )
+    return (Part.of(rock, "--rock") if rock else None, Part.of(pedestal, "--pedestal") if pedestal else None)
 
 
 def files_with(files: Sequence[Path], parts: tuple[Part | None, Part | None]) -> list[Path]:
@@ -107,7 +105,7 @@ def labelled(cloud: Cloud, files: Sequence[Path], parts: tuple[Part | None, Part
     return dataclasses.replace(cloud, label=label, station=np.zeros_like(cloud.station))
 
 
-def _has_values(path: Path, part: Part, points: int) -> NDArray[np.bool_]:
+def _has_values(path: Path, part: Part, points: int) -> Flags:
     """Which points of a file have one of the values."""
     found = None if is_mesh(path) else _scalar(path, part)
     if found is None or len(found) != points:
@@ -132,7 +130,7 @@ def _has_values(path: Path, part: Part, points: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
+def _scalar(path: Path, part: Part) -> Array | None:
     """Values of the scalar at the points that are read; None if the file has none of the name."""
     if path.suffix.lower() in (".las", ".laz"):
         if part.field not in ("", "classification", "class"):
@@ -149,7 +147,7 @@ def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
     return vertices[name][finite].astype(float)
 
 
-def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segmentation:
+def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
     """Patches around a rock that was separated before.
 
     Raises InputError if it has no height, or lies apart from its pedestal.
@@ -170,7 +168,7 @@ def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segme
     return Segmentation(label, surfels, surfel_label, share, [])
 
 
-def _check_together(patches_m: NDArray[np.float64], label: NDArray[np.int8], height_m: float) -> None:
+def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) -> None:
     """Refuse a rock that touches nothing: what follows would look for a crevice between the two."""
     rock, pedestal = patches_m[label == ROCK], patches_m[label == PEDESTAL]
     apart_m = float(cKDTree(pedestal).query(rock)[0].min()) if len(pedestal) and len(rock) else np.inf

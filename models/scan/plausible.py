@@ -1,15 +1,120 @@
-"""What no cloud of a rock has: too few points, degrees, coordinates in single precision or about the Earth's centre."""
+"""What no cloud of a rock has: few points, degrees, the frame of the Earth, coordinates in coarse steps."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.models.arrays import bounds_of
+from toppling.models.arrays import Array, Indices, bounds_of, distinct
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
-from toppling.models.scan.steps import single_precision_step
+
+_TOLD_PER_HEIGHT = 1e-3
+"""Steps above this share of the rock's height are told with their effect."""
+_COARSEST_PER_HEIGHT = 1e-2
+"""Above this one they are as wide as the patches that rock and pedestal are made of, and the crevice is lost."""
+_SAMPLE = 200_000
+_MULTIPLES = 0.9
+"""Share of the distances between neighbouring values that must be multiples of a step."""
+_DRAWN = 1.5
+"""Steps along a mesh's median edge below which it was drawn in them: rounded so, many triangles would have no area."""
+_ALONE, _TAKEN = 0.99, 0.5
+"""Shares of a grid of heights: of its points that have a node to themselves, and of its nodes that have a point."""
+
+
+def coordinate_steps(points: Array) -> Array:
+    """Step (3,) in which each coordinate of points (n, 3) comes, 0 where none shows.
+
+    Examples
+    --------
+    >>> coordinate_steps(np.random.default_rng(1).uniform(0.0, 5.0, (3000, 3)).round(2)).round(6)
+    array([0.01, 0.01, 0.01])
+    """
+    finite = points if np.isfinite(points.sum()) else points[np.isfinite(points).all(axis=1)]
+    sample = finite[:: max(1, len(finite) // _SAMPLE)]
+    if len(sample) < 3:
+        return np.zeros(3)
+    steps = np.array([_step(sample[:, axis]) for axis in range(3)])
+    steps[_grid_axes(finite, steps)] = 0.0
+    return np.maximum(steps, _single_precision(sample))
+
+
+def _grid_axes(points: Array, steps: Array) -> list[int]:
+    """Axes along which points (n, 3) are the nodes of a grid of heights: laid out so, not rounded to it.
+
+    Rounding puts several points of a wall, and of any surface that is finer than the step, at one node.
+    """
+    axes = np.flatnonzero(steps > 0.0)
+    if len(axes) != 2:
+        return []
+    nodes = np.rint((points[:, axes] - points[:, axes].min(axis=0)) / steps[axes])
+    taken = len(distinct(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
+    alone = taken >= _ALONE * len(points)
+    return axes.tolist() if alone and taken >= _TAKEN * np.prod(nodes.max(axis=0) + 1.0) else []
+
+
+def steps_of_mesh(vertices: Array, faces: Indices) -> Array:
+    """The same (3,) for the vertices (n, 3) of triangles (m, 3): a mesh whose edges are a step wide was drawn so."""
+    steps = coordinate_steps(vertices)
+    edges = np.abs(vertices[faces] - vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3)
+    for axis in np.flatnonzero(steps):
+        along = edges[edges[:, axis] > 0.0, axis]
+        if len(along) and np.median(along) < _DRAWN * steps[axis]:
+            steps[axis] = 0.0
+    return np.maximum(steps, _single_precision(vertices[:: max(1, len(vertices) // _SAMPLE)]))
+
+
+def _single_precision_step(points: Array) -> float:
+    """Widest step between neighbouring single-precision numbers at the coordinates, 0 if they are not such numbers."""
+    return float(_single_precision(points[:: max(1, len(points) // 10_000)]).max(initial=0.0))
+
+
+def _single_precision(sample: Array) -> Array:
+    single = sample.astype(np.float32)
+    steps = np.spacing(np.abs(single).max(axis=0)).astype(float)
+    return np.where((single == sample).all(axis=0), steps, 0.0)
+
+
+def _step(values: Array) -> float:
+    """Step of one coordinate: the widest of some candidates that most distances are multiples of."""
+    apart = np.diff(distinct(values))
+    apart = apart[apart > 1e-12 * np.abs(values).max()]
+    if len(apart) < 3:
+        return 0.0
+    for step in np.quantile(apart, [0.5, 0.1, 0.01, 0.0], method="lower"):
+        counts = apart / step
+        # Beyond a hundred steps a distance is near a multiple of anything.
+        near = counts < 100.0
+        if near.mean() > _MULTIPLES and (np.abs(counts - counts.round()) < 0.02)[near].mean() > _MULTIPLES:
+            return float(step)
+    return 0.0
+
+
+def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str:
+    """What steps of coordinates mean for a rock; empty where they are fine.
+
+    step_m, height_m: widest step of the clouds, height of the rock. where: the file that has it.
+    Raises InputError if they are so wide that the crevice is lost.
+    """
+    if step_m > _COARSEST_PER_HEIGHT * height_m:
+        raise InputError(
+            f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
+            where=where,
+            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
+            f"{_TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
+            remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "
+            "taken away",
+        )
+    if step_m <= _TOLD_PER_HEIGHT * height_m:
+        return ""
+    # A rock topples at g r / z: the arm r is half a step off, and its centre of mass about half the height z up.
+    return (
+        f"coordinates come in steps of {step_m:.2g} m, 1/{height_m / step_m:.0f} of the rock's height: of the gap and "
+        f"the bumps below the rock nothing finer was stored, heights and the edges that it turns on are uncertain by "
+        f"up to {0.5 * step_m:.2g} m, and with them the least toppling acceleration by {step_m / height_m:.1g} g; "
+        "export with more decimals or in double precision if the survey has them"
+    )
+
 
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
@@ -26,9 +131,7 @@ _NO_HEIGHT_M = 9_000.0
 """No height of a survey is larger: z is none."""
 
 
-def check_points(
-    points: NDArray[np.float64], path: Path, left_out: Mapping[str, int], scale: tuple[float, float]
-) -> None:
+def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: tuple[float, float]) -> None:
     """Refuse points, in the file's unit, that are no cloud of a rock.
 
     left_out: how many others the file holds, by what they are.
@@ -57,7 +160,7 @@ def check_points(
     level = np.sort(np.maximum(-low, high)[:2])  # latitude is the smaller one, or comes first
     if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
-    step = single_precision_step(points) * scale[0]
+    step = _single_precision_step(points) * scale[0]
     if step > _COARSEST_STEP_M:
         if not (points % 1.0).any():
             raise InputError(
@@ -79,7 +182,7 @@ def _of_most(left_out: Mapping[str, int]) -> str:
     return max(left_out, key=lambda what: left_out[what])
 
 
-def check_returns(points: NDArray[np.float64], path: Path) -> None:
+def check_returns(points: Array, path: Path) -> None:
     """Refuse beams without a return that are written as points at the origin, far from where anything was seen.
 
     Raises InputError if there are such points.
@@ -100,19 +203,19 @@ def check_returns(points: NDArray[np.float64], path: Path) -> None:
         )
 
 
-def is_geocentric(points_m: NDArray[np.float64]) -> bool:
+def is_geocentric(points_m: Array) -> bool:
     """Whether points (n, 3), metres, lie on the Earth about its centre: z points to the pole, and is no height."""
     place = _middle(points_m)
     from_ellipsoid_m = (np.linalg.norm(place / _EARTH_AXES_M) - 1.0) * _EARTH_AXES_M[0]
     return bool(abs(place[2]) > _NO_HEIGHT_M and abs(from_ellipsoid_m) < _FROM_ELLIPSOID_M)
 
 
-def _middle(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _middle(points_m: Array) -> Array:
     """Median place of some of the points: all of twenty million would take a second."""
     return np.nanmedian(points_m[:: max(1, len(points_m) // 10_000)], axis=0)
 
 
-def check_axes(points_m: NDArray[np.float64], path: Path) -> None:
+def check_axes(points_m: Array, path: Path) -> None:
     """Refuse points (n, 3), metres, about the Earth's centre: raises InputError with the way upward."""
     if not is_geocentric(points_m):
         return

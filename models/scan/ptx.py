@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -10,8 +10,37 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import refusals
-from toppling.models.scan.scans import NOWHERE, Pose, in_survey
+from toppling.models.scan.plausible import coordinate_steps
+
+NOWHERE = "lie at 0, 0, 0 of their scanner, where no beam came back,"
+"""What points that are left out are."""
+
+Pose = tuple[Array | None, Array | None]
+"""What turns (3, 3) and shifts (3,) points, as rows, from the scanner's frame; None where nothing does."""
+
+
+def in_survey(scans: Iterable[tuple[Array, Pose]]) -> tuple[Array, NDArray[np.int32], Array, int]:
+    """Points of scans in the survey's frame.
+
+    scans: points (n, 3) of each in its own frame, 0, 0, 0 where no beam came back, and its pose.
+    Returns points (n, 3), the scan (n,) of each, the widest step (3,) in which they come in their own frames, and how
+    many were left out as no beam came back.
+    """
+    placed, steps, nowhere = [np.empty((0, 3))], [np.zeros(3)], 0
+    for points, (turn, shift) in scans:
+        returned = points.any(axis=1)
+        nowhere += int((~returned).sum())
+        points = points if returned.all() else points[returned]
+        steps.append(coordinate_steps(points))
+        # Points that are not finite are left out later.
+        with np.errstate(invalid="ignore", over="ignore"):
+            points = points if turn is None else points @ turn
+            placed.append(points if shift is None else points + shift)
+    number = np.repeat(np.arange(len(steps) - 1, dtype=np.int32), [len(each) for each in placed[1:]])
+    return np.concatenate(placed), number, np.max(steps, axis=0), nowhere
+
 
 _LEAST_BYTES = 7
 """Of a point's line: 0 0 0 0."""
@@ -24,9 +53,7 @@ _damaged = refusals(
 )
 
 
-def read_ptx(
-    path: Path,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], dict[str, int]]:
+def read_ptx(path: Path) -> tuple[Array, NDArray[np.int32], Array, dict[str, int]]:
     """Read every scan in the coordinates of the survey.
 
     Returns
@@ -42,7 +69,7 @@ def read_ptx(
     return points, station, step, {NOWHERE: nowhere}
 
 
-def _scans(path: Path) -> Iterator[tuple[NDArray[np.float64], Pose]]:
+def _scans(path: Path) -> Iterator[tuple[Array, Pose]]:
     """Points (n, 3) of each scan in its own frame, and its pose."""
     with path.open(encoding="latin-1") as file:
         while first := next((line for line in file if line.strip()), ""):
@@ -78,7 +105,7 @@ def _numbers(line: str, count: int) -> list[float]:
     return numbers
 
 
-def _points(file: TextIO, count: int, path: Path) -> NDArray[np.float64]:
+def _points(file: TextIO, count: int, path: Path) -> Array:
     """So many points (n, 3) in the scan's own frame."""
     if not count:
         return np.empty((0, 3))

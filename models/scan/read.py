@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import bounds_of
+from toppling.models.arrays import Array, Indices, bounds_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import MESH_FORMATS, remarks_of
 from toppling.models.files.ply import read_header, read_vertices
 from toppling.models.lengths import METRES, NAMES, unit_of_remarks
-from toppling.models.scan.buried import exposed
 from toppling.models.scan.meshes import (
     UPWARD_Y,
+    Mesh,
     check_frame,
+    exposed,
     facing_up,
     is_mesh,
     mesh_as_in_file,
@@ -26,19 +27,20 @@ from toppling.models.scan.meshes import (
     points_on,
 )
 from toppling.models.scan.placement import Placement
-from toppling.models.scan.plausible import check_axes, check_points, check_returns
+from toppling.models.scan.plausible import (
+    check_axes,
+    check_points,
+    check_returns,
+    coordinate_steps,
+    steps_of_mesh,
+)
 from toppling.models.scan.ptx import read_ptx
 from toppling.models.scan.reference import Reference, names_a_system
-from toppling.models.scan.steps import coordinate_steps, steps_of_mesh
 from toppling.models.scan.text import read_text
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".ptx", ".las", ".laz", ".e57")
-_GUARDED = {
-    ".las": ("las", ["laspy"]),
-    ".laz": ("las", ["laspy"]),
-    ".e57": ("e57", ["pye57"]),
-    ".pcd": ("pcd", ["open3d"]),
-}
+_LAS = ("las", ["laspy"])
+_GUARDED = {".las": _LAS, ".laz": _LAS, ".e57": ("e57", ["pye57"]), ".pcd": ("pcd", ["open3d"])}
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
 
 
@@ -70,10 +72,8 @@ class Source:
 
     def with_less(self, copies: int) -> "Source":
         """The same without points that are copies of others, which are told."""
-        if not copies:
-            return self
-        told = f"{copies} points are copies of others and were left out"
-        note = f"{self.note}; {told}" if self.note else told
+        told = [self.note, f"{copies} points are copies of others and were left out" if copies else ""]
+        note = "; ".join(filter(None, told))
         return replace(self, points=self.points - copies, left_out=self.left_out + copies, note=note)
 
     def to_json(self) -> dict[str, Any]:
@@ -94,19 +94,19 @@ class Source:
 class Cloud:
     """Points of one or more files in a local frame."""
 
-    points_m: NDArray[np.float64]  # (n, 3): points less `origin_m`: x east, y north, z up
+    points_m: Array  # (n, 3): points less `origin_m`: x east, y north, z up
     # (3,): survey coordinates of the local origin; whole metres, so that nothing is lost by the subtraction.
-    origin_m: NDArray[np.float64]
+    origin_m: Array
     # (n,): which tripod station saw the point (file by file, and within a file as the file says).
     station: NDArray[np.int32]
     files: tuple[tuple[str, int], ...]  # names and numbers of points, in the order of the points
     sources: tuple[Source, ...] = ()  # what each of the files said; empty if the points come from none
     # (n,): 0 rock, 1 pedestal, 2 neither, where they were separated before.
     label: NDArray[np.int8] | None = None
-    meshes: tuple["Mesh | None", ...] = ()  # of each file that is one, survey coordinates
+    meshes: tuple[Mesh | None, ...] = ()  # of each file that is one, survey coordinates
 
     @cached_property
-    def bounds_m(self) -> NDArray[np.float64]:
+    def bounds_m(self) -> Array:
         """Lowest and highest survey coordinates, (2, 3)."""
         return bounds_of(self.points_m) + self.origin_m
 
@@ -120,9 +120,9 @@ class Cloud:
 class _Read:
     """Points (n, 3) of a file in its unit, the station of each, and what the file says of them."""
 
-    points: NDArray[np.float64]
+    points: Array
     station: NDArray[np.int32]
-    step: NDArray[np.float64]
+    step: Array
     unit: str | None = None
     reference: Reference | None = None
     mesh: "_Mesh | None" = None
@@ -131,10 +131,8 @@ class _Read:
     left_out: Mapping[str, int] = field(default_factory=dict)
 
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
-"""Vertices (k, 3) and triangles (m, 3)."""
-_Mesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
-"""The same, and the triangle (n,) of each point."""
+_Mesh = tuple[Array, Indices, Indices]
+"""Vertices (k, 3), triangles (m, 3), and the triangle (n,) of each point."""
 
 
 def read_clouds(
@@ -163,7 +161,7 @@ def read_clouds(
         or a mesh shows that it is not in metres or that z is not up.
     """
     said = _Said(unit, placement or Placement(), system)
-    survey: list[NDArray[np.float64]] = []
+    survey: list[Array] = []
     stations: list[NDArray[np.int32]] = []
     sources: list[Source] = []
     meshes: dict[int, _Mesh] = {}
@@ -191,7 +189,7 @@ def read_clouds(
     return Cloud(points, origin, station, files, tuple(sources), meshes=kept)
 
 
-def _joined(survey: list[NDArray[np.float64]], origin_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joined(survey: list[Array], origin_m: Array) -> Array:
     """All points less the origin; the parts go one by one, as twenty million points are half a gigabyte."""
     if len(survey) == 1:
         survey[0] -= origin_m
@@ -206,10 +204,7 @@ def _joined(survey: list[NDArray[np.float64]], origin_m: NDArray[np.float64]) ->
 
 
 def _leave_out_buried(
-    meshes: dict[int, _Mesh],
-    survey: list[NDArray[np.float64]],
-    stations: list[NDArray[np.int32]],
-    sources: list[Source],
+    meshes: dict[int, _Mesh], survey: list[Array], stations: list[NDArray[np.int32]], sources: list[Source]
 ) -> None:
     """Take points of meshes away that nobody can have seen, such as those of the ground below the rock."""
     if not meshes:
@@ -247,7 +242,7 @@ class _Said:
         return self.unit is not None or self.placement.says_scale or self.system is not None
 
 
-def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
+def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[Array, NDArray[np.int32], Source]:
     """Finite points in metres, z up, and what became of the others."""
     points, station, counted = read.points, read.station, {**read.left_out}
     if not np.isfinite(points.sum()):
@@ -377,7 +372,7 @@ def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[s
         return None, None
 
 
-def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+def _read_ply(path: Path) -> tuple[Array, NDArray]:
     read = {name.lower(): values for name, values in read_vertices(path).items()}
     if not {"x", "y", "z"} <= read.keys():
         raise _unreadable(f"its vertices have {', '.join(read) or 'nothing'}, and not x, y and z", path)

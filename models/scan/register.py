@@ -12,13 +12,81 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from toppling.models.arrays import inside_box
+from toppling.models.arrays import Array, Flags, inside_box
 from toppling.models.errors import InputError
 from toppling.models.frames import shifted_and_turned
-from toppling.models.scan.copies import copies, without
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
+
+_TOLERATED = 0.4
+"""Share of copies below which they stay: coordinates in steps as wide as the points' spacing make a fifth of the points
+copies, and patches of a surface are judged by how many points they have."""
+_SAMPLED, _ENOUGH = np.uint64(32), 20_000
+"""Of so many keys one tells the share of copies, where there are enough: sorting all takes seconds."""
+_AT_ONCE = 1_000_000
+_MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+"""Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""
+
+
+def copies(points_m: Array) -> Flags | None:
+    """Which points (n, 3) equal an earlier one in every bit; None if so few do that they stay.
+
+    Examples
+    --------
+    >>> copies(np.array([[0.0, 1.0, 2.0], [2.0, 1.0, 0.0], [0.0, 1.0, 2.0], [0.0, 1.0, 2.0]])).tolist()
+    [False, False, True, True]
+    """
+    keys = _keys(points_m)
+    some = keys[keys % _SAMPLED == 0]  # copies of one point have one key: all or none of them
+    if len(some) > _ENOUGH and _share(some) < 0.5 * _TOLERATED:
+        return None
+    if _share(keys) < _TOLERATED:
+        return None
+    order = np.argsort(keys, kind="stable")
+    again = np.zeros(len(points_m), bool)
+    again[order[1:]] = keys[order[1:]] == keys[order[:-1]]
+    return again
+
+
+def _share(keys: NDArray[np.uint64]) -> float:
+    """Share of the keys that equal another one before them."""
+    in_order = np.sort(keys)
+    return float((in_order[1:] == in_order[:-1]).sum() / max(len(keys), 1))
+
+
+def _keys(points_m: Array) -> NDArray[np.uint64]:
+    """A number of 64 bits for each point: sorting one is far quicker than sorting rows of three."""
+    keys = np.empty(len(points_m), np.uint64)
+    for start in range(0, len(points_m), _AT_ONCE):
+        bits = np.ascontiguousarray(points_m[start : start + _AT_ONCE]).view(np.uint64)
+        key = np.zeros(len(bits), np.uint64)
+        for axis, factor in enumerate(_MIXERS):
+            key += bits[:, axis]
+            key *= np.uint64(factor)
+            key ^= key >> np.uint64(31)
+        keys[start : start + _AT_ONCE] = key
+    return keys
+
+
+def without(cloud: Cloud, again: Flags | None) -> Cloud:
+    """The cloud without these points, told for each file."""
+    if again is None:
+        return cloud
+    ends = np.cumsum([points for _, points in cloud.files])
+    left_out = [int(part.sum()) for part in np.split(again, ends[:-1])]
+    kept = ~again
+    return dataclasses.replace(
+        cloud,
+        points_m=cloud.points_m[kept],
+        station=cloud.station[kept],
+        files=tuple(
+            (name, points - less) for (name, points), less in zip(cloud.files, left_out, strict=True)
+        ),
+        sources=tuple(source.with_less(less) for source, less in zip(cloud.sources, left_out, strict=False)),
+        label=None if cloud.label is None else cloud.label[kept],
+    )
+
 
 _VOXELS_PER_EXTENT = 250
 _POINTS_PER_STATION = 500_000
@@ -48,8 +116,8 @@ _WEAK = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Thinned:
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
+    points: Array
+    normals: Array
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -62,7 +130,7 @@ class Registered:
 
     cloud: Cloud
     report: dict[str, Any]  # how the stations fit
-    bounds_m: NDArray[np.float64]  # (2, 3): lowest and highest survey coordinates of the clouds as read
+    bounds_m: Array  # (2, 3): lowest and highest survey coordinates of the clouds as read
 
 
 def registered(cloud: Cloud) -> Registered:
@@ -187,7 +255,7 @@ def _check_two(
     )
 
 
-def _thinned(points: NDArray[np.float64], voxel_m: float) -> _Thinned:
+def _thinned(points: Array, voxel_m: float) -> _Thinned:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(voxel_m)
     if len(cloud.points) < _LEAST_PAIRS:
         return _Thinned(np.empty((0, 3)), np.empty((0, 3)))
@@ -198,8 +266,8 @@ def _thinned(points: NDArray[np.float64], voxel_m: float) -> _Thinned:
 
 
 def _pairs(
-    stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float
-) -> list[tuple[int, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    stations: list[_Thinned], pose: list[Array], reach_m: float
+) -> list[tuple[int, int, Array, Array, Array]]:
     """Points of one station, normals of another and the distances between them, for all pairs of stations."""
     placed = _placed(stations, pose)
     found = []
@@ -221,16 +289,14 @@ def _pairs(
     return found
 
 
-def _placed(stations: list[_Thinned], pose: list[NDArray[np.float64]]) -> list[_Thinned]:
+def _placed(stations: list[_Thinned], pose: list[Array]) -> list[_Thinned]:
     return [
         _Thinned(each.points @ p[:3, :3].T + p[:3, 3], each.normals @ p[:3, :3].T)
         for each, p in zip(stations, pose, strict=True)
     ]
 
 
-def _fits(
-    stations: list[_Thinned], pose: list[NDArray[np.float64]], voxel_m: float
-) -> list[dict[str, float | None]]:
+def _fits(stations: list[_Thinned], pose: list[Array], voxel_m: float) -> list[dict[str, float | None]]:
     """How well each station fits all others together."""
     placed = _placed(stations, pose)
     found: list[dict[str, float | None]] = []
@@ -270,18 +336,12 @@ def _own_residual_m(station: _Thinned) -> float:
     return 1.4826 * float(np.median(np.abs(gap)))
 
 
-def _residual(stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float) -> float | None:
+def _residual(stations: list[_Thinned], pose: list[Array], reach_m: float) -> float | None:
     gaps = [np.abs(pair[4]) for pair in _pairs(stations, pose, reach_m)]
     return 1.4826 * float(np.median(np.concatenate(gaps))) if gaps else None
 
 
-def _step(
-    stations: list[_Thinned],
-    pose: list[NDArray[np.float64]],
-    reach_m: float,
-    centre: NDArray[np.float64],
-    size: float,
-) -> NDArray[np.float64]:
+def _step(stations: list[_Thinned], pose: list[Array], reach_m: float, centre: Array, size: float) -> Array:
     """Small motions (stations, 6) that close the gaps: turns (times size) and shifts, least squares of least norm."""
     count = 6 * len(stations)
     normal_matrix, right = np.zeros((count, count)), np.zeros(count)
@@ -296,7 +356,7 @@ def _step(
     return (np.linalg.pinv(normal_matrix, rcond=_WEAK, hermitian=True) @ right).reshape(-1, 6)
 
 
-def _moved(motion: NDArray[np.float64], centre: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+def _moved(motion: Array, centre: Array, size: float) -> Array:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec(motion[:3] / size).as_matrix()
     matrix[:3, 3] = centre - matrix[:3, :3] @ centre + motion[3:]

@@ -8,7 +8,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import bounds_of, numbered
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, numbered
 
 _NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
@@ -32,14 +32,14 @@ _PLANT_ROUGHNESS, _OF_A_PLANT = 0.3, 9
 class Surfels:
     """One patch per occupied voxel."""
 
-    points_m: NDArray[np.float64]  # (n, 3): mean of the voxel's points
-    normals: NDArray[np.float64]  # (n, 3): unit normals, toward the air
+    points_m: Array  # (n, 3): mean of the voxel's points
+    normals: Array  # (n, 3): unit normals, toward the air
     # (n,): thickness of the neighbourhood over its width: near 0 on a surface, near 1 in a bush.
-    roughness: NDArray[np.float64]
+    roughness: Array
     voxel_m: float
 
 
-def in_plants(points_m: NDArray[np.float64], roughness: NDArray[np.float64]) -> NDArray[np.bool_]:
+def in_plants(points_m: Array, roughness: Array) -> Flags:
     """Which thinned points (n,) lie among such as are thick: a rock falls through what is there.
 
     So do those on both sides of a narrow crevice.
@@ -48,7 +48,7 @@ def in_plants(points_m: NDArray[np.float64], roughness: NDArray[np.float64]) -> 
     return np.asarray(np.median(roughness[near].reshape(len(points_m), -1), axis=1) > _PLANT_ROUGHNESS)
 
 
-def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def thin(points_m: Array, voxel_m: float) -> tuple[Array, Indices]:
     """One mean point per voxel of a surface, and the index of each point's voxel, -1 for strays.
 
     A voxel with far fewer points than its neighbours holds strays: mixed pixels hang between surfaces,
@@ -63,7 +63,7 @@ def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.floa
     return mean[solid], renumbered[index]
 
 
-def voxels(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+def voxels(points_m: Array, voxel_m: float) -> Indices:
     """A number (n,) of each point's voxel, the same for all in it, from 0 on."""
     low, high = bounds_of(points_m)
     size = np.floor((high - low) / voxel_m).astype(np.int64) + 1
@@ -74,7 +74,7 @@ def voxels(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
     return key
 
 
-def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:
+def orient(points_m: Array, voxel_m: float) -> Surfels:
     """Local planes of thinned points, their normals turned toward the side from which more sky is seen."""
     normals, thickness = _local_planes(points_m)
     rays = _Rays.over(points_m, normals, voxel_m)
@@ -89,12 +89,12 @@ def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:
     return Surfels(points_m, normals, thickness, voxel_m)
 
 
-def roughness(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def roughness(points_m: Array) -> Array:
     """Thickness over width of the neighbourhood of each of some thinned points."""
     return _local_planes(points_m)[1]
 
 
-def _local_planes(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _local_planes(points_m: Array) -> tuple[Array, Array]:
     """Normals, either way, of planes through the neighbourhoods, and how thick these are over their width."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
     cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
@@ -107,12 +107,12 @@ def _local_planes(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
 class _Rays:
     """Rays from a little beside patches."""
 
-    points_m: NDArray[np.float64]
+    points_m: Array
     voxel_m: float
     scene: o3d.t.geometry.RaycastingScene
 
     @classmethod
-    def over(cls, points_m: NDArray[np.float64], normals: NDArray[np.float64], voxel_m: float) -> "_Rays":
+    def over(cls, points_m: Array, normals: Array, voxel_m: float) -> "_Rays":
         """Rays among patches as wide as a voxel."""
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         side = np.cross(normals, np.where(np.abs(normals[:, 2:]) < 0.7, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
@@ -129,7 +129,7 @@ class _Rays:
         return cls(points_m, voxel_m, scene)
 
     def _from(
-        self, patches: NDArray[np.int64], out: NDArray[np.float64], lowest: float
+        self, patches: Indices, out: Array, lowest: float
     ) -> Iterator[tuple[NDArray[np.float32], o3d.core.Tensor]]:
         """Directions (3,) whose upward part is at least so much, and rays (n, 6) from beside patches that way."""
         start = (self.points_m[patches] + 1.5 * self.voxel_m * out).astype(np.float32)
@@ -139,7 +139,7 @@ class _Rays:
         for way in np.column_stack([level * np.cos(turn), level * np.sin(turn), z]).astype(np.float32):
             yield way, o3d.core.Tensor.from_numpy(np.hstack([start, np.broadcast_to(way, start.shape)]))
 
-    def escaping(self, out: NDArray[np.float64]) -> NDArray[np.float64]:
+    def escaping(self, out: Array) -> Array:
         """How many rays (n,) to the sky that start on one side of each patch meet no other.
 
         Rays far below the horizon would pass under the ground, which the scan shows from above only.
@@ -149,9 +149,7 @@ class _Rays:
             free += ~self.scene.test_occlusions(rays, nthreads=1).numpy()
         return free
 
-    def of_air(
-        self, patches: NDArray[np.int64], normals: NDArray[np.float64], side: float
-    ) -> NDArray[np.float64]:
+    def of_air(self, patches: Indices, normals: Array, side: float) -> Array:
         """How many rays (k,) from one side of some patches meet the sky or another's face, less those that meet backs.
 
         Through what nobody saw of a rock rays escape from within; what they meet of its other side is its back. In
@@ -168,16 +166,12 @@ class _Rays:
         return count
 
 
-def _turned(
-    points_m: NDArray[np.float64], normals: NDArray[np.float64], vote: NDArray[np.float64], voxel_m: float
-) -> NDArray[np.float64]:
+def _turned(points_m: Array, normals: Array, vote: Array, voxel_m: float) -> Array:
     """Normals turned round where votes, agreed with those of neighbours, are below 0."""
     return np.where(_agreed(points_m, normals, vote, voxel_m) < 0, -1.0, 1.0)[:, None] * normals
 
 
-def _agreed(
-    points_m: NDArray[np.float64], normals: NDArray[np.float64], vote: NDArray[np.float64], voxel_m: float
-) -> NDArray[np.float64]:
+def _agreed(points_m: Array, normals: Array, vote: Array, voxel_m: float) -> Array:
     """Votes averaged with those of neighbours on the same sheet: deep in a crevice no ray escapes."""
     distance, near = cKDTree(points_m).query(points_m, 10)
     same = np.einsum("ij,ikj->ik", normals, normals[near]) * (distance < 3 * voxel_m)

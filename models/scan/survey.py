@@ -10,53 +10,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import at_most, bounds_of, inside_box
+from toppling.models.arrays import Array, Flags, at_most, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
 from toppling.models.files.scene_document import LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
-from toppling.models.hidden_base.rim_seen import unseen_rim
 from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.lengths import size_note
-from toppling.models.rock import Rock, check_size
+from toppling.models.rock import check_size
 from toppling.models.scan.beside import beside, stands_beside
-from toppling.models.scan.blurred import plants_named, with_reason
-from toppling.models.scan.bridged import bridged
 from toppling.models.scan.carried_surface import carried_surface, level_surface
+from toppling.models.scan.choice import plants_named, with_reason
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.doubled import OF_LAYERS, doubled
-from toppling.models.scan.doubt import Doubt
-from toppling.models.scan.freedom import check_not_sunk, check_seen_enough, doubts
+from toppling.models.scan.freedom import checked_doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.half_samples import uncertainty
-from toppling.models.scan.hanging import (
-    beside_hanging,
-    check_above,
-    hanging,
-    hanging_doubt,
-    seat_of,
-    strays_at_edge,
-)
-from toppling.models.scan.hint_off import off_what_was_seen
+from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.interface import Interface, fit_interface
-from toppling.models.scan.interface_hint import InterfaceHint, check_near
+from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
 from toppling.models.scan.leaning import check_upright, upright_split
-from toppling.models.scan.measure import (
-    ObservedRock,
-    close_standing,
-    confidence,
-    outside_support_m,
-)
-from toppling.models.scan.overgrown import overgrown
+from toppling.models.scan.measure import ObservedRock, close_standing, confidence
 from toppling.models.scan.parts import as_labelled
-from toppling.models.scan.pointed_at import points_told, seen_about_points
+from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels
-from toppling.models.scan.steps import step_note
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 
@@ -151,7 +132,7 @@ def work_out(
         told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m), moved]
         progress("closing the rock")
         closed, core = close_standing(observed, interface)
-        doubted = _checked_doubts(observed, interface, closed, cloud, label)
+        doubted = checked_doubts(observed, interface, closed, cloud, label)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
     progress("meshing the pedestal")
@@ -175,7 +156,7 @@ def work_out(
     return worked_out, label, tuple(filter(None, told))
 
 
-def _split(cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint | None) -> Segmentation:
+def _split(cloud: Cloud, near: Array | None, hint: InterfaceHint | None) -> Segmentation:
     if cloud.label is None:
         return upright_split(cloud.points_m, cloud.origin_m, near, hint)
     parts = as_labelled(cloud.points_m, cloud.label)
@@ -184,11 +165,11 @@ def _split(cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint |
 
 
 def _split_at(
-    cloud: Cloud, near: NDArray[np.float64] | None, hint: InterfaceHint | None
+    cloud: Cloud, near: Array | None, hint: InterfaceHint | None
 ) -> tuple[Segmentation, InterfaceHint | None, str]:
     """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
     parts = _split(cloud, near, hint)
-    seen = None if hint is None else seen_about_points(hint, parts)
+    seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)
     if hint is None or seen is None:
         return parts, hint, ""
     return _split(cloud, near, seen), seen, points_told(hint, seen.interface)
@@ -207,26 +188,6 @@ def _check_sense(observed: ObservedRock, interface: Interface, inspection: Inspe
     """Refuse what the user knows of the base (scene frame) where what was seen contradicts it."""
     check_above(observed, interface)
     check_inspection(observed, interface, inspection)
-
-
-def _checked_doubts(
-    observed: ObservedRock, interface: Interface, closed: ClosedRock, cloud: Cloud, label: NDArray[np.int8]
-) -> list[Doubt]:
-    """Doubts in a closed rock, if it was seen enough and can stand."""
-    check_seen_enough(observed, interface, closed)
-    check_not_sunk(observed, interface)
-    _check_can_stand(closed.rock, interface)
-    rim = unseen_rim(observed, interface, closed.rock.com_m)
-    separated = cloud.label is not None
-    found = doubts(observed, interface, cloud.points_m, label, separated, closed.rock)
-    step_m = 0.0 if cloud.coarsest is None else cloud.coarsest.step_m
-    of_rock = at_most(np.flatnonzero(label == ROCK), OF_LAYERS)
-    twice = doubled(observed, cloud.points_m[of_rock], step_m)
-    off = off_what_was_seen(observed, interface, cloud.origin_m)
-    told = [off, hanging_doubt(observed, interface), overgrown(observed, interface), twice, rim]
-    if any(mesh is not None for mesh in cloud.meshes):
-        told.append(bridged(observed, interface))
-    return [*(each for each in told if each is not None), *found]
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:
@@ -280,7 +241,7 @@ def _segmentation_report(
     }
 
 
-def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:
+def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
     """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
     near = np.asarray(near_m, float) - cloud.origin_m[:2]
     low, high = (cloud.bounds_m - cloud.origin_m)[:, :2]
@@ -301,7 +262,7 @@ class _Judged:
 
     observed: ObservedRock
     label: NDArray[np.int8]  # (n,), of each point
-    pedestal: NDArray[np.bool_]  # (k,): which patches are the pedestal's
+    pedestal: Flags  # (k,): which patches are the pedestal's
     interface: Interface
     stands_alone: bool  # nothing that no map of heights shows is in reach of the tilting rock
 
@@ -345,8 +306,8 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
 
 
 def _beside(
-    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float
+) -> tuple[Array, Array]:
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
     over = interface.height_m(points_m)
     rock = np.flatnonzero((label == ROCK) & (over < _BESIDE_PER_HEIGHT * height_m))
@@ -359,21 +320,6 @@ def _beside(
         low, high = bounds_of(standing[:, :2])
         below = below[inside_box(below[:, :2], low - margin, high + margin)]
     return standing, at_most(below, _BESIDE_POINTS)
-
-
-def _check_can_stand(rock: Rock, interface: Interface) -> None:
-    """Refuse a rock that could not stand: the split must be wrong.
-
-    Raises InputError if the centre of mass lies outside everything within 2 % of the height of the interface.
-    """
-    outside = outside_support_m(rock, interface)
-    if outside > 0.0:
-        raise InputError(
-            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
-            where="statics",
-            expected="a rock that stands: its centre of mass above its base",
-            remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
-        )
 
 
 def save_survey(

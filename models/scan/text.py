@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.scan.header import named_columns
 from toppling.models.scan.plausible import is_geocentric
@@ -76,7 +77,7 @@ class Layout:
 class Text:
     """A text cloud: points (n, 3) in the file's unit, the remarks before the first of them, and what is to be told."""
 
-    points: NDArray[np.float64]
+    points: Array
     remarks: tuple[str, ...]
     note: str = ""
 
@@ -142,9 +143,7 @@ def _points_alone(lines: Iterable[str], skip: int, counts: list[int]) -> Iterato
             yield line
 
 
-def _loaded_again(
-    load: Callable[[Iterable[str]], NDArray], rows: Iterator[str], path: Path
-) -> NDArray[np.float64]:
+def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str], path: Path) -> Array:
     """Points of a text with numbers that Python does not know, of Fortran or Windows, or with lines of empty cells.
 
     Raises InputError: at the first line that cannot be read.
@@ -286,7 +285,7 @@ def _is_number(word: str) -> bool:
     return "_" not in word
 
 
-def _check_not_numbered(points: NDArray[np.float64], path: Path) -> None:
+def _check_not_numbered(points: Array, path: Path) -> None:
     """Refuse points that are numbered in front: number, x, y would be taken for x, y, z."""
     number = points[:, 0]
     if len(points) < _NUMBERED or (number % 1.0).any() or not (np.diff(number) > 0.0).all():
@@ -299,7 +298,7 @@ def _check_not_numbered(points: NDArray[np.float64], path: Path) -> None:
     )
 
 
-def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
+def _check_easting_first(points: Array, path: Path) -> None:
     """Refuse what looks like northing before easting: the scene would be mirrored."""
     if not np.isfinite(points).any(axis=0).all() or is_geocentric(points):
         return

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array, at_most
+from toppling.models.arrays import Array, Flags, Indices, at_most
 
 SHOWN_POINTS = 200_000
 """As many as the graphics of a laptop turn without a pause."""
@@ -31,11 +30,11 @@ _WITHIN_SPACINGS = 2.0
 class Shown:
     """Points of a cloud that a page shows."""
 
-    rows: NDArray[np.intp]  # (n,): which of the cloud's points
+    rows: Indices  # (n,): which of the cloud's points
     spacing_m: float  # between neighbours, where the cloud is not much sparser than elsewhere
 
 
-def thinned(points_m: Array, most: int = SHOWN_POINTS, among: NDArray[np.intp] | None = None) -> Shown:
+def thinned(points_m: Array, most: int = SHOWN_POINTS, among: Indices | None = None) -> Shown:
     """Choose one point per voxel, in voxels as small as a number of points allows.
 
     Parameters
@@ -67,13 +66,13 @@ def _spacing(points_m: Array) -> float:
     return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
 
 
-def _one_per_voxel(points_m: Array, voxel_m: float) -> NDArray[np.intp]:
+def _one_per_voxel(points_m: Array, voxel_m: float) -> Indices:
     cell = np.floor((points_m - points_m.min(axis=0)) / voxel_m).astype(np.int64)
     size = cell.max(axis=0) + 1
     return np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
 
 
-def around(points_m: Array, centre_m: Array, reach_m: float) -> NDArray[np.intp]:
+def around(points_m: Array, centre_m: Array, reach_m: float) -> Indices:
     """Rows of the points (n, 3) in a cube about a place."""
     found = [np.zeros(0, np.intp)]
     for start in range(0, len(points_m), _CHUNK):  # in pieces that the processor's cache holds
@@ -83,7 +82,7 @@ def around(points_m: Array, centre_m: Array, reach_m: float) -> NDArray[np.intp]
     return np.concatenate(found)
 
 
-def shade(points_m: Array, rock: NDArray[np.bool_] | None = None) -> Array:
+def shade(points_m: Array, rock: Flags | None = None) -> Array:
     """Brightness (n,) of points (n, 3), from `_DARKEST` to 1, by the slope of the surface that they lie on.
 
     Parameters

@@ -7,6 +7,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array, Indices
 from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -23,8 +24,8 @@ _MIXED_SHARE = 0.3
 class Body:
     """A mesh that the scanner sees, and its true label (0 rock, 1 pedestal, 2 neither)."""
 
-    vertices_m: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices_m: Array
+    faces: Indices
     label: int
 
 
@@ -32,8 +33,8 @@ class Body:
 class Station:
     """A tripod position and what was seen from it."""
 
-    position_m: NDArray[np.float64]  # (3,)
-    points_m: NDArray[np.float64]  # (n, 3)
+    position_m: Array  # (3,)
+    points_m: Array  # (n, 3)
     label: NDArray[np.int8]  # (n,): truth: 0 rock, 1 pedestal, 2 neither
 
 
@@ -59,8 +60,8 @@ class Truth:
 
 def _scan_from(
     bodies: Sequence[Body],
-    position_m: NDArray[np.float64],
-    target_m: NDArray[np.float64],
+    position_m: Array,
+    target_m: Array,
     radius_m: float,
     resolution_deg: float,
     range_noise_m: float,
@@ -98,9 +99,7 @@ def _scan_from(
     return Station(position_m, points, label[seen])
 
 
-def _cast(
-    bodies: Sequence[Body], position_m: NDArray[np.float64], rays: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+def _cast(bodies: Sequence[Body], position_m: Array, rays: Array) -> tuple[Array, NDArray[np.int8]]:
     """First ranges (infinite where nothing is hit) and the labels of what was hit."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     label_of = {}
@@ -159,14 +158,14 @@ def scan_around(
     return seen
 
 
-def _bush(truth: Truth, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+def _bush(truth: Truth, rng: np.random.Generator, count: int) -> Array:
     height = truth.rock.height_m
     foot = truth.rock.com_m + 1.1 * height * horizontal_unit_vector(200.0)
     foot[2] = truth.pedestal.point_m[2] + 0.12 * height
     return foot + rng.normal(0.0, 1.0, (count, 3)) * [0.1 * height, 0.1 * height, 0.06 * height]
 
 
-def cloud_of(stations: Sequence[Station], origin_m: NDArray[np.float64]) -> tuple[Cloud, NDArray[np.int8]]:
+def cloud_of(stations: Sequence[Station], origin_m: Array) -> tuple[Cloud, NDArray[np.int8]]:
     """One cloud of several stations, as if it had been read from files, and the truth's labels."""
     points = np.concatenate([station.points_m for station in stations])
     number = np.repeat(np.arange(len(stations), dtype=np.int32), [len(s.points_m) for s in stations])

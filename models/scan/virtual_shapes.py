@@ -4,16 +4,14 @@ Each rock's flat base lies on the interface plane, and the part of the pedestal'
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array, Indices
 from toppling.models.scan.crevice import grid_triangles
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+Mesh = tuple[Array, Indices]
 
 
-def lathe(
-    radius_m: NDArray[np.float64], height_m: NDArray[np.float64], centre_m: NDArray[np.float64], sides: int
-) -> Mesh:
+def lathe(radius_m: Array, height_m: Array, centre_m: Array, sides: int) -> Mesh:
     """Close a stack of horizontal rings: radius (k, sides), height (k,), centre (k, 2)."""
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -21,13 +21,11 @@ from toppling.models.hidden_base.standing import base_unseen, check_inspection
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Edge, Interface, Sheet
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import PEDESTAL, ROCK
-from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 

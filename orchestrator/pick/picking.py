@@ -22,7 +22,7 @@ from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import Survey
 from toppling.models.scan.view import picked
 from toppling.models.scan.worked_out import WorkedOut
-from toppling.orchestrator.pick import tasks
+from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick.apart import Apart, EndedError
 from toppling.orchestrator.pick.shown import answer_shown, detail, tops, view_of
 from toppling.orchestrator.pick.user_hints import UserHints
@@ -95,7 +95,7 @@ class Picking:
         self._placed_by = None if placed.refused else said.of_the_cloud
         self._apart = Apart()
         self._folder = tempfile.TemporaryDirectory(prefix="toppling-pick-")
-        self._stored: tasks.Stored | None = None
+        self._stored: apart.Stored | None = None
         self._error: dict[str, str] | None = None
         self._stage = "reading"
         self._changed = threading.Condition()
@@ -204,7 +204,7 @@ class Picking:
             answer = self._split(said)
         if said not in self._drawn:
             worked = dataclasses.replace(answer.worked, inspection=inspection)
-            scene, kept = self._apart.do(self._note, tasks.draw, worked)
+            scene, kept = self._apart.do(self._note, apart.draw, worked)
             survey = Survey(scene, answer.label, answer.notes, kept)
             self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[said])
@@ -220,18 +220,18 @@ class Picking:
             )
         near = None if said.near is None else (said.near[0], said.near[1])
         hints = near, said.hint(), self._bootstrap, said.inspection()
-        found = self._apart.do(self._note, tasks.split, self._cloud_apart(), *hints, self.view.number + 1)
+        found = self._apart.do(self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1)
         self._placed = dataclasses.replace(self._placed, cloud=found.registered.cloud())
         answer = Answer(said, found.worked, found.label, found.notes)
         self._drawn.clear()
         self._set(_answer=answer, view=found.view, _candidates=self._candidates or tops(answer.worked))
         return answer
 
-    def _cloud_apart(self) -> tasks.Stored:
+    def _cloud_apart(self) -> apart.Stored:
         """The cloud where the other process finds it."""
         if self._stored is None:
             folder = Path(self._folder.name) / str(self.view.number)
-            self._stored = tasks.Stored.of(self._placed.cloud, folder)
+            self._stored = apart.Stored.of(self._placed.cloud, folder)
             self._placed = dataclasses.replace(self._placed, cloud=self._stored.cloud())
         return self._stored
 
@@ -266,7 +266,7 @@ class Picking:
     def _look_around(self) -> None:
         """Note what stands in the cloud, where the scan could not say it."""
         with contextlib.suppress(EndedError):
-            self._set(_candidates=self._apart.do(lambda _: None, tasks.look_around, self._cloud_apart()))
+            self._set(_candidates=self._apart.do(lambda _: None, apart.look_around, self._cloud_apart()))
 
     @property
     def _known(self) -> Cloud:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Array, at_most
+from toppling.models.arrays import Array, Indices, at_most
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
@@ -55,7 +55,7 @@ def view_of(points_m: Array, label: NDArray[np.int8] | None, number: int) -> Vie
     return View(number, counts, spacings, content)
 
 
-def _drawn(points_m: Array, parts: list[NDArray[np.intp]], label: NDArray[np.int8] | None) -> bytes:
+def _drawn(points_m: Array, parts: list[Indices], label: NDArray[np.int8] | None) -> bytes:
     """Places (n, 3) of some rows as 4-byte floats, then the brightness and the label of each as a byte."""
     rows = np.concatenate(parts)
     kind = np.full(len(rows), NEITHER, np.int8) if label is None else label[rows]
@@ -67,10 +67,7 @@ def _drawn(points_m: Array, parts: list[NDArray[np.intp]], label: NDArray[np.int
 
 
 def detail(
-    points_m: Array,
-    label: NDArray[np.int8] | None,
-    middle_m: Array,
-    reach_m: float,
+    points_m: Array, label: NDArray[np.int8] | None, middle_m: Array, reach_m: float
 ) -> tuple[float, bytes]:
     """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `_drawn`."""
     near = thinned(points_m, SHOWN_POINTS // 2, around(points_m, middle_m, reach_m))

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.scan.control_points import control_point_lines
 from toppling.models.scan.hints_file import KEYS, CloudHints, plain
 from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.placement import control_point_lines
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
 

@@ -10,8 +10,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.scan.read import Cloud
-from toppling.orchestrator.pick.apart import Apart, EndedError
-from toppling.orchestrator.pick.tasks import Stored
+from toppling.orchestrator.pick.apart import Apart, EndedError, Stored
 
 HELD_S = 2
 

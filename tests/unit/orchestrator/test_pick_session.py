@@ -12,8 +12,8 @@ from toppling.models.errors import InputError
 from toppling.models.scan.placement import AXES, Placement, placement_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered
+from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick import picking as picking_module
-from toppling.orchestrator.pick import tasks
 from toppling.orchestrator.pick.picking import Answer, Picking, Placed
 from toppling.orchestrator.pick.shown import View
 from toppling.orchestrator.pick.user_hints import UserHints
@@ -66,16 +66,16 @@ def work(monkeypatch):
 
     made.read = read
     monkeypatch.setattr(picking_module, "Apart", Here)
-    monkeypatch.setattr(tasks, "work_out", work_out)
-    monkeypatch.setattr(tasks, "registered", lambda cloud: Registered(cloud, {}, cloud.bounds_m))
-    for module in (picking_module, tasks):
+    monkeypatch.setattr(apart, "work_out", work_out)
+    monkeypatch.setattr(apart, "registered", lambda cloud: Registered(cloud, {}, cloud.bounds_m))
+    for module in (picking_module, apart):
         monkeypatch.setattr(
             module, "view_of", lambda points, label, number: View(number, (3, 0), (1.0, 1.0), b"")
         )
     monkeypatch.setattr(picking_module, "tops", lambda worked: [])
     monkeypatch.setattr(picking_module, "answer_shown", lambda survey, worked: {"near": worked.near})
-    monkeypatch.setattr(tasks, "find_candidates", lambda points, surfels: [])
-    monkeypatch.setattr(tasks, "surfels_of", lambda points: None)
+    monkeypatch.setattr(apart, "find_candidates", lambda points, surfels: [])
+    monkeypatch.setattr(apart, "surfels_of", lambda points: None)
     monkeypatch.setattr(Worked, "scene", scene, raising=False)
     return made
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from toppling.models.hidden_base.evidence import BEFORE, bowls, mixed_weights, shares_by_evidence
 from toppling.models.hidden_base.gap import GapDraw
-from toppling.models.hidden_base.kinds import BEFORE, bowls, mixed_weights, shares_by_evidence
 
 NEAR, FAR = 0.0, -1e4
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan.blurred import plants_named, with_reason
+from toppling.models.scan.choice import plants_named, with_reason
 
 REFUSED = InputError("nothing stands", where="segmentation", expected="a rock", remedy="point at it")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.bridged import _collar_deg, bridged
+from toppling.models.scan.foot import _collar_deg, bridged
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels

@@ -16,9 +16,8 @@ from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, Sheet, between_nodes
 from toppling.models.scan.segment import ROCK, segment
-from toppling.models.scan.sheet import Sheet, between_nodes
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
 

@@ -8,9 +8,8 @@ from virtual_rocks import stump_on_a_slope
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan import virtual
-from toppling.models.scan.copies import copies, without
 from toppling.models.scan.read import Cloud, read_clouds
-from toppling.models.scan.register import registered
+from toppling.models.scan.register import copies, registered, without
 from toppling.models.scan.survey import work_out
 
 RESOLUTION = 0.03

@@ -7,7 +7,7 @@ import pytest
 import test_freedom as patches
 
 from toppling.models.errors import InputError
-from toppling.models.scan.doubled import doubled, layers
+from toppling.models.scan.one_block import doubled, layers
 
 RADIUS_M, REACHES_M = 1.0, (0.05, 0.12)
 POINTS = 25_000

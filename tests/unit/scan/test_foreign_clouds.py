@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
+from toppling.models.scan.plausible import coordinate_steps, step_note, steps_of_mesh
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.steps import coordinate_steps, step_note, steps_of_mesh
 
 FOREIGN = Path(__file__).parents[4] / "shared" / "data" / "foreign"
 POINTS_M = np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + np.array([331000.0, 3777000.0, 470.0])

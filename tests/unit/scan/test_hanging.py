@@ -7,9 +7,8 @@ import pytest
 from toppling.models.relief import contact_feet_m
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.candidates import surfels_of
-from toppling.models.scan.edge import up_to_edge
 from toppling.models.scan.hanging import hanging
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, up_to_edge
 from toppling.models.scan.leaning import leaning
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import save_survey, survey

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from toppling.models.frames import plane_normal
-from toppling.models.scan.hint_off import off_what_was_seen
-from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.foot import off_what_was_seen
+from toppling.models.scan.interface_hint import InterfaceHint, points_told, seen_about_points
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.pointed_at import points_told, seen_about_points
-from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
 from toppling.models.scan.surfels import Surfels
 
 DIP_DEG, TOWARD_DEG, HEIGHT_M, RADIUS_M, PATCH_M = 4.0, 60.0, 2.0, 0.5, 0.02
@@ -78,8 +76,7 @@ def pointed_at(off_m):
 
 def seen_about(hint, bumps_m=0.0):
     surfels, rock = column_on_the_slope(bumps_m)
-    label = np.where(rock, ROCK, PEDESTAL).astype(np.int8)
-    return seen_about_points(hint, Segmentation(label, surfels, label, 1.0, []))
+    return seen_about_points(hint, surfels, rock)
 
 
 CLICKED_M = [0.06, -0.05, -0.04, 0.02]

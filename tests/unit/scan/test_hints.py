@@ -8,15 +8,15 @@ import pytest
 import trimesh
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base import evidence as base_kinds
 from toppling.models.hidden_base import from_scan as unseen
-from toppling.models.hidden_base import kinds as base_kinds
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.evidence import check_joint, check_spanned, fits
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
 from toppling.models.hidden_base.gap import GapDraw, _way_out
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.nominal import _within_interval, nominal_draw, smooth_fits_inspection
 from toppling.models.hidden_base.observed import reliefs
-from toppling.models.hidden_base.pulls import check_joint, check_spanned, fits
 from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from toppling.models.hidden_base.hooked import hooked_m_s2
+from toppling.models.hidden_base.statics import hooked_m_s2
 from toppling.models.rock import Rock
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Edge, Interface
 
 FRICTION, HANGS_M, EDGE_M = 0.8, 0.3, 0.1
 

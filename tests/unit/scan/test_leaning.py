@@ -11,8 +11,8 @@ from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.leaning import leaning, leans, upright_split
+from toppling.models.scan.one_block import _weakest_joint
 from toppling.models.scan.segment import PEDESTAL, segment
 from toppling.models.scan.surfels import Surfels
 from toppling.models.shapes import box
@@ -115,7 +115,7 @@ def test_a_slim_block_beside_a_boulder_is_refused_where_it_stands_itself(lowest_
     slim = patches.box((0.38, -0.06, lowest_m), (0.5, 0.06, 0.8 + lowest_m))
     both = patches.together(patches.ball_at((0.0, 0.0, 0.4)), slim)
     observed = patches.seen_of(both, patches.ground(0.62))
-    joint = weakest_joint(observed, patches.LEVEL)
+    joint = _weakest_joint(observed, patches.LEVEL)
     assert joint.creased_share > 0.82
     assert joint.part < 0.2
     with pytest.raises(InputError, match="two blocks that touch") if stands else contextlib.nullcontext():

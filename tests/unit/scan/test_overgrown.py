@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from toppling.models.scan.foot import overgrown
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.overgrown import overgrown
 from toppling.models.scan.surfels import Surfels, roughness, thin
 
 VOXEL_M = 0.01

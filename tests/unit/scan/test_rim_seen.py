@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.hidden_base.rim_seen import unseen_rim
+from toppling.models.scan.foot import unseen_rim
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 

@@ -7,8 +7,7 @@ from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import Underside
 from toppling.models.hidden_base.unseen_side import DRAWN, SIDE_TANGENT, UnseenSide
-from toppling.models.scan.edge import Edge
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Edge, Interface
 
 HEIGHT_M, PITCH_M = 2.0, 0.012
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)

@@ -51,6 +51,11 @@ _IDENTITY = [
 ]
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
 _MAY_BE_UNKNOWN = ("magnitude", "distance_km")
+_OF_RECORD = (
+    "record_id", "event", "station", "magnitude", "distance_km", "north_known", "components", "quality", "weight",
+    "sha",
+)  # fmt: skip
+"""Columns that are fields of a record."""
 
 
 _ensemble_error = refusals(
@@ -223,20 +228,11 @@ class Ensemble:
         _refuse_other_motion(motion, entry, self.folder)
         known = {name for name, _ in (*_IDENTITY, *_ORIGIN)}
         return Record(
-            record_id=record_id,
-            event=entry["event"],
-            station=entry["station"],
-            magnitude=entry["magnitude"],
-            distance_km=entry["distance_km"],
             motion=motion,
-            north_known=entry["north_known"],
             intensity={name: value for name, value in entry.items() if name not in known},
             history=tuple(entry["history"]),
             files=tuple(entry["files"]),
-            sha=entry["sha"],
-            components=entry["components"],
-            quality=entry["quality"],
-            weight=entry["weight"],
+            **{name: entry[name] for name in _OF_RECORD},
         )
 
     def __reduce__(self) -> tuple:
@@ -284,22 +280,13 @@ def _catalog(records: list[Record]) -> pa.Table:
     measures = list(records[0].intensity)
     rows: list[Mapping[str, Any]] = [
         {
-            "record_id": record.record_id,
-            "event": record.event,
-            "station": record.station,
-            "magnitude": record.magnitude,
-            "distance_km": record.distance_km,
+            **{name: getattr(record, name) for name in _OF_RECORD},
             "time_step_s": record.motion.time_step_s,
             "duration_s": record.motion.duration_s,
             "samples": len(record.motion.acceleration_m_s2),
-            "north_known": record.north_known,
-            "components": record.components,
-            "quality": record.quality,
-            "weight": record.weight,
             **record.intensity,
             "history": list(record.history),
             "files": list(record.files),
-            "sha": record.sha,
         }
         for record in records
     ]

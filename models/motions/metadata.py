@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import separator_of
+from toppling.models.files.csv_text import is_numeral, separator_of
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
 from toppling.models.files.text_file import TextFile, text_of
@@ -214,10 +214,7 @@ class _Row:
             bare = _AROUND.sub("", bare)
             if bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS:
                 return None
-        try:
-            value = float(bare)
-        except ValueError:
-            value = math.nan
+        value = float(bare) if is_numeral(bare) else math.nan
         if not limits[0] <= value <= limits[1]:
             expected = f"a number from {limits[0]:g} to {limits[1]:g}, or nothing"
             self.refuse(f"{key} is {shown(self.cells[key])}", expected)

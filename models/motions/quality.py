@@ -191,9 +191,7 @@ def _spike(component: Component, a: np.ndarray) -> None:
 
 def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
     least = max(int(_FILLED_GAP_S / component.time_step_s), 10)
-    same = np.diff(a) == 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
-    for start, end in edges.reshape(-1, 2):
+    for start, end in _runs(np.diff(a) == 0):
         if end - start < least or start < 1 or end + 1 >= len(a):
             continue
         before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
@@ -201,7 +199,7 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
             seconds = (end - start) * component.time_step_s
             _refuse_sample(
                 component,
-                int(start),
+                start,
                 f"the samples stay at {a[start]:.4g} m/s2 for {seconds:.3g} s amid the shaking: a filled gap",
                 "an unbroken record",
                 "cut the record before the gap, or accept it with --doubtful",

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import NoReturn
 
-from toppling.models.motions.formats.column_times import UNITS_S
+from toppling.models.motions.formats.column_cells import UNITS_S
 from toppling.models.motions.formats.component import bearing
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.units import unit_of

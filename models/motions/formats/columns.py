@@ -19,11 +19,15 @@ from toppling.models.errors import InputError
 from toppling.models.motions.formats.column_cells import (
     COMMENT,
     SEPARATORS,
+    UNITS_S,
     cells_of,
     is_body,
     is_decimal_comma,
+    past_midnight,
     plain_line,
     separated,
+    time_step,
+    unit_of_times_s,
     unquoted,
 )
 from toppling.models.motions.formats.column_names import (
@@ -34,12 +38,6 @@ from toppling.models.motions.formats.column_names import (
     names_time,
     refuse_names,
     roles_of,
-)
-from toppling.models.motions.formats.column_times import (
-    UNITS_S,
-    past_midnight,
-    time_step,
-    unit_of_times_s,
 )
 from toppling.models.motions.formats.component import Component, code_direction
 from toppling.models.motions.formats.header_text import (

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.spreadsheet import plain_table
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of
@@ -92,10 +93,8 @@ class HazardFile:
 
     def number(self, line: int, text: str, *, endless: bool = False) -> float:
         """Number of a cell, finite unless it may be endless; 1D-3 is Fortran's 1e-3."""
-        try:
-            value = float(text.lower().replace("d", "e"))
-        except ValueError:
-            value = math.nan
+        plain = text.lower().replace("d", "e")
+        value = float(plain) if is_numeral(plain) else math.nan
         if not (math.isfinite(value) or (endless and value > 0)):
             self.refuse(f"line {line}: {text[:40]!r} is no number")
         return value

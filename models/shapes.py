@@ -19,9 +19,3 @@ def cylinder(radius_m: float, half_height_m: float, sides: int = 64) -> Rock:
     rim = [np.column_stack([ring, np.full(sides, z)]) for z in (-half_height_m, half_height_m)]
     mesh = trimesh.Trimesh(np.vstack(rim), process=False).convex_hull
     return Rock.from_triangles(mesh.vertices, mesh.faces)
-
-
-def ellipsoid(semi_axes_m: tuple[float, float, float], subdivisions: int = 4) -> Rock:
-    """Subdivided icosahedron scaled to an ellipsoid, centred on the origin."""
-    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
-    return Rock.from_triangles(sphere.vertices * np.asarray(semi_axes_m, float), sphere.faces)

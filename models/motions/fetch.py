@@ -2,7 +2,8 @@
 
 import csv
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -61,6 +62,17 @@ def utc(text: str, where: str) -> Any:
         ) from error
 
 
+@contextmanager
+def _answering(service: str, what: str, expected: str, remedy: str) -> Iterator[None]:
+    """Say what a service does not answer; ObsPy raises what it pleases."""
+    try:
+        yield
+    except Exception as error:
+        raise InputError(
+            f"{what} ({_brief(error)})", where=service, expected=expected, remedy=remedy
+        ) from error
+
+
 def connect(service: str) -> Any:
     """Client of a service, by ObsPy's short name for it or by its address.
 
@@ -71,15 +83,9 @@ def connect(service: str) -> Any:
     """
     from obspy.clients.fdsn import Client
 
-    try:
+    remedy = "name one that ObsPy knows (EARTHSCOPE, SCEDC, GEONET, INGV ...) or give its address"
+    with _answering(service, "no answer", "an FDSN web service", remedy):
         return Client(service, timeout=60)
-    except Exception as error:
-        raise InputError(
-            f"no answer ({error})",
-            where=service,
-            expected="an FDSN web service",
-            remedy="name one that ObsPy knows (EARTHSCOPE, SCEDC, GEONET, INGV ...) or give its address",
-        ) from error
 
 
 def find_event(client: Any, event_id: str) -> Source:
@@ -90,15 +96,9 @@ def find_event(client: Any, event_id: str) -> Source:
     InputError
         If the service does not know it.
     """
-    try:
+    remedy = "look the id up in the service's catalogue"
+    with _answering(client.base_url, f"no event {event_id!r}", "an event id of this service", remedy):
         event = client.get_events(eventid=event_id)[0]
-    except Exception as error:
-        raise InputError(
-            f"no event {event_id!r} ({_brief(error)})",
-            where=client.base_url,
-            expected="an event id of this service",
-            remedy="look the id up in the service's catalogue",
-        ) from error
     origin = event.preferred_origin() or event.origins[0]
     magnitude = event.preferred_magnitude() or (event.magnitudes[0] if event.magnitudes else None)
     name = event.event_descriptions[0].text if event.event_descriptions else event_id
@@ -234,15 +234,9 @@ def _inventory(
         asked |= {"starttime": window[0], "endtime": window[1]}
     elif event is not None:
         asked |= {"starttime": event.time, "endtime": event.time + _AFTER_S}
-    try:
+    remedy = "widen the radius, or check the stations' codes"
+    with _answering(client.base_url, "no stations", "stations with accelerometers", remedy):
         return client.get_stations(**asked)
-    except Exception as error:
-        raise InputError(
-            f"no stations ({_brief(error)})",
-            where=client.base_url,
-            expected="stations with accelerometers",
-            remedy="widen the radius, or check the stations' codes",
-        ) from error
 
 
 def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:

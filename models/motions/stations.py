@@ -32,7 +32,7 @@ class Triple:
 
     first: Component
     second: Component
-    vertical: Component | None
+    vertical: Component | None = None
 
     @property
     def channels(self) -> tuple[Component, ...]:
@@ -67,8 +67,7 @@ def triple(group: Sequence[Component]) -> Triple:
             if len({c.path for c in group}) > 1 or len(group) < 3
             else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table",
         )
-    first, second = horizontal
-    return Triple(first, second, vertical[0] if vertical else None)
+    return Triple(*horizontal, *vertical)
 
 
 def oblique(azimuths_deg: tuple[float, float] | None) -> tuple[str, ...]:

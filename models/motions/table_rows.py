@@ -64,11 +64,7 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
                 "give the file or its folder too" if path is None else "see what is said of this file",
             )
         parts.append(channels[path])
-    if len(parts) == 1:
-        together = triple(parts[0])
-    else:
-        single = [_one(components, entry) for components in parts]
-        together = Triple(single[0], single[1], single[2] if entry.v else None)
+    together = triple(parts[0]) if len(parts) == 1 else Triple(*(_one(part, entry) for part in parts))
     return _completed(together, entry)
 
 
@@ -149,7 +145,7 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
 
     Raises InputError if the scales differ, by which the peaks are of other samples.
     """
-    parts = [channels.first, channels.second, *([channels.vertical] if channels.vertical else [])]
+    parts = channels.channels
     scales = []
     for component, peak in zip(parts, entry.peaks_m_s2, strict=False):
         about_mean = float(np.abs(component.acceleration_m_s2 - component.acceleration_m_s2.mean()).max())
@@ -177,7 +173,7 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
         )
         for component, scale in zip(parts, scales, strict=True)
     ]
-    return Triple(scaled[0], scaled[1], scaled[2] if channels.vertical else None)
+    return Triple(*scaled)
 
 
 def _step(component: Component, entry: Entry) -> float:

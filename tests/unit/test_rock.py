@@ -5,13 +5,14 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
+from virtual_rocks import ellipsoid
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
-from toppling.models.shapes import box, ellipsoid
+from toppling.models.shapes import box
 
 UTM_M = np.array([431_234.0, 3_777_345.0, 480.25])
 ROCK = ellipsoid((0.6, 0.5, 0.9), 3)

@@ -9,6 +9,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
+from virtual_rocks import ellipsoid
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -17,7 +18,7 @@ from toppling.models.frames import plane_axes, plane_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
-from toppling.models.shapes import box, ellipsoid
+from toppling.models.shapes import box
 from toppling.models.statics import (
     equilibrium_possible,
     lift_off_m_s2,

@@ -57,6 +57,13 @@ class Component:
         raise InputError(what, where=self.where, expected=expected, remedy=remedy)
 
 
+def refuse_file(
+    path: Path, what: str, expected: str = "a record", remedy: str = "fetch the file again"
+) -> NoReturn:
+    """Refuse a file of records."""
+    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+
+
 def check_time_step(value_s: float, where: str) -> float:
     """Time step of a record, if it is one.
 

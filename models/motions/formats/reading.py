@@ -3,14 +3,14 @@
 import math
 import re
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from toppling.models.motions.formats.component import Component, check_time_step
+from toppling.models.motions.formats.component import Component, check_time_step, refuse_file
 from toppling.models.motions.formats.key_value import cwb, esm, unam
 from toppling.models.motions.formats.record_text import RecordText
 
@@ -55,16 +55,16 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     Raises InputError if no reader knows the format, or the file is damaged: with file and line.
     """
     if not path.is_file():
-        _refuse(path, "is no file", remedy="check the path")
+        refuse_file(path, "is no file", remedy="check the path")
     if path.stat().st_size > _LARGEST_BYTES:
         what, expected = (
             f"the file has {path.stat().st_size / 1e6:.0f} MB",
             f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB",
         )
-        _refuse(path, what, expected, "cut the shaking out of it first")
+        refuse_file(path, what, expected, "cut the shaking out of it first")
     content = path.read_bytes()
     if not content.strip(b"\0\x1a \t\r\n"):
-        _refuse(path, "the file is empty")
+        refuse_file(path, "the file is empty")
     text = text_of(content)
     reader = next((reader for reader in _TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
@@ -75,17 +75,11 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     if found is None:
         for beginning, what, remedy in _NO_RECORDS:
             if re.match(beginning, head, re.IGNORECASE):
-                _refuse(path, f"the file is {what}", remedy=remedy)
+                refuse_file(path, f"the file is {what}", remedy=remedy)
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         remedy = "convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'"
-        _refuse(path, "the format is not known", f"{names}, or a format that ObsPy reads", remedy)
+        refuse_file(path, "the format is not known", f"{names}, or a format that ObsPy reads", remedy)
     return _checked(found, path)
-
-
-def _refuse(
-    path: Path, what: str, expected: str = "a record", remedy: str = "fetch the file again"
-) -> NoReturn:
-    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
 
 
 def _read_text(reader: Reader, file: RecordText) -> list[Component]:
@@ -100,7 +94,7 @@ def _read_text(reader: Reader, file: RecordText) -> list[Component]:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
         what = f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})"
-        _refuse(file.path, what, "a whole file of one format")
+        refuse_file(file.path, what, "a whole file of one format")
 
 
 def _checked(components: list[Component], path: Path) -> list[Component]:
@@ -108,11 +102,12 @@ def _checked(components: list[Component], path: Path) -> list[Component]:
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
             component.refuse(f"{len(a)} samples", "at least two samples")
-        if not np.isfinite(a).all() or np.abs(a).max() > _LARGEST_SAMPLE:
-            worst = a[~(np.abs(a) <= _LARGEST_SAMPLE)][0]
-            component.refuse(f"a sample is {worst:g}", "finite samples of a record")
+        wrong = np.flatnonzero(~(np.abs(a) <= _LARGEST_SAMPLE))
+        if len(wrong):
+            of = f" of {component.label}" if component.label else ""
+            component.refuse(f"sample {wrong[0]}{of} is {a[wrong[0]]:g}", "finite samples of a record")
         if not math.isnan(step):
             check_time_step(step, component.where)
     if not components:
-        _refuse(path, "no channel", "at least one channel")
+        refuse_file(path, "no channel", "at least one channel")
     return components

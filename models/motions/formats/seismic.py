@@ -14,7 +14,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.text_file import text_of
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, refuse_file
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.measures import STANDARD_G_M_S2
@@ -80,15 +80,15 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         except Exception as error:
             _unreadable(path, error)
     if file_format == "KNET" and not _KNET_UNIT.search(plain):
-        _refuse(path, "the scale factor is not in gal", "'Scale Factor 2000(gal)/8388608'")
+        refuse_file(path, "the scale factor is not in gal", "'Scale Factor 2000(gal)/8388608'")
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
         _unreadable(path, doubt[0])
     for trace in stream:
         if np.ma.isMaskedArray(trace.data):
-            _refuse(path, f"samples of {trace.id} are missing", "all samples")
+            refuse_file(path, f"samples of {trace.id} are missing", "all samples")
         if trace.data.dtype.kind not in "iuf":
-            _refuse(path, f"{trace.id} holds no numbers", "samples", "give the record's file")
+            refuse_file(path, f"{trace.id} holds no numbers", "samples", "give the record's file")
     headers = [_header(trace.stats) for trace in stream]
     if file_format == "KINEMETRICS_EVT":
         whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) >= _LEAST_OF_24_BIT
@@ -139,12 +139,8 @@ def _recogniser(file_format: str) -> Any:
     return found.load()
 
 
-def _refuse(path: Path, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
-    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
-
-
 def _unreadable(path: Path, error: object) -> NoReturn:
-    _refuse(path, f"ObsPy cannot read it ({error})", "a whole file of a format that ObsPy knows")
+    refuse_file(path, f"ObsPy cannot read it ({error})", "a whole file of a format that ObsPy knows")
 
 
 def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
@@ -155,7 +151,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     Raises InputError if there is a gap, or an overlap with other samples.
     """
     if len(stream) == 0:
-        _refuse(path, "no samples", "a record")
+        refuse_file(path, "no samples")
     pieces: dict[str, list[Any]] = {}
     for trace in stream:
         pieces.setdefault(trace.id, []).append(trace)
@@ -174,18 +170,18 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
     step = whole.stats.delta
     if abs(piece.stats.delta / step - 1) > _SAME_STEP:
         what = f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s"
-        _refuse(path, what, "one time step")
+        refuse_file(path, what, "one time step")
     place = round((piece.stats.starttime - whole.stats.starttime) / step)
     overlap = len(whole.data) - place
     edges = sorted([whole.stats.endtime, piece.stats.starttime])
     where = f"from {edges[0]} to {edges[1]}"
     if overlap < 0:
         what = f"{whole.id} has a gap of {-overlap * step:g} s {where}"
-        _refuse(path, what, "one unbroken record a channel", "cut the record before or after the gap")
+        refuse_file(path, what, "one unbroken record a channel", "cut the record before or after the gap")
     twice = min(overlap, len(piece.data))
     if not np.array_equal(whole.data[place : place + twice], piece.data[:twice]):
         what = f"{whole.id} overlaps itself by {twice * step:g} s with other samples {where}"
-        _refuse(path, what, "one unbroken record a channel", "leave one of the two pieces out")
+        refuse_file(path, what, "one unbroken record a channel", "leave one of the two pieces out")
     whole.data = np.concatenate([whole.data, piece.data[twice:]])
     return f"{twice} samples of {whole.id} came twice, the same: merged" if twice else ""
 
@@ -193,21 +189,15 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
 def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        _refuse(path, f"sample {int(bad[0])} of {trace.id} is not finite", "finite samples")
-    step = float(stats.delta)
-    if not step > 0:
-        _refuse(path, f"the time step is {step:g} s", "a positive time step")
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
         file = RecordText(path, ())
-        file.exactly(_KNET_DURATION_AT, values, _counted(file, float(own["duration"]), step))
+        file.exactly(_KNET_DURATION_AT, values, _counted(file, float(own["duration"]), stats.sampling_rate))
     found = _in_m_s2(trace, values, inventory, path)
     direction, contradiction = _direction(stats, inventory)
     return Component(
         acceleration_m_s2=found.values,
-        time_step_s=round(step, 9),
+        time_step_s=round(float(stats.delta), 9),
         direction=direction,
         path=path,
         line=0,
@@ -227,9 +217,9 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
     )
 
 
-def _counted(file: RecordText, duration_s: float, step_s: float) -> int:
+def _counted(file: RecordText, duration_s: float, rate_hz: float) -> int:
     """Samples that K-NET's header announces: its files lack the end, or lines in between, where there are others."""
-    count = duration_s / step_s
+    count = duration_s * rate_hz
     if not 0 < count < _MOST_SAMPLES:
         what = f"the header's duration is {duration_s:g} s"
         file.refuse(_KNET_DURATION_AT, what, "the duration of the samples")
@@ -255,7 +245,7 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
     quantity = _SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
     if quantity not in {"acceleration", "unknown"}:
         what = f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration"
-        _refuse(path, what, "acceleration (idep 8)", "differentiate it to acceleration first")
+        refuse_file(path, what, "acceleration (idep 8)", "differentiate it to acceleration first")
     silent = InputError(
         "SAC does not say in which unit its samples are",
         where=str(path),

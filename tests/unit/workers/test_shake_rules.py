@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from virtual_rocks import ellipsoid
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -14,7 +15,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
-from toppling.models.shapes import box, ellipsoid
+from toppling.models.shapes import box
 from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.engines import DEFAULT, engine_named

@@ -9,11 +9,12 @@ import pytest
 import trimesh
 from reference.closed_forms import landing_boundary
 from scipy.spatial.transform import Rotation
+from virtual_rocks import ellipsoid
 
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.shapes import box, cylinder, ellipsoid
+from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
@@ -12,6 +10,7 @@ from toppling.models.arrays import Array, Flags, at_most
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_deg, slope_of_normal
 from toppling.models.rock import Rock
+from toppling.models.scan.candidates import neighbourhood
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.doubt import SECTORS, Doubt, azimuth_told, direction_told, sectors, widest_gap_deg
 from toppling.models.scan.foot import (
@@ -25,11 +24,11 @@ from toppling.models.scan.foot import (
     unseen_rim,
 )
 from toppling.models.scan.hanging import hanging_doubt
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.measure import ObservedRock, outside_support_m
 from toppling.models.scan.one_block import OF_JOINT, OF_LAYERS, doubled, side_by_side, stacked
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.segment import PEDESTAL, ROCK, level_planes
 from toppling.models.scan.surfels import Surfels, in_plants, roughness, thin
 
 _MOST_INVENTED = 0.6
@@ -219,49 +218,42 @@ _LEAST_SHARE = 0.1
 """Of the patches that lie about level, in one level."""
 _WIDE_VOXELS, _APART_VOXELS = 8.0, 6.0
 """How wide a level is (standard deviation of its patches' places), and how far over another."""
-_TRIALS, _PLANES, _ROUNDS = 200, 4, 12
-_REFINED = 20
-"""Of the trials, those with most patches: a plane through one patch and its normal is degrees off where a wide level
-is uneven, and ends in a part of it."""
-_NEAR_VOXELS, _ABOUT_VOXELS, _TURNED_DEG = 0.5, 2.0, 8.0
-"""How far off a plane, and turned from it, its patches lie; how far off others about it do."""
+_NEAR_VOXELS, _ABOUT_VOXELS, _TURNED_DEG, _GROWN = 0.5, 2.0, 8.0, 4
+"""How far off a plane, and turned from it, its patches lie; how far off others about it do; how often it is grown."""
 _EVEN_SHARE = 0.8
 """Of the patches about a plane that lie on it, where it was made: ground is uneven."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """A plane that many patches lie on."""
-
-    middle_m: Array  # (3,)
-    normal: Array  # (3,), upward
-    off_m: float  # root mean square distance of its patches
-    even_share: float  # of the patches about it that lie on it
-    wide_m: float  # standard deviation of their places across
-
-
 def _tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
-    """A doubt where planes about the rock at different heights dip alike: paving, steps and plinths are made level.
-
-    Parameters
-    ----------
-    surfels : Surfels
-        Patches about the rock.
-    rock : (n,) bool array
-        Which of them are the rock's.
-    """
+    """A doubt where planes beside a rock at different heights dip alike: paving, steps and plinths are made level."""
     level = ~rock & (surfels.normals[:, 2] > np.cos(np.deg2rad(_MOST_DIP_DEG)))
-    planes = _planes(surfels.points_m[level], surfels.normals[level], surfels.voxel_m)
+    points, normals, voxel = surfels.points_m[level], surfels.normals[level], surfels.voxel_m
+    about = Surfels(points, normals, surfels.roughness[level], voxel)
+
+    def on(plane: Interface, voxels: float) -> Flags:
+        near = np.abs((points - plane.point_m) @ plane.normal) < voxels * voxel
+        return np.asarray(near & (normals @ plane.normal > np.cos(np.deg2rad(_TURNED_DEG))))
+
+    planes = []
+    for own, plane in level_planes(about, neighbourhood(points, voxel)):
+        for _ in range(_GROWN):  # over what lies apart: what stands on a level hides parts of it
+            if own.any():
+                plane = fitted_plane(points[own])
+                own = on(plane, _NEAR_VOXELS)
+        even = own.sum() > _EVEN_SHARE * on(plane, _ABOUT_VOXELS).sum()
+        wide_m2 = np.linalg.eigvalsh(np.cov(points[own].T))[1] if own.sum() > _LEAST_SHARE * len(own) else 0.0
+        if even and wide_m2 > (_WIDE_VOXELS * voxel) ** 2:
+            planes.append(plane)
     if not planes:
         return None
     first = planes[0]
     like = [each for each in planes if each.normal @ first.normal > np.cos(np.deg2rad(_ALIKE_DEG))]
-    heights_m = [float((each.middle_m - first.middle_m) @ first.normal) for each in like]
+    heights_m = [float((each.point_m - first.point_m) @ first.normal) for each in like]
     apart_m = max(heights_m) - min(heights_m)
     dip_deg, toward_deg = slope_of_normal(first.normal)
     if apart_m < _APART_VOXELS * surfels.voxel_m or dip_deg < _LEAST_DIP_DEG:
         return None
-    off_m = max(each.off_m for each in like)
+    off_m = max(each.roughness_m for each in like)
     return Doubt(
         "frame",
         f"levels {apart_m:.2g} m apart about the rock, each a plane within {off_m:.1g} m, dip alike, by "
@@ -269,48 +261,3 @@ def _tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
         "plinth, z does not point upward in this cloud, and the rock is taken to lean by as much. Then give --up "
         "{:.4f},{:.4f},{:.4f}".format(*first.normal),
     )
-
-
-def _planes(points_m: Array, normals: Array, voxel_m: float) -> list[_Level]:
-    """Planes that are even, wide and hold a share of patches (n, 3), those with most first."""
-    random, found = np.random.default_rng(11), []
-    left = np.arange(len(points_m))
-    least = max(3.0, _LEAST_SHARE * len(points_m))
-    for _ in range(_PLANES):
-        if len(left) < least:
-            break
-        on, level = _largest(points_m[left], normals[left], voxel_m, random)
-        if on.sum() < least:
-            break
-        if level.even_share > _EVEN_SHARE and level.wide_m > _WIDE_VOXELS * voxel_m:
-            found.append(level)
-        left = left[~on]
-    return found
-
-
-def _largest(
-    points_m: Array, normals: Array, voxel_m: float, random: np.random.Generator
-) -> tuple[Flags, _Level]:
-    """Patches (n,) on the plane that holds most of them, of those through some, and that plane."""
-
-    def on_plane(middle_m: Array, normal: Array, voxels: float = _NEAR_VOXELS) -> Flags:
-        near = np.abs((points_m - middle_m) @ normal) < voxels * voxel_m
-        return np.asarray(near & (normals @ normal > np.cos(np.deg2rad(_TURNED_DEG))))
-
-    def refined(start: int) -> tuple[Flags, _Level]:
-        middle_m, normal, spread_m = points_m[start], normals[start], np.zeros(3)
-        for _ in range(_ROUNDS):
-            on = points_m[on_plane(middle_m, normal)]
-            if len(on) < 3:
-                break
-            middle_m = on.mean(axis=0)
-            _, spread_m, axes = np.linalg.svd(on - middle_m, full_matrices=False)
-            spread_m, normal = spread_m / np.sqrt(len(on)), axes[2] * (np.sign(axes[2, 2]) or 1.0)
-        about, last = on_plane(middle_m, normal, _ABOUT_VOXELS), on_plane(middle_m, normal)
-        share = float(last.sum() / max(about.sum(), 1))
-        return last, _Level(middle_m, normal, float(spread_m[2]), share, float(spread_m[1]))
-
-    tried = random.integers(0, len(points_m), _TRIALS)
-    held = [int(on_plane(points_m[number], normals[number]).sum()) for number in tried]
-    starts = tried[np.argsort(held, kind="stable")[::-1][:_REFINED]]
-    return max((refined(start) for start in starts), key=lambda found: int(found[0].sum()))

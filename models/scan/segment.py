@@ -62,7 +62,7 @@ def _find_carried(surfels: Surfels) -> list[Candidate]:
     """
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     found: list[Candidate] = []
-    for plane in _level_planes(surfels, edges):
+    for _, plane in level_planes(surfels, edges):
         found += _on_plane(surfels, edges, plane)
     found.sort(key=lambda each: -each.height_m)
     kept: list[Candidate] = []
@@ -112,21 +112,23 @@ def _upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
     return None
 
 
-def _level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
-    """Planes of patches that something can stand on, the widest first."""
+def level_planes(surfels: Surfels, edges: Indices) -> list[tuple[Flags, Interface]]:
+    """Planes of neighbouring patches that something can stand on, the widest first, and which patches (n,) are theirs.
+
+    edges: (m, 2), of the patches' neighbourhood.
+    """
     level = surfels.normals[:, 2] > _LEVEL
     alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _LIKE
-    inside = edges[level[edges].all(axis=1) & alike]
-    count = len(level)
-    part = joined_parts(inside, count)
+    part = joined_parts(edges[level[edges].all(axis=1) & alike], len(level))
     sizes = np.bincount(part[level], minlength=part.max() + 1)
     planes = []
     for number in np.argsort(-sizes)[:12]:
         if sizes[number] < _LEAST_OF_A_PLANE:
             break
-        plane = fitted_plane(surfels.points_m[part == number])
+        own = part == number
+        plane = fitted_plane(surfels.points_m[own])
         if plane.roughness_m < _FLAT_VOXELS * surfels.voxel_m:
-            planes.append(plane)
+            planes.append((own, plane))
     return planes
 
 

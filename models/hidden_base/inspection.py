@@ -10,7 +10,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.scan.hints_file import FLAT, KINDS
+from toppling.models.scan.hints_file import FLAT, KINDS, outside_cloud
 
 _LEAST_TOUCHES = 3
 """On fewer no rock stands."""
@@ -54,8 +54,10 @@ class Inspection:
 
     def misplaced(self, number: int, what: str, expected: str, remedy: str) -> InputError:
         """Refusal of one of the places."""
-        line = f", line {self.lines[number]}" if self.lines else f", place {number + 1}"
-        return InputError(what, where=self.file + line, expected=expected, remedy=remedy)
+        return InputError(what, where=self._where(number), expected=expected, remedy=remedy)
+
+    def _where(self, number: int) -> str:
+        return self.file + (f", line {self.lines[number]}" if self.lines else f", place {number + 1}")
 
     def check(self, low_m: Array, high_m: Array) -> None:
         """Refuse what contradicts itself, and a place that a cloud, of these bounds, does not show.
@@ -82,13 +84,7 @@ class Inspection:
         outside = ((self.places_m < low_m) | (self.places_m > high_m)).any(axis=1)
         if outside.any():
             number = int(outside.argmax())
-            raise self.misplaced(
-                number,
-                "{:.2f}, {:.2f}, {:.2f} lies outside the cloud".format(*self.places_m[number]),
-                "survey coordinates from {:.2f}, {:.2f}, {:.2f}".format(*low_m)
-                + " to {:.2f}, {:.2f}, {:.2f}".format(*high_m),
-                "give places in the coordinates of the clouds, in metres, as x,y,z",
-            )
+            raise outside_cloud(self.places_m[number], low_m, high_m, self._where(number))
 
     def moved(self, shift_m: Array) -> Inspection:
         """The same in coordinates from which `shift_m` is taken away."""

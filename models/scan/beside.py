@@ -120,13 +120,12 @@ def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float
 
 def stands_beside(
     surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
-) -> bool:
-    """Whether :func:`beside` finds anything."""
-    return bool(_shown(surfels, rock, pedestal, interface, height_m).any())
+) -> Flags:
+    """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none.
 
-
-def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
-    """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none."""
+    rock, pedestal: (n,), which are theirs.
+    height_m: of the rock.
+    """
     beside = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
     pedestal = pedestal & (beside | ~in_plants(surfels.points_m, surfels.roughness))
     reached = _in_reach(surfels, rock, pedestal, interface, height_m)
@@ -141,16 +140,8 @@ def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface,
     return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)
 
 
-def beside(
-    surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
-) -> Beside | None:
-    """Mesh of what the rock can reach beside it, as far as no map of heights shows it; None if that is nothing.
-
-    surfels, rock, pedestal, interface, height_m: as for `_in_reach`.
-    """
-    shown = _shown(surfels, rock, pedestal, interface, height_m)
-    if not shown.any():
-        return None
+def mesh_beside(surfels: Surfels, rock: Flags, shown: Flags, interface: Interface, height_m: float) -> Beside:
+    """Mesh of what :func:`stands_beside` has shown that the rock can reach."""
     axis = surfels.points_m[rock].mean(axis=0)
     normals = _toward(axis, surfels.points_m[shown], surfels.normals[shown], interface.normal)
     vertices, faces = _surface(surfels.points_m[shown], normals, interface, surfels.voxel_m, height_m)

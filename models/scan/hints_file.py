@@ -2,11 +2,11 @@
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
-from toppling.models.errors import refusals
+from toppling.models.errors import InputError, refusals
 from toppling.models.files.folder import new_file
 from toppling.models.spelling import did_you_mean
 
@@ -60,6 +60,20 @@ RIVALS = (
     ("up", "gcp"),
 )
 """Of each of these, one is said."""
+
+
+def outside_cloud(
+    place_m: Iterable[float], low_m: Iterable[float], high_m: Iterable[float], where: str
+) -> InputError:
+    """Refusal of a place of the user's that a cloud of these bounds does not show, survey coordinates."""
+    place, low, high = (", ".join(f"{each:.2f}" for each in places) for places in (place_m, low_m, high_m))
+    return InputError(
+        f"{place} lies outside the cloud",
+        where=where,
+        expected=f"survey coordinates from {low} to {high}",
+        remedy="give places in the coordinates of the clouds, in metres",
+    )
+
 
 _unusable = refusals(
     expected=f"a TOML file with some of the keys {', '.join(KEYS)}",

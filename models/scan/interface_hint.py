@@ -13,6 +13,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.frames import plane_axes, plane_normal, slope_of_normal
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.header import TEXT, named_columns
+from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels
 
@@ -163,21 +164,12 @@ def hint_of(
     return InterfaceHint.points(outline, "outline") if outline else None
 
 
-def check_near(hint: InterfaceHint, low_m: Array, high_m: Array, origin_m: Array) -> None:
-    """Refuse a hint on a place that the cloud (its bounds in the hint's frame) does not show.
-
-    Raises InputError if an anchor lies outside the cloud.
-    """
+def check_near(hint: InterfaceHint, bounds_m: Array) -> None:
+    """Refuse a hint on a place that a cloud, by its lowest and highest survey coordinates (2, 3), does not show."""
+    low_m, high_m = bounds_m
     beyond = ((hint.anchors_m < low_m) | (hint.anchors_m > high_m)).any(axis=1)
     if beyond.any():
-        x, y, z = hint.anchors_m[beyond][0] + origin_m
-        raise InputError(
-            f"{x:.2f}, {y:.2f}, {z:.2f} lies outside the cloud",
-            where=f"the interface's {hint.kind}",
-            expected="survey coordinates from {:.2f}, {:.2f}, {:.2f}".format(*(low_m + origin_m))
-            + " to {:.2f}, {:.2f}, {:.2f}".format(*(high_m + origin_m)),
-            remedy="give places in the coordinates of the clouds, in metres",
-        )
+        raise outside_cloud(hint.anchors_m[beyond][0], low_m, high_m, f"the interface's {hint.kind}")
 
 
 def _interface(point: Array, normal: Array, misfit_m: float) -> Interface:

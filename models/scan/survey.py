@@ -20,7 +20,7 @@ from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.lengths import size_note
 from toppling.models.rock import check_size
-from toppling.models.scan.beside import beside, stands_beside
+from toppling.models.scan.beside import mesh_beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import plants_named, with_reason
 from toppling.models.scan.close import ClosedRock
@@ -29,6 +29,7 @@ from toppling.models.scan.freedom import checked_doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.half_samples import uncertainty
 from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
+from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
 from toppling.models.scan.leaning import check_upright, upright_split
@@ -58,8 +59,7 @@ class Survey:
 
     scene: Scene
     label: NDArray[np.int8]  # (n,): per point of the cloud: 0 rock, 1 pedestal, 2 neither
-    # What the user should know of the clouds: units that were converted, points left out, coarse steps, a
-    # size.
+    # What the user should know of the clouds: units that were converted, points left out, coarse steps, a size.
     notes: tuple[str, ...] = ()
     worked_out: WorkedOut | None = None  # what is kept for hints that come later
 
@@ -115,170 +115,102 @@ def work_out(
     fitted = cloud if isinstance(cloud, Registered) else registered(cloud)
     cloud = fitted.cloud
     near = None if near_m is None else _inside_cloud(near_m, cloud)
-    hint = _placed(cloud, hint)
+    if hint is not None:
+        check_near(hint, cloud.bounds_m)
+        hint = hint.moved(cloud.origin_m)
     progress("splitting rock from pedestal")
     try:
         parts, hint, moved = _split_at(cloud, near, hint)
         progress("fitting the interface")
-        judged = _classified(cloud, parts, hint)
+        seen = _classified(cloud, parts, hint)
     except InputError as error:
         if cloud.label is not None:  # given apart, not found in one cloud
             raise
         raise with_reason(error, cloud.points_m) from error
-    observed, label, pedestal, interface = judged.observed, judged.label, judged.pedestal, judged.interface
-    check_size(observed.height_m, "units")
+    observed, interface, height_m = seen.observed, seen.interface, seen.observed.height_m
+    check_size(height_m, "units")
     with plants_named(cloud.points_m):
-        _check_sense(observed, interface, inspection.moved(cloud.origin_m))
-        told = [*_file_notes(cloud), _coarse_note(cloud, observed.height_m), moved]
+        check_above(observed, interface)
+        check_inspection(observed, interface, inspection.moved(cloud.origin_m))
+        told = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+        if cloud.coarsest is not None:
+            told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
         progress("closing the rock")
         closed, core = close_standing(observed, interface)
-        doubted = checked_doubts(observed, interface, closed, cloud, label)
+        doubted = checked_doubts(observed, interface, closed, cloud, seen.label)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
     progress("meshing the pedestal")
-    ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
-    seen = at_most(np.flatnonzero(label == PEDESTAL), _BESIDE_POINTS)
-    kept = kept_of(ground, cloud.points_m[seen], interface)
-    if interface.edge is None and not judged.stands_alone:
-        stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
-        ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
+    ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
+    below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
+    kept = kept_of(ground, cloud.points_m[below], interface)
+    if seen.beside.any():
+        beside = mesh_beside(observed.surfels, observed.patches, seen.beside, interface, height_m)
+        ground = ground.with_beside(beside, interface, height_m)
     report = {
-        **_surface_report(closed, interface, hint, ground),
+        **_surface_report(closed, interface, "fit" if hint is None else hint.kind, ground),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
-        "segmentation": _segmentation_report(parts, observed, label, interface),
+        "segmentation": _segmentation_report(parts, seen),
         "pedestal": kept,
         "registration": fitted.report,
-        "files": _files(cloud),
+        "files": [source.to_json() for source in cloud.sources]
+        or [{"name": name, "points": points} for name, points in cloud.files],
     } | ({"uncertainty": spread} if spread else {})
-    told += [size_note(observed.height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
+    told += [moved, size_note(height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
     worked_out = WorkedOut(observed, interface, closed, core, *seat, report, inspection)
-    return worked_out, label, tuple(filter(None, told))
+    return worked_out, seen.label, tuple(filter(None, told))
 
 
-def _split(cloud: Cloud, near: Array | None, hint: InterfaceHint | None) -> Segmentation:
-    if cloud.label is None:
-        return upright_split(cloud.points_m, cloud.origin_m, near, hint)
-    parts = as_labelled(cloud.points_m, cloud.label)
-    check_upright(parts, cloud.origin_m)
-    return parts
+def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
+    """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
+    near, (low, high) = np.asarray(near_m, float), cloud.bounds_m[:, :2]
+    if not ((near >= low) & (near <= high)).all():
+        raise outside_cloud(near_m, low, high, "--near")
+    return near - cloud.origin_m[:2]
 
 
 def _split_at(
     cloud: Cloud, near: Array | None, hint: InterfaceHint | None
 ) -> tuple[Segmentation, InterfaceHint | None, str]:
     """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
-    parts = _split(cloud, near, hint)
+    if cloud.label is not None:
+        parts = as_labelled(cloud.points_m, cloud.label)
+        check_upright(parts, cloud.origin_m)
+    else:
+        parts = upright_split(cloud.points_m, cloud.origin_m, near, hint)
     seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)
     if hint is None or seen is None:
         return parts, hint, ""
-    return _split(cloud, near, seen), seen, points_told(hint, seen.interface)
-
-
-def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
-    """The user's interface in the cloud's frame; a place that the cloud does not show is refused."""
-    if hint is not None:
-        hint = hint.moved(cloud.origin_m)
-        low_m, high_m = cloud.bounds_m - cloud.origin_m
-        check_near(hint, low_m, high_m, cloud.origin_m)
-    return hint
-
-
-def _check_sense(observed: ObservedRock, interface: Interface, inspection: Inspection) -> None:
-    """Refuse what the user knows of the base (scene frame) where what was seen contradicts it."""
-    check_above(observed, interface)
-    check_inspection(observed, interface, inspection)
-
-
-def _files(cloud: Cloud) -> list[dict[str, Any]]:
-    if cloud.sources:
-        return [source.to_json() for source in cloud.sources]
-    return [{"name": name, "points": points} for name, points in cloud.files]
-
-
-def _file_notes(cloud: Cloud) -> list[str]:
-    return [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
-
-
-def _coarse_note(cloud: Cloud, height_m: float) -> str:
-    """What the widest step of the clouds' coordinates means for the rock; refused where the crevice is lost."""
-    coarsest = cloud.coarsest
-    return "" if coarsest is None else step_note(coarsest.step_m, height_m, coarsest.name)
-
-
-def _surface_report(
-    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground
-) -> dict[str, Any]:
-    return {
-        "interface": {
-            "given_by": "fit" if hint is None else hint.kind,
-            "roughness_m": interface.roughness_m,
-            **({} if interface.sheet is None else {"carried": interface.sheet.sentence}),
-            **({} if ground.beside is None else {"beside": ground.beside}),
-            "outline_m": ground.outline_m.tolist(),
-            "edges_m": [edge.tolist() for edge in ground.edges_m],
-        },
-        "surface": {
-            "seen_share": closed.seen_share,
-            "closed_share": closed.closed_share,
-            "invented_share": closed.invented_share,
-        },
-    }
-
-
-def _segmentation_report(
-    parts: Segmentation, observed: ObservedRock, label: NDArray[np.int8], interface: Interface
-) -> dict[str, Any]:
-    points = np.concatenate([observed.rock_m, observed.pedestal_m])
-    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
-    return {
-        "rock_points": int((label == ROCK).sum()),
-        "pedestal_points": int((label == PEDESTAL).sum()),
-        "neither_points": int((label == NEITHER).sum()),
-        "resolution_m": parts.surfels.voxel_m,
-        "confidence": confidence(parts, points, side, interface, observed.height_m),
-        "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
-    }
-
-
-def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
-    """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
-    near = np.asarray(near_m, float) - cloud.origin_m[:2]
-    low, high = (cloud.bounds_m - cloud.origin_m)[:, :2]
-    if not ((near >= low) & (near <= high)).all():
-        raise InputError(
-            "{:.2f}, {:.2f} lies outside the cloud".format(*near_m),
-            where="--near",
-            expected="survey coordinates from {:.2f}, {:.2f}".format(*(low + cloud.origin_m[:2]))
-            + " to {:.2f}, {:.2f}".format(*(high + cloud.origin_m[:2])),
-            remedy="give x and y of the rock's top in the coordinates of the clouds, in metres",
-        )
-    return near
+    if cloud.label is None:
+        parts = upright_split(cloud.points_m, cloud.origin_m, near, seen)
+    return parts, seen, points_told(hint, seen.interface)
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _Seen:
     """What was seen of rock and pedestal."""
 
     observed: ObservedRock
     label: NDArray[np.int8]  # (n,), of each point
     pedestal: Flags  # (k,): which patches are the pedestal's
     interface: Interface
-    stands_alone: bool  # nothing that no map of heights shows is in reach of the tilting rock
+    beside: Flags  # (k,): which are in reach of the tilting rock, and no map of heights shows them
 
 
-def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -> _Judged:
+def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -> _Seen:
     """Rock, pedestal and interface, by the crevice at full resolution."""
-    rock = parts.surfel_label == ROCK
-    interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
-    height = float(np.ptp(parts.surfels.points_m[rock, 2]))
+    surfels, rock = parts.surfels, parts.surfel_label == ROCK
+    interface = fit_interface(surfels, rock) if hint is None else hint.interface
+    height = float(np.ptp(surfels.points_m[rock, 2]))
     if hint is None or not hint.encloses:
-        given = None if hint is None else interface
-        interface = carried_surface(parts.surfels, rock, height, given) or interface
+        plane = None if hint is None else interface
+        interface = carried_surface(surfels, rock, height, plane) or interface
     fitted = hint is None and interface.sheet is None
-    seat = seat_of(parts.surfels, rock, height, interface) if fitted else interface
-    hangs = hanging(parts.surfels, rock, height, seat)
+    seat = seat_of(surfels, rock, height, interface) if fitted else interface
+    hangs = hanging(surfels, rock, height, seat)
     interface = interface if hangs is None else seat
+    sure = None if hangs is None else beside_hanging(cloud.points_m, surfels, hangs, height)
     label, interface = judge_crevice(
         cloud.points_m,
         parts.label,
@@ -286,26 +218,27 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         height,
         refit=hint is None,
         relabel=cloud.label is None,
-        sure=None if hangs is None else beside_hanging(cloud.points_m, parts.surfels, hangs, height),
+        sure=sure,
     )
-    surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
-    rock = surfel_label == ROCK
-    pedestal = surfel_label == PEDESTAL
+    surfel_label = label_surfels(surfels, cloud.points_m, label)
+    rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
     if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
         interface = hangs.interface
-    stands_alone = interface.is_bare and not stands_beside(surfels, rock, pedestal, interface, height)
-    if interface.is_bare and not stands_alone:
+    beside = np.zeros(len(rock), bool)
+    if interface.edge is None:
+        beside = stands_beside(surfels, rock, pedestal, interface, height)
+    if interface.is_bare and beside.any():
         interface = level_surface(surfels, rock, height, interface)
     top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
     check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
-    standing, below = _beside(cloud.points_m, label, interface, height)
+    standing, below = _near_interface(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
-    return _Judged(observed, label, pedestal, interface, stands_alone)
+    return _Seen(observed, label, pedestal, interface, beside)
 
 
-def _beside(
+def _near_interface(
     points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> tuple[Array, Array]:
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
@@ -320,6 +253,37 @@ def _beside(
         low, high = bounds_of(standing[:, :2])
         below = below[inside_box(below[:, :2], low - margin, high + margin)]
     return standing, at_most(below, _BESIDE_POINTS)
+
+
+def _surface_report(
+    closed: ClosedRock, interface: Interface, given_by: str, ground: Ground
+) -> dict[str, Any]:
+    shares = ("seen_share", "closed_share", "invented_share")
+    return {
+        "interface": {
+            "given_by": given_by,
+            "roughness_m": interface.roughness_m,
+            **({} if interface.sheet is None else {"carried": interface.sheet.sentence}),
+            **({} if ground.beside is None else {"beside": ground.beside}),
+            "outline_m": ground.outline_m.tolist(),
+            "edges_m": [edge.tolist() for edge in ground.edges_m],
+        },
+        "surface": {each: getattr(closed, each) for each in shares},
+    }
+
+
+def _segmentation_report(parts: Segmentation, seen: _Seen) -> dict[str, Any]:
+    observed, label = seen.observed, seen.label
+    points = np.concatenate([observed.rock_m, observed.pedestal_m])
+    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
+    return {
+        "rock_points": int((label == ROCK).sum()),
+        "pedestal_points": int((label == PEDESTAL).sum()),
+        "neither_points": int((label == NEITHER).sum()),
+        "resolution_m": parts.surfels.voxel_m,
+        "confidence": confidence(parts, points, side, seen.interface, observed.height_m),
+        "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
+    }
 
 
 def save_survey(

@@ -9,7 +9,14 @@ from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, _in_reach, beside, few_triangles
+from toppling.models.scan.beside import (
+    CELL_PER_HEIGHT,
+    TILTS_DEG,
+    _in_reach,
+    few_triangles,
+    mesh_beside,
+    stands_beside,
+)
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL
@@ -21,6 +28,12 @@ from toppling.models.shapes import box
 HALF_WIDTH_M, HEIGHT_M, VOXEL_M = 0.2, 1.2, 0.012
 WALL_M = 1.0
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+
+
+def meshed(surfels, rock, other=None):
+    """The mesh of what stands beside a rock."""
+    shown = stands_beside(surfels, rock, ~rock if other is None else other, LEVEL, HEIGHT_M)
+    return mesh_beside(surfels, rock, shown, LEVEL, HEIGHT_M)
 
 
 def face(u, v, origin, normal):
@@ -68,7 +81,7 @@ def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(
 def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
     surfels, rock = patches(1.3)
     assert not _in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
-    assert beside(surfels, rock, ~rock, LEVEL, HEIGHT_M) is None
+    assert not stands_beside(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
 
 
 def front(found, at_m):
@@ -88,7 +101,7 @@ def test_a_wall_becomes_few_triangles_where_it_stands_that_face_the_rock(turned_
         surfels = Surfels(
             surfels.points_m, inward[:, None] * surfels.normals, surfels.roughness, surfels.voxel_m
         )
-    found = beside(surfels, rock, ~rock, LEVEL, HEIGHT_M)
+    found = meshed(surfels, rock)
     area, off_m = front(found, HALF_WIDTH_M + 0.1)
     assert area[area < 0.0].sum() > -1e-3
     # The error that is allowed, in most of its area: at its crest it is round.
@@ -101,9 +114,9 @@ def test_a_wall_becomes_few_triangles_where_it_stands_that_face_the_rock(turned_
 @pytest.mark.thorough
 def test_what_the_rock_hides_of_a_wall_is_closed():
     surfels, rock = patches(0.1, hidden_from_m=0.7)
-    area, off_m = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
+    area, off_m = front(meshed(surfels, rock), HALF_WIDTH_M + 0.1)
     surfels, rock = patches(0.1)
-    whole, _ = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
+    whole, _ = front(meshed(surfels, rock), HALF_WIDTH_M + 0.1)
     assert area.sum() == pytest.approx(whole.sum(), rel=0.03)
     assert off_m[area > 1e-4].max() < 0.05 * HEIGHT_M
 
@@ -126,8 +139,7 @@ def test_the_rocks_own_foot_is_nothing_that_stands_beside_it():
     foot = rock & (surfels.points_m[:, 2] < 0.3 * HEIGHT_M) & (surfels.points_m[:, 0] < -0.9 * HALF_WIDTH_M)
     assert foot.sum() > 500
     rock, other = rock & ~foot, ~rock | foot
-    standing = beside(surfels, rock, other, LEVEL, HEIGHT_M)
-    assert standing is not None
+    standing = meshed(surfels, rock, other)
     assert standing.vertices_m[:, 0].min() > HALF_WIDTH_M  # of the wall alone
 
 

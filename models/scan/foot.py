@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, slope_of_normal
 from toppling.models.scan.doubt import (
@@ -29,11 +29,11 @@ _ATTACHED_SHARE, _TOLD_SHARE = 0.2, 0.5
 _FOOT, _SIDE = (0.01, 0.02), (0.1, 0.2)
 """Of the rock's height above the interface: where a rounded foot still faces upward, and where a side begins."""
 _ROUNDED_DEG, _TURN_DEG = 12.0, 10.0
-"""A foot is rounded that faces so far up, and so much farther than the side above it. Patches blur a sharp crease to
-0 to 10 degrees there; an arc of .025 of the height faces 24 degrees up."""
+"""A foot is rounded that faces so far up, and so much farther than the side above it: patches blur a sharp crease."""
 _ROUNDED_TOLD, _ROUNDED_REFUSED = 0.5, 0.8
-"""Share of the directions around the rock. Soil that buries a third of a rim rounds less."""
-_LEAST_PATCHES = 20
+"""Share of the directions around the rock."""
+_LEAST_SEEN = 0.25
+"""Of the directions: in fewer a foot tells nothing."""
 SPARSE = 1.5
 """Patches so much farther apart than they are wide show neither a crevice nor a rounded foot."""
 
@@ -46,37 +46,25 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
     of it.
     """
     share = creased_share(observed, interface)
+    expected = what = ""
     if share is not None and share < _TOLD_SHARE:
         what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
         if share < _ATTACHED_SHARE:
-            raise _no_block(what, f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim")
-        return _told(what)
-    rounded = _rounded_share(observed, interface)
-    if rounded is None or rounded < _ROUNDED_TOLD:
-        return None
-    what = f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crevice or crease"
-    if rounded >= _ROUNDED_REFUSED and not parted:
-        raise _no_block(
-            what, f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet"
+            expected = f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim"
+    elif (rounded := _rounded_share(observed, interface)) >= _ROUNDED_TOLD:
+        what = f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crease"
+        if rounded >= _ROUNDED_REFUSED and not parted:
+            expected = f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet"
+    if expected:
+        raise InputError(
+            f"{what}: the rock goes on into its pedestal",
+            where="the interface",
+            expected=expected,
+            remedy="a rock that is attached does not topple as a free block; if it is not (soil or debris may cover "
+            "the rim), the interface lies elsewhere: give it by --plane, --point or --outline",
         )
-    return _told(what)
-
-
-def _no_block(what: str, expected: str) -> InputError:
-    return InputError(
-        f"{what}: the rock goes on into its pedestal",
-        where="the interface",
-        expected=expected,
-        remedy="a rock that is attached does not topple as a free block; if it is not (soil or debris may cover the "
-        "rim), the interface lies elsewhere: give it by --plane, --point or --outline",
-    )
-
-
-def _told(what: str) -> Doubt:
-    return Doubt(
-        "attached",
-        f"{what}: if it is attached there, its strength is not in the answer, which is then too low",
-    )
+    told = f"{what}: if it is attached there, its strength is not in the answer, which is then too low"
+    return Doubt("attached", told) if what else None
 
 
 def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
@@ -97,31 +85,33 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     return float((steepest > _CREASE_DEG).mean())
 
 
-def _rounded_share(observed: ObservedRock, interface: Interface) -> float | None:
-    """Share of the directions in which the rock's foot bends outward like a fillet; None where too little was seen."""
-    surfels, own = observed.surfels, observed.patches
-    over = interface.over(surfels.points_m[own])
-    up = over[:, 2] / observed.height_m
-    dip = np.rad2deg(np.arcsin(np.clip(surfels.normals[own] @ interface.normal, -1.0, 1.0)))
-    foot, side = ((up > low) & (up < high) for low, high in (_FOOT, _SIDE))
-    if foot.sum() < _LEAST_PATCHES or observed.patches_apart > SPARSE:
-        return None
-    ways = over[:, :2] - middle(over[foot])
-    (below, foot_deg), (above, side_deg) = (median_by_sector(dip[part], ways[part]) for part in (foot, side))
+def _rounded_share(observed: ObservedRock, interface: Interface) -> float:
+    """Share of the directions in which the rock's foot bends outward like a fillet; 0 where too little was seen."""
+    (below, foot_deg), (above, side_deg) = (_dips_deg(observed, interface, *band) for band in (_FOOT, _SIDE))
     seen, of_foot, of_side = np.intersect1d(below, above, return_indices=True)
-    if not len(seen):
-        return None
+    if len(seen) < _LEAST_SEEN * SECTORS or observed.patches_apart > SPARSE:
+        return 0.0
     rounded = (foot_deg[of_foot] > _ROUNDED_DEG) & (foot_deg[of_foot] - side_deg[of_side] > _TURN_DEG)
     return float(rounded.mean())
 
 
-_GROWN_BESIDE_PER_HEIGHT = (0.02, 0.15)
+def _dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> tuple[Indices, Array]:
+    """Directions (k,), and the median angle of the normals over the plane in each, between two shares of the height."""
+    surfels, own = observed.surfels, observed.patches
+    over = interface.over(surfels.points_m[own])
+    inside = (over[:, 2] > low * observed.height_m) & (over[:, 2] < high * observed.height_m)
+    if not inside.any():
+        return np.zeros(0, np.int64), np.zeros(0)
+    dip = np.rad2deg(np.arcsin(np.clip(surfels.normals[own][inside] @ interface.normal, -1.0, 1.0)))
+    return median_by_sector(dip, over[inside, :2] - middle(over[inside]))
+
+
+_GROWN_PER_HEIGHT, _GROWN_BAND_PER_HEIGHT = (0.02, 0.15), 0.1
 """Distances from the rock at which the pedestal is looked at: the two sides of a crevice are thick together."""
-_GROWN_BAND_PER_HEIGHT = 0.1
 _FEWEST = 30
 _THICK, _OVER_ROCK = 0.4, 3.0
 """Thickness over width of the median patch of grass, and how often that of the rock's patches, which noise thickens
-too. Known grounds have 0.2 at most, or as much as the rock; grass of 0.02 of the height and more 0.45 to 0.75."""
+too."""
 _LOW, _HIGH = 0.05, 0.95
 """Shares of the patches below and above which they are single blades and holes."""
 
@@ -130,12 +120,12 @@ def overgrown(observed: ObservedRock, interface: Interface) -> Doubt | None:
     """A doubt in the interface where what was seen beside the rock is as thick as it is wide, and the rock is not."""
     if observed.hint is not None:
         return None  # the user knows the interface
-    surfels, rock, height = observed.surfels, observed.patches, observed.height_m
-    over = interface.over(surfels.points_m)[:, 2]
-    away, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
-    near, far = (share * height for share in _GROWN_BESIDE_PER_HEIGHT)
-    beside = ~rock & (away > near) & (away < far) & (np.abs(over) < _GROWN_BAND_PER_HEIGHT * height)
-    if beside.sum() < _FEWEST or not _grown_over(surfels.roughness[beside], surfels.roughness[rock]):
+    roughness, over = observed.surfels.roughness, interface.over(observed.surfels.points_m)[:, 2]
+    beside, _ = _ring(observed, interface, _GROWN_PER_HEIGHT, _GROWN_BAND_PER_HEIGHT)
+    if len(beside) < _FEWEST:
+        return None
+    thick = np.median(roughness[beside])
+    if thick < max(_THICK, _OVER_ROCK * np.median(roughness[observed.patches])):
         return None
     low, high = np.quantile(over[beside], [_LOW, _HIGH])
     return Doubt(
@@ -147,10 +137,20 @@ def overgrown(observed: ObservedRock, interface: Interface) -> Doubt | None:
     )
 
 
-def _grown_over(beside: Array, rock: Array) -> bool:
-    """Whether patches beside a rock are a plant's, by their thickness over width (n,) and that of the rock's (m,)."""
-    thick = float(np.median(beside))
-    return thick > _THICK and thick > _OVER_ROCK * float(np.median(rock))
+def _ring(
+    observed: ObservedRock, interface: Interface, away_per_height: tuple[float, float], band_per_height: float
+) -> tuple[Indices, Array]:
+    """Patches (k,) of the pedestal at such distances from the rock's foot, and the ways (k, 2) to them from it."""
+    flat, height = interface.over(observed.surfels.points_m), observed.height_m
+    foot = flat[observed.patches & (flat[:, 2] < _COLLAR_BAND_PER_HEIGHT * height), :2]
+    if not len(foot):
+        return np.zeros(0, np.int64), np.zeros((0, 2))
+    away, nearest = cKDTree(foot).query(flat[:, :2])
+    near, far = (share * height for share in away_per_height)
+    beside = (
+        ~observed.patches & (away > near) & (away < far) & (np.abs(flat[:, 2]) < band_per_height * height)
+    )
+    return np.flatnonzero(beside), flat[beside, :2] - foot[nearest[beside]]
 
 
 _COLLAR_PER_HEIGHT = (0.02, 0.1)
@@ -171,8 +171,8 @@ def bridged(observed: ObservedRock, interface: Interface) -> Doubt | None:
     near_deg = _collar_deg(observed, interface)
     if near_deg < _STEEP_DEG:
         return None
-    beyond_deg = _beyond_collar_deg(observed, interface)
-    if beyond_deg is not None and beyond_deg > _FLATTER * near_deg:
+    beyond_deg = _falls_deg(observed, interface, _BEYOND_PER_HEIGHT, np.inf)
+    if len(beyond_deg) and np.median(beyond_deg) > _FLATTER * near_deg:
         return None
     return Doubt(
         "bridged",
@@ -190,31 +190,18 @@ def _collar_deg(observed: ObservedRock, interface: Interface) -> float:
     return float(np.quantile(every, 1.0 - _ALL_ROUND))
 
 
-def _beyond_collar_deg(observed: ObservedRock, interface: Interface) -> float | None:
-    """Slope by which the pedestal falls farther away from the rock, in half of the directions; None if unseen."""
-    every = _falls_deg(observed, interface, _BEYOND_PER_HEIGHT, np.inf)
-    return float(np.median(every)) if len(every) else None
-
-
 def _falls_deg(
     observed: ObservedRock, interface: Interface, away_per_height: tuple[float, float], band_per_height: float
 ) -> Array:
     """Median slopes (k,) by which the pedestal falls at such distances from the rock, in the directions shown."""
-    surfels, rock, height = observed.surfels, observed.patches, observed.height_m
-    flat = interface.over(surfels.points_m)
-    foot = rock & (flat[:, 2] < _COLLAR_BAND_PER_HEIGHT * height)
-    if not foot.any():
+    beside, outward = _ring(observed, interface, away_per_height, band_per_height)
+    if not len(beside):
         return np.zeros(0)
-    away, nearest = cKDTree(flat[foot, :2]).query(flat[:, :2])
-    near, far = (share * height for share in away_per_height)
-    beside = ~rock & (away > near) & (away < far) & (np.abs(flat[:, 2]) < band_per_height * height)
-    if not beside.any():
-        return np.zeros(0)
-    outward = flat[beside, :2] - flat[foot, :2][nearest[beside]]
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    normals = surfels.normals[beside] @ interface.axes
-    falls = np.rad2deg(np.arctan2(np.einsum("ij,ij->i", normals[:, :2], outward), np.abs(normals[:, 2])))
-    return median_by_sector(falls, flat[beside, :2] - flat[foot, :2].mean(axis=0))[1]
+    places = interface.over(observed.surfels.points_m[beside])[:, :2]
+    normals = observed.surfels.normals[beside] @ interface.axes
+    along = np.einsum("ij,ij->i", normals[:, :2], outward) / np.linalg.norm(outward, axis=1)
+    falls = np.rad2deg(np.arctan2(along, np.abs(normals[:, 2])))
+    return median_by_sector(falls, places - outward - middle(places - outward))[1]
 
 
 def off_what_was_seen(observed: ObservedRock, interface: Interface, origin_m: Array) -> Doubt | None:
@@ -251,12 +238,7 @@ _TOLD_DEG = 130.0
 def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Doubt | None:
     """A doubt where the rim was not seen over a wide range of directions about the line of the weight.
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    com_m : (3,) array
-        Centre of mass of the closed rock, scene frame.
+    com_m: (3,), centre of mass of the closed rock, scene frame.
     """
     if observed.hint is not None and observed.hint.encloses:
         return None
@@ -280,13 +262,10 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Do
 _FLARE, _WAIST = (0.1, 0.3), (0.45, 0.65)
 """Of the rock's height: sides are judged above the ground's last roughness, and where a boulder's upper half bends."""
 _FLARE_DEG, _FLARE_SHARE = 8.0, 0.8
-"""A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
-Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
+"""A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground."""
 _UPRIGHT_DEG, _BENT_DEG, _UNDERCUT_SHARE, _BULGING_SHARE = -3.0, 12.0, 0.35, 0.12
 """Sides are those of a boulder's upper half if they point no farther down at the foot, in the mean over the directions,
-bend by more to the waist, overhang in a smaller share of the directions, and at the waist in hardly any. Of four
-boulders sunk by 0.25 to 0.5 of their height feet point -1 to 24 degrees up and bend by 16 to 44; of 25 free rocks those
-with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the directions."""
+bend by more to the waist, overhang in a smaller share of the directions, and at the waist in hardly any."""
 
 
 def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
@@ -294,29 +273,35 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
     A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
     """
-    return _embedded(*_side_dips_deg(observed, interface))
+    return _sunk(observed, interface)[0]
 
 
-def _embedded(foot: Array, waist: Array) -> Doubt | None:
+def _sunk(observed: ObservedRock, interface: Interface) -> tuple[Doubt | None, bool]:
+    """The doubt that a rock is embedded, and whether its widest part surely lies below the ground."""
+    foot, waist = (_dips_deg(observed, interface, *band)[1] for band in (_FLARE, _WAIST))
     if len(foot) < 0.5 * SECTORS:
-        return None
+        return None, False
     share = float((foot > _FLARE_DEG).mean())
+    domed = len(waist) >= 0.5 * SECTORS and foot.mean() > _UPRIGHT_DEG
+    domed = domed and waist.mean() - foot.mean() > _BENT_DEG
+    domed = domed and (foot < -_FLARE_DEG).mean() < _UNDERCUT_SHARE and (waist < 0.0).mean() < _BULGING_SHARE
     if share >= _FLARE_SHARE:
         median = np.median(foot)
         what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {median:.0f} degrees"
-    elif _domed(foot, waist):
+    elif domed:
         what = (
             "the rock is widest near the ground, where hardly anything overhangs, and its sides bend by "
             f"{waist.mean() - foot.mean():.0f} degrees up to the middle, as those of a boulder's upper half"
         )
     else:
-        return None
-    return Doubt(
+        return None, False
+    doubt = Doubt(
         "embedded",
         f"{what}: it may be embedded, and go on below the ground; then the volume is "
         "too small, the contact unknown, and what surrounds the rock holds it. A probe or a trench beside it shows "
         "whether its base lies at the interface",
     )
+    return doubt, bool(domed and foot.mean() > _FLARE_DEG)
 
 
 def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
@@ -325,9 +310,8 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     Raises InputError if its sides flare down to the ground and bend inward from there on: its widest part lies
     below.
     """
-    foot, waist = _side_dips_deg(observed, interface)
-    sunk = _embedded(foot, waist)
-    if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > _FLARE_DEG:
+    sunk, surely = _sunk(observed, interface)
+    if observed.hint is None and sunk is not None and surely:
         raise InputError(
             sunk.sentence,
             where="the rock",
@@ -335,30 +319,3 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
             remedy="if its base was found at the ground, say where they meet by --plane, --point or --outline; a rock "
             "that goes on below the ground does not topple as a free block",
         )
-
-
-def _domed(foot_deg: Array, waist_deg: Array) -> bool:
-    """Whether sides with such dips are those of a boulder's upper half."""
-    if len(waist_deg) < 0.5 * SECTORS:
-        return False
-    bulging = (foot_deg < -_FLARE_DEG).mean() < _UNDERCUT_SHARE and (waist_deg < 0.0).mean() < _BULGING_SHARE
-    return bool(foot_deg.mean() > _UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > _BENT_DEG and bulging)
-
-
-def _side_dips_deg(observed: ObservedRock, interface: Interface) -> tuple[Array, Array]:
-    """Median angles of the sides' normals above the interface plane in each direction: at the foot, at the waist."""
-    foot, waist = (_dips_deg(observed, interface, *band) for band in (_FLARE, _WAIST))
-    return foot, waist
-
-
-def _dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
-    """Median angle of the normals above the interface plane between two shares of the height, in each direction."""
-    surfels = observed.surfels
-    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
-    up = interface.over(points)[:, 2] / observed.height_m
-    inside = (up > low) & (up < high)
-    if not inside.any():
-        return np.zeros(0)
-    flat = interface.flat(points)[inside, :2]
-    dip = np.rad2deg(np.arcsin(np.clip(normals[inside] @ interface.normal, -1.0, 1.0)))
-    return median_by_sector(dip, flat - middle(flat))[1]

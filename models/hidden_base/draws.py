@@ -134,7 +134,9 @@ class UnseenBase:
 
     def write(self, path: Path) -> None:
         """Write the draws as JSON with its digest, one draw a line."""
-        lines = ",\n".join(json.dumps(_lists(draw)) for draw in self.draws)
+        lines = ",\n".join(
+            json.dumps({name: value.tolist() for name, value in vars(draw).items()}) for draw in self.draws
+        )
         head = f'"{KEY}": "{BLANK}", "schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
         if self.nominal is not None:
             head += f', "nominal": {self.nominal}'
@@ -229,10 +231,6 @@ def _numbers(vertices: Any, draws: tuple[BaseDraw, ...]) -> Indices | None:
         msg = f"{len(numbers)} vertices, and draws of another number of feet"
         raise ValueError(msg)
     return numbers.astype(np.int64)
-
-
-def _lists(draw: BaseDraw) -> dict[str, Any]:
-    return {field.name: getattr(draw, field.name).tolist() for field in dataclasses.fields(draw)}
 
 
 def _checked(draw: Mapping[str, Sequence[Any]]) -> dict[str, Array]:

@@ -58,7 +58,8 @@ def bases_on_surface(
         vertices = rock.vertices_m.copy()
         vertices[numbers] = interface.scene(places[number])
         standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")
-        body = _grounded_on(standing, interface)
+        ground = surface_of(interface)
+        body = GroundedBody.of(standing, ground, STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))
         if body.stands(body.touching(body.pose)):
             rock, nominal = standing, number
             break
@@ -72,13 +73,11 @@ def bases_on_surface(
 def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float) -> Indices:
     """Numbers of the rock's vertices that lie in the hidden part of its base."""
     over = interface.over(rock.vertices_m)
-    closed = between_nodes(over[:, :2], interface.lattice_m, lambda nodes: _at_nodes(base, nodes))
+    closed = between_nodes(
+        over[:, :2], interface.lattice_m, lambda nodes: np.asarray(base.grid.at(base.height_m, nodes))
+    )
     hidden = base.hidden.ravel()[base.grid.index(over)]
     return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < _ROUNDING * height_m))
-
-
-def _at_nodes(base: Base, nodes: Array) -> Array:
-    return np.asarray(base.grid.at(base.height_m, nodes))
 
 
 def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interface) -> Array:
@@ -104,11 +103,6 @@ def surface_of(interface: Interface) -> Pedestal:
     return Pedestal(
         interface.point_m, interface.normal, interface.scene(flat), grid_triangles(nodes.shape[:2])
     )
-
-
-def _grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
-    """A rock on the carried surface, with the friction that every scanned scene has by default."""
-    return GroundedBody.of(rock, surface_of(interface), STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))
 
 
 _FRICTION = 0.8

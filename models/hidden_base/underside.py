@@ -135,7 +135,8 @@ class Underside:
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
             hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~(shown & ends))
-        feet, passed = seat & _feet(grid, seen, shown), _seen_through(hidden, shown)
+        feet = seat & _feet(grid, seen, shown)
+        passed = bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
         if on_feet := _stands_on_feet(grid, seen, hidden, feet, passed):
             hidden = hidden | feet
         outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
@@ -260,11 +261,6 @@ def _gone_on(grid: Grid, side: UnseenSide, hidden: Flags, free: Flags) -> tuple[
     for number in range(DRAWN):
         share = np.minimum(share, side.share_out(nodes, number))
     return hidden, hidden | _largest(hidden | (free & (share < 1.0) & side.in_range(nodes)))
-
-
-def _seen_through(hidden: Flags, shown: Flags) -> bool:
-    """Whether the pedestal was seen below most of what the rock's low parts enclose."""
-    return bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
 
 
 def _stands_on_feet(grid: Grid, seen: Flags, hidden: Flags, feet: Flags, passed: bool) -> bool:

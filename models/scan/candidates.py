@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
@@ -73,7 +73,10 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     found: list[Candidate] = []
     for peak, level in _peaks(coarse, edges):
         candidate = _cut_off(coarse, edges, peak, coarse.points_m[peak, 2] - level)
-        if candidate is not None and not any(_overlap(candidate, other) for other in found):
+        if candidate is None:
+            continue
+        own = candidate.rock.sum()
+        if not any((candidate.rock & each.rock).sum() > 0.5 * min(own, each.rock.sum()) for each in found):
             found.append(candidate)
     found.sort(key=lambda each: -each.height_m)
     large = [each for each in found[:_ZOOMED] if each.height_m > _ZOOMED_SHARE * found[0].height_m]
@@ -82,11 +85,6 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
         if not any(np.linalg.norm(candidate.top_m - each.top_m) < coarse.voxel_m for each in kept):
             kept.append(candidate)
     return sorted(kept, key=lambda each: -each.height_m)
-
-
-def _overlap(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates of the same surfels are mostly the same."""
-    return bool((one.rock & other.rock).sum() > 0.5 * min(one.rock.sum(), other.rock.sum()))
 
 
 def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
@@ -244,7 +242,9 @@ def minimum_cut(
     left = (graph - flow).tocsr()
     left.data = np.maximum(left.data, 0)
     left.eliminate_zeros()
-    reached = _reachable(left, source)[:count]
+    reached = np.zeros(count + 2, bool)
+    reached[breadth_first_order(left, source, return_predecessors=False)] = True
+    reached = reached[:count]
     return reached, concave_share(surfels, edges, reached)
 
 
@@ -252,12 +252,6 @@ def concave_share(surfels: Surfels, edges: Indices, rock: Flags) -> float:
     """Share of the edges between a rock and the rest that run through a crease."""
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
     return float((bend(surfels, cut) < CREASE).mean()) if len(cut) else 1.0
-
-
-def _reachable(graph: csr_matrix, start: int) -> Flags:
-    reached = np.zeros(graph.shape[0], bool)
-    reached[breadth_first_order(graph, start, return_predecessors=False)] = True
-    return reached
 
 
 def bend(surfels: Surfels, edges: Indices) -> Array:

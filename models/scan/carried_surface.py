@@ -70,9 +70,13 @@ def carried_surface(
     found = _faceted(flat, flat_normals, height_m)
     if found is None and narrow.sum() > _LEAST_PATCHES:
         found = _curved(flat[narrow], below, height_m)
-    if found is None or not _leaves_the_plane(found, below, height_m):
+    if found is None:
         return None
-    lattice, roughness = _lattice_m(below, height_m), _roughness_m(found, below)
+    over, design = found.at(below), np.column_stack([np.ones(len(below)), below])
+    off = over - design @ np.linalg.lstsq(design, over, rcond=None)[0]  # the plane nearest to it
+    if np.abs(off).max() <= _OFF_PER_HEIGHT * height_m:
+        return None
+    lattice, roughness = _lattice_m(below, height_m), float(np.sqrt((over**2).mean()))
     frame, found = _along_the_crease(frame, found)
     places = frame.flat(rim)[:, :2]
     sheet = replace(found, lattice_m=lattice, ring_m=places[ConvexHull(places).vertices])
@@ -151,18 +155,6 @@ def _inside(ring: Array, cell_m: float) -> Array:
     nodes = np.stack(np.meshgrid(*(np.arange(a, b + cell, cell) for a, b in zip(low, high, strict=True))), -1)
     nodes = nodes.reshape(-1, 2)
     return nodes[(nodes @ hull.equations[:, :2].T + hull.equations[:, 2] <= 0.0).all(axis=1)]
-
-
-def _leaves_the_plane(sheet: Sheet, below: Array, height_m: float) -> bool:
-    """Whether the surface below the rock differs from every plane by what matters to contacts."""
-    over = sheet.at(below)
-    design = np.column_stack([np.ones(len(below)), below])
-    off = over - design @ np.linalg.lstsq(design, over, rcond=None)[0]
-    return bool(np.abs(off).max() > _OFF_PER_HEIGHT * height_m)
-
-
-def _roughness_m(sheet: Sheet, below: Array) -> float:
-    return float(np.sqrt((sheet.at(below) ** 2).mean()))
 
 
 def _faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:

@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
+from toppling.models.scan.doubt import middle, sectors
 from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import voxels
@@ -238,7 +239,6 @@ class NearRim:
     points_m: Array  # (n, 3)
     say: Array  # (n,)
     cell: Indices  # (n,): of a grid of equal areas: near stations see the same crevice more densely
-    number: Indices  # (n,): among the points that they were chosen from
     height_m: float  # of the rock
 
     @classmethod
@@ -255,7 +255,7 @@ class NearRim:
         say = np.exp(-((away / (_NEAR_PER_HEIGHT * height_m)) ** 2))
         u, v = np.floor(flat[number, :2] / (0.01 * height_m)).astype(np.int64).T
         cell = (u - u.min(initial=0)) * (1 + np.ptp(v) if len(v) else 1) + v - v.min(initial=0)
-        return cls(points_m[number], say, cell, number, height_m)
+        return cls(points_m[number], say, cell, height_m)
 
     def fitted(self, kept: Flags | None = None) -> Interface:
         """Plane through the points, or those of them that are kept (n,); InputError if they are next to none."""
@@ -281,8 +281,7 @@ def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:
     low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
     low = low[not_strays(low)]
     check_seen(len(low), "rock", given=given)
-    centre = 0.5 * (low[:, :2].min(axis=0) + low[:, :2].max(axis=0))
-    sector = (np.arctan2(*(low[:, :2] - centre).T[::-1]) // (2 * np.pi / 48)).astype(int)
+    sector = sectors(low[:, :2] - middle(low), 48)
     order = np.lexsort((low[:, 2], sector))
     _, first = np.unique(sector[order], return_index=True)
     lowest = low[order][first, :2]

@@ -52,7 +52,9 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
         if share < _ATTACHED_SHARE:
             expected = f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim"
     elif (rounded := _rounded_share(observed, interface)) >= _ROUNDED_TOLD:
-        what = f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crease"
+        what = (
+            f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crease"
+        )
         if rounded >= _ROUNDED_REFUSED and not parted:
             expected = f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet"
     if expected:

@@ -81,7 +81,9 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
         cell, nodes = interface.lattice_m, lattice(interface.sheet, low, high)
     flat = interface.over(surfels.points_m[pedestal])
     top = is_ground(flat, surfels.normals[pedestal], interface, height)
-    top[top] = _among_its_like(flat[top], cell)
+    # Strays between rock and pedestal make spikes.
+    near = cKDTree(flat[top, :2]).query(flat[top, :2], min(13, int(top.sum())))[1]
+    top[top] = np.abs(flat[top, 2] - np.median(flat[top, 2][near], axis=1)) < cell
     if interface.edge is not None:
         top &= interface.edge.outside_m(flat) < 0.0
         flat_rock = np.maximum(flat_rock, [-np.inf, -np.inf, 0.0])  # what hangs keeps no ground down
@@ -140,12 +142,6 @@ def kept_of(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, An
         "left_away": f"what lies farther from the rock's outline than {_REACH_HEIGHTS} of its height, and below cliff "
         "edges: a rock that gets there has toppled",
     }
-
-
-def _among_its_like(flat: Array, reach_m: float) -> Flags:
-    """Which patches lie within reach of the median height around: strays between rock and pedestal make spikes."""
-    near = cKDTree(flat[:, :2]).query(flat[:, :2], min(13, len(flat)))[1]
-    return np.abs(flat[:, 2] - np.median(flat[near, 2], axis=1)) < reach_m
 
 
 def _inside(nodes: Array, polygon: Array) -> Flags:

@@ -3,44 +3,40 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.models.arrays import Array, Indices
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import COARSE_DEPTH, close_rock
 from toppling.models.scan.crevice import NearRim
+from toppling.models.scan.doubt import SECTORS, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import AZIMUTHS_DEG, ObservedRock, toppling
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scene import Scene
 
-_SECTORS = 36
 _BESIDE_BAND_PER_HEIGHT = 0.1
-"""Points this far above or below the interface are enough to fit it anew."""
+"""Points of the rock so near to the interface tell its middle."""
 
 # What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
-# base. Errors against known rocks bound it (benchmarks/reports/scan.md): seven virtual shapes and two scans of others.
+# base. Errors against known rocks bound it (benchmarks/reports/scan.md).
 _COM_BIAS_PER_HEIGHT = 0.001
 _VOLUME_BIAS_SHARE = 0.003
 _INERTIA_BIAS_SHARE = 0.003
 _TOPPLING_BIAS_SHARE = 0.02
 _HEIGHT_BIAS_SHARE = 0.006
-"""A rock's lowest place is part of its hidden base. Heights of four known rocks came out off by -0.04, -0.04, 0.6 and
-1.0 % (0.6 rms), by 2 to 14 of their spreads over half samples."""
+"""A rock's lowest place is part of its hidden base."""
 
 # What no station saw, no half sample knows either. A smooth closing can miss, or add, as much as a cap with the
-# invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume. Nineteen scans of four shapes by two to four
-# stations on one side, 25 to 72 % invented, were off by 0.03 to 1.2 of it in volume (0.63 rms), and by 0.2 to 1.6 in
-# inertia (0.84 rms).
+# invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume.
 _INVENTED_COM_PER_HEIGHT = 0.2
-"""Shift of the centre of mass in each coordinate over height and such a cap's share; those scans: up to 0.24."""
+"""Shift of the centre of mass in each coordinate over height and such a cap's share."""
 _LEAST_CLOSED = 3
 """Fewer half samples give no spread."""
 _ENOUGH = 4
@@ -83,35 +79,22 @@ def uncertainty(
     samples is that of the estimate itself. Where those of four tell next to nothing beside the floors, no more are
     drawn.
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    core : float
-        Of the feet on which the rock stands.
-    invented_share : float
-        Of the rock's surface: neither seen nor closed at the interface.
-    realisations : int
-        At most; 0 for none, which gives nothing.
-    each : callable
-        Called after each.
+    Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor. The floors grow
+    with what is invented (`_cap_share`): by that share of volume and inertia, by a fifth of it of the height in the
+    centre of mass, and by what this shift does to the toppling. An invented top counts in the height by as much as it
+    rises above what was seen.
 
-    Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor, measured on
-    known rocks: 0.1 % of the rock's height in each coordinate of the centre of mass, 0.6 % of the height itself, 0.3 %
-    of volume and inertia, 2 % of the toppling acceleration. The floors grow with what is invented (`_cap_share`): by
-    that share of volume and inertia, by a fifth of it of the height in the centre of mass, and by what this shift does
-    to the toppling. An invented top counts in the height by as much as it rises above what was seen.
-
-    Returns
-    -------
-    dict
-        Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
-        than three realisations close, and none of an interface that is given, ends below
-        the rock or carries a surface: its error nobody drew.
+    core: of the feet on which the rock stands.
+    invented_share: of the rock's surface: neither seen nor closed at the interface.
+    realisations: at most; 0 for none, which gives nothing.
+    each: called after each.
+    Returns standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
+    than three realisations close, and none of an interface that is given, ends below the rock or carries a surface: its
+    error nobody drew.
     """
     if not realisations:
         return {}
-    draw = partial(_HalfSample.drawn, observed, interface, core, _Beside.of(observed, interface))
+    draw = partial(_HalfSample.drawn, observed, core, _half_fits(observed, interface))
     spreads = partial(_spreads, observed, invented_share)
     closed, tried = _half_samples(draw, spreads, realisations, each)
     given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
@@ -131,16 +114,10 @@ class _HalfSample:
 
     @classmethod
     def drawn(
-        cls,
-        observed: ObservedRock,
-        interface: Interface,
-        core: float,
-        beside: "_Beside",
-        rng: np.random.Generator,
+        cls, observed: ObservedRock, core: float, half_fitted: "_HalfFit", rng: np.random.Generator
     ) -> "_HalfSample":
         """Close a half sample; InputError if it leaves too little."""
-        kept_plane = observed.hint is not None or not interface.is_bare
-        plane = interface if kept_plane else beside.half_fitted(rng)
+        plane = half_fitted(rng)
         drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
         near = observed.near(plane)
         near = replace(near, low=_half(near.low, rng), lit=_half(near.lit, rng))
@@ -148,6 +125,26 @@ class _HalfSample:
         kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
         rock = close_rock(observed.surfels, kept, base, plane, COARSE_DEPTH).rock
         return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))
+
+
+_HalfFit = Callable[[np.random.Generator], Interface]
+
+
+def _half_fits(observed: ObservedRock, interface: Interface) -> _HalfFit:
+    """What fits the interface through the pedestal in half of the directions around the contact."""
+    if observed.hint is not None or not interface.is_bare:
+        return lambda _: interface
+    points = np.concatenate([observed.rock_m, observed.pedestal_m])
+    label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
+    rim = NearRim.of(points, label, interface, observed.height_m)
+    low = interface.flat(observed.rock_m)
+    low = low[np.abs(low[:, 2]) < _BESIDE_BAND_PER_HEIGHT * observed.height_m]
+    sector = sectors(interface.flat(rim.points_m)[:, :2] - middle(low))
+
+    def half_fitted(rng: np.random.Generator) -> Interface:
+        return rim.fitted(np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False)))
+
+    return half_fitted
 
 
 Spreads = dict[str, tuple[Array, Array]]
@@ -176,10 +173,8 @@ def _half_samples(
 
 def _adds_nothing(spreads: Spreads) -> bool:
     """Whether each number's spread over half samples, rms of its parts, is small beside its floor."""
-    return all(
-        bool(np.linalg.norm(spread) <= _ADDS_NOTHING * np.linalg.norm(floor))
-        for spread, floor in spreads.values()
-    )
+    norms = ((np.linalg.norm(spread), np.linalg.norm(floor)) for spread, floor in spreads.values())
+    return all(bool(spread <= _ADDS_NOTHING * floor) for spread, floor in norms)
 
 
 def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSample]) -> Spreads:
@@ -263,44 +258,6 @@ def invention_warning(scene: Scene) -> str | None:
 
 def _half(points: Array, rng: np.random.Generator) -> Array:
     return points[rng.random(len(points)) < 0.5]
-
-
-@dataclass(frozen=True, eq=False)
-class _Beside:
-    """Points on both sides of the interface, from which it is fitted, and the direction in which each lies."""
-
-    points_m: Array
-    label: NDArray[np.int8]
-    sector: Indices
-    interface: Interface
-    height_m: float
-
-    @cached_property
-    def near_rim(self) -> NearRim:
-        """Those of the pedestal by the rim, the same for every half sample."""
-        return NearRim.of(self.points_m, self.label, self.interface, self.height_m)
-
-    def half_fitted(self, rng: np.random.Generator) -> Interface:
-        """Interface through the pedestal in half of the directions around the contact."""
-        half = rng.choice(_SECTORS, _SECTORS // 2, replace=False)
-        return self.near_rim.fitted(np.isin(self.sector[self.near_rim.number], half))
-
-    @classmethod
-    def of(cls, observed: ObservedRock, interface: Interface) -> "_Beside":
-        band = _BESIDE_BAND_PER_HEIGHT * observed.height_m
-        flat_rock, flat_pedestal = interface.flat(observed.rock_m), interface.flat(observed.pedestal_m)
-        rock, pedestal = np.abs(flat_rock[:, 2]) < band, np.abs(flat_pedestal[:, 2]) < band
-        low = flat_rock[rock, :2]
-        centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
-        offset = np.concatenate([low, flat_pedestal[pedestal, :2]]) - centre
-        turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
-        return cls(
-            np.concatenate([observed.rock_m[rock], observed.pedestal_m[pedestal]]),
-            np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
-            np.floor(turn * _SECTORS).astype(int) % _SECTORS,
-            interface,
-            observed.height_m,
-        )
 
 
 def _std(values: Any) -> Array:

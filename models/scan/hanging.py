@@ -103,7 +103,10 @@ def _edge_lines(surfels: Surfels, rock: Flags, hangs: Flags, height_m: float, in
     flat, normals = interface.flat(surfels.points_m), surfels.normals @ interface.axes
     deep, least = _FACE_PER_HEIGHT[1] * height_m, _FACE_PER_HEIGHT[0] * height_m
     face = ~rock & (flat[:, 2] < -least) & (flat[:, 2] > -deep) & (np.abs(normals[:, 2]) < _FACE_DIP)
-    face[face] = _in_a_face(surfels, face)
+    # Where a face ends, normals of patches are between two surfaces'.
+    around = cKDTree(surfels.points_m).query(surfels.points_m[face], _AROUND)[1][:, 1:]
+    alike = np.abs(np.einsum("kij,kj->ki", surfels.normals[around], surfels.normals[face]))
+    face[face] = np.median(alike, axis=1) > _FACE_ALIKE
     top = _top(surfels, rock, flat, height_m, interface)
     if face.sum() < _LEAST_FACE or top.sum() < _INNER:
         return np.zeros((0, 4))
@@ -127,13 +130,6 @@ def _edge_lines(surfels: Surfels, rock: Flags, hangs: Flags, height_m: float, in
     kept = (length > 0.5) & (whole > _LEAST_SAY * np.median(whole))
     lines[:, 2:] /= length[:, None]
     return lines[kept]
-
-
-def _in_a_face(surfels: Surfels, of: Flags) -> Flags:
-    """Which of some patches have normals as those around them: where a face ends, they are between two surfaces'."""
-    around = cKDTree(surfels.points_m).query(surfels.points_m[of], _AROUND)[1][:, 1:]
-    alike = np.abs(np.einsum("kij,kj->ki", surfels.normals[around], surfels.normals[of]))
-    return np.asarray(np.median(alike, axis=1) > _FACE_ALIKE)
 
 
 def _alike(lines: Array, height_m: float) -> Array:

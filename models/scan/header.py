@@ -50,7 +50,8 @@ def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bo
                 _check_metres([names[column] for column in found], where)
             return found
         # Remarks may stand between a header and the points, so of such lines only the last must be understood.
-        if (line is titles[-1] or not _is_comment(line)) and _names_columns(names, columns):
+        is_remark = line.lstrip().startswith(("#", "//"))
+        if (line is titles[-1] or not is_remark) and _names_columns(names, columns):
             raise _not_understood(names, columns, where)
     return None
 
@@ -104,21 +105,17 @@ def _names(line: str, columns: int) -> list[str]:
     """Names in a header, parted in the way that gives as many as there are columns, if there is one."""
     title = re.sub(r"[\"']", "", line).strip().lstrip("#/ ").lower()
     # Neither blanks nor open brackets are looked through twice: a line may be long.
-    title = re.sub(r"(?<!\s)\s*[(\[]([^()\[\]]*)[)\]]", _closed_up, title)
+    # What stands in a bracket becomes one word, so that it stays with its name: x (us ft) is x(us-ft).
+    title = re.sub(
+        r"(?<!\s)\s*[(\[]([^()\[\]]*)[)\]]",
+        lambda bracket: "(" + "-".join(re.findall(r"\w+", bracket[1])) + ")",
+        title,
+    )
     for separator in (",", ";", "\t", None):
         names = [name.strip() for name in title.split(separator)]
         if len(names) == columns:
             return names
     return [name for name in re.split(r"[,;\s]+", title) if name]
-
-
-def _closed_up(bracket: re.Match[str]) -> str:
-    """Write what stands in a bracket as one word, so that it stays with its name: x (us ft) is x(us-ft)."""
-    return "(" + "-".join(re.findall(r"\w+", bracket[1])) + ")"
-
-
-def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(("#", "//"))
 
 
 def _names_columns(names: Sequence[str], columns: int) -> bool:

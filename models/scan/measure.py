@@ -13,7 +13,7 @@ from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock, close_rock
-from toppling.models.scan.doubt import middle
+from toppling.models.scan.doubt import SECTORS, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
@@ -22,7 +22,6 @@ from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
-_SECTORS = 36
 _BESIDE_PER_HEIGHT = 0.02
 """Pedestal seen this near to the rock shows the crevice."""
 _SUPPORT_PER_HEIGHT = 0.02
@@ -131,13 +130,10 @@ def confidence(
 ) -> dict[str, float]:
     """How sure the split is: four numbers, each 0 to 1.
 
-    Returns
-    -------
-    dict
-        `concave_share_of_cut`: share of the cut that runs through creases, 1 where a crevice goes all round.
-        `crevice_seen_share`: share of the directions in which the pedestal was seen beside the rock.
-        `undisputed_share`: share of the points near the interface whose six nearest neighbours have their label.
-        `runner_up`: height of the highest other thing that stands there, over the rock's.
+    `concave_share_of_cut`: share of the cut that runs through creases, 1 where a crevice goes all round.
+    `crevice_seen_share`: share of the directions in which the pedestal was seen beside the rock.
+    `undisputed_share`: share of the points near the interface whose six nearest neighbours have their label.
+    `runner_up`: height of the highest other thing that stands there, over the rock's.
     """
     flat = interface.over(points_m)
     near = (np.abs(flat[:, 2]) < 0.1 * height_m) & (label != 2)
@@ -149,11 +145,9 @@ def confidence(
     alone = (sides[neighbours] != sides[:, None]).any(axis=1)
     reach = _BESIDE_PER_HEIGHT * height_m
     beside = pedestal[cKDTree(rock).query(pedestal, distance_upper_bound=reach)[0] < reach]
-    centre = 0.5 * (rock[:, :2].min(axis=0) + rock[:, :2].max(axis=0))
-    sector = np.floor(np.arctan2(*(beside[:, :2] - centre).T[::-1]) / (2 * np.pi / _SECTORS)).astype(int)
     return {
         "concave_share_of_cut": parts.concave_share,
-        "crevice_seen_share": len(np.unique(sector)) / _SECTORS,
+        "crevice_seen_share": len(np.unique(sectors(beside[:, :2] - middle(rock)))) / SECTORS,
         "undisputed_share": 1.0 - float(alone.mean()),
         "runner_up": max((other[3] for other in parts.others), default=0.0) / height_m,
     }

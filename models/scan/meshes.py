@@ -61,7 +61,7 @@ def check_frame(
 
     Raises InputError with the options to give.
     """
-    usual = _usual_up(path)
+    usual = "y" if path.suffix.lower() in UPWARD_Y else "z"  # unless somebody says otherwise
     sideways = None if placement.says_up else _sideways(vertices, faces, usual)
     sized = None if placement.says_scale or unit_given else _sized(vertices)
     told = {
@@ -102,11 +102,6 @@ def _facing(vertices: Array, faces: Indices) -> Array | None:
     total, whole = area.sum(axis=0), float(np.linalg.norm(area, axis=1).sum())
     size = float(np.linalg.norm(total))
     return total / size if size > _OPEN_SHARE * whole else None
-
-
-def _usual_up(path: Path) -> str:
-    """What points upward in files of this format, unless somebody says otherwise."""
-    return "y" if path.suffix.lower() in UPWARD_Y else "z"
 
 
 def _sideways(vertices: Array, faces: Indices, usual: str) -> tuple[str, str] | None:

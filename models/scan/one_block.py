@@ -104,9 +104,7 @@ _OPEN_SHARE = 0.02
 _LEVELS = ((0.15, 0.6), (0.45, 0.9))
 """Shares of the height below which and above which patches are of the lower and of the upper block."""
 _CREASED_SHARE, _ALL_AROUND = 0.7, 0.9
-"""Of the cheapest cut between the two, and of the directions: through blocks that lie upon each other 79 % and more
-run through creases and all directions show one; through single rocks at most 10 %, with a smooth waist 53 %, through
-the mane of a stone lion 66 %, in 78 % of the directions."""
+"""Of the cheapest cut between the two, so much runs through creases, and so many of the directions show one."""
 
 
 def stacked(observed: ObservedRock, interface: Interface, rock_m: Array) -> Doubt | None:
@@ -174,14 +172,12 @@ def _around(places_m: Array, height_m: float) -> tuple[float, float, float]:
 
 def _creases(observed: ObservedRock, interface: Interface) -> Array:
     """Places (n, 3), u, v and height, where the rock's surface is creased across the vertical."""
-    surfels = observed.surfels
-    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
-    pairs = cKDTree(points).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
-    along = points[pairs[:, 1]] - points[pairs[:, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    bend = np.einsum("ij,ij->i", normals[pairs[:, 1]] - normals[pairs[:, 0]], along)
-    steep = np.abs(along @ interface.normal) > 0.5
-    return interface.flat(points[pairs[(bend < -np.deg2rad(_CREASE_DEG)) & steep]].mean(axis=1))
+    surfels, own = observed.surfels, np.flatnonzero(observed.patches)
+    pairs = own[cKDTree(surfels.points_m[own]).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")]
+    along = np.diff(interface.flat(surfels.points_m)[pairs], axis=1)[:, 0]
+    steep = np.abs(along[:, 2]) > 0.5 * np.linalg.norm(along, axis=1)
+    creased = bend(surfels, pairs) < -np.deg2rad(_CREASE_DEG)
+    return interface.flat(surfels.points_m[pairs[creased & steep]].mean(axis=1))
 
 
 def _open_places(observed: ObservedRock, interface: Interface, rock_m: Array, centre: Array) -> Array:
@@ -205,17 +201,16 @@ _REACHES_VOXELS = (2.5, 6.0)
 """Around a patch: the wider circle shows layers that lie wider apart."""
 _FEWEST = 24
 _APART = 5.0
-"""Distance of two layers over the thickness of one. Halves of a noisy one have 2.7, of a bent or sloping one 3.5."""
+"""Distance of two layers over the thickness of one; halves of one that is noisy, bent or slopes are nearer."""
 _LEAST_LAYER = 0.12
 """Of the points around a patch, in the thinner layer."""
 _BESIDE = 2.0
 """Two layers lie over each other where points of one have some of the other so near in plan, in their spacing; the two
 sides of a ledge do not."""
 _TOLD_SHARE = 0.12
-"""Of the patches that are told; edges and cracks make up to 0.05."""
+"""Of the patches that are told; edges and cracks make fewer."""
 _FARTHEST_PER_HEIGHT = 0.008
-"""Layers so near leave the stated intervals true (92 to 100 % held at 0.005); at 0.01 they may hold a third, at 0.03
-nothing."""
+"""Layers so near leave the stated intervals true."""
 _LEAST_STEPS = 3.0
 """Coordinates in steps make layers of their own, a step apart."""
 
@@ -308,11 +303,10 @@ def _over_each_other(flat_m: Array, other_m: Array) -> bool:
 
 
 _TWO_TOLD, _TWO_REFUSED, _TWO_PART = 0.72, 0.82, 0.2
-"""Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
-rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
+"""Share of the cut between two sides that must run through a crease. With a part of this share of the patches, size and
+weight are of both."""
 _TWO_SPARSE = 0.35
-"""Told in a cloud of few points, where patches tell a crease from a bend less: of two bodies 0.5 to 0.74, of free rocks
-at most 0.3."""
+"""The same in a cloud of few points, where patches tell a crease from a bend less."""
 _TWO_STANDS = 0.1
 """Of the rock's height: a smaller part that comes down so far stands there itself, and may be what is meant."""
 

@@ -64,11 +64,6 @@ def steps_of_mesh(vertices: Array, faces: Indices) -> Array:
     return np.maximum(steps, _single_precision(vertices[:: max(1, len(vertices) // _SAMPLE)]))
 
 
-def _single_precision_step(points: Array) -> float:
-    """Widest step between neighbouring single-precision numbers at the coordinates, 0 if they are not such numbers."""
-    return float(_single_precision(points[:: max(1, len(points) // 10_000)]).max(initial=0.0))
-
-
 def _single_precision(sample: Array) -> Array:
     single = sample.astype(np.float32)
     steps = np.spacing(np.abs(single).max(axis=0)).astype(float)
@@ -141,7 +136,8 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
         others = [f"{count} that {what.rstrip(',')}" for what, count in left_out.items() if count]
         remedy = "check that the export was complete and that the file's extension names its format"
         if len(points) + sum(left_out.values()) >= MINIMUM_POINTS:
-            remedy = f"export again so that they do not count as points that {_of_most(left_out).rstrip(',')}"
+            most = max(left_out, key=left_out.__getitem__)
+            remedy = f"export again so that they do not count as points that {most.rstrip(',')}"
         raise InputError(
             f"holds {', and '.join([f'{len(points)} points', *others])}",
             where=str(path),
@@ -160,7 +156,8 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
     level = np.sort(np.maximum(-low, high)[:2])  # latitude is the smaller one, or comes first
     if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
-    step = _single_precision_step(points) * scale[0]
+    sample = points[:: max(1, len(points) // 10_000)]
+    step = float(_single_precision(sample).max(initial=0.0)) * scale[0]
     if step > _COARSEST_STEP_M:
         if not (points % 1.0).any():
             raise InputError(
@@ -176,10 +173,6 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
             expected=f"steps of at most {_COARSEST_STEP_M} m",
             remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
         )
-
-
-def _of_most(left_out: Mapping[str, int]) -> str:
-    return max(left_out, key=lambda what: left_out[what])
 
 
 def check_returns(points: Array, path: Path) -> None:

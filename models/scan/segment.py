@@ -337,16 +337,13 @@ def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> 
     high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
     around = np.flatnonzero(inside_box(points_m, low, high))
     around = around[thick[cKDTree(coarse.points_m).query(points_m[around])[1]]]
-    if len(around) > _FEWEST_OF_A_SURFACE:
-        around = around[~_on_a_surface(points_m[around], fine_m)]
+    if (
+        len(around) > _FEWEST_OF_A_SURFACE
+    ):  # but what lies with its neighbours in a sheet, as the ground below it
+        means, voxel = thin(points_m[around], fine_m)
+        around = around[~((voxel >= 0) & (roughness(means)[voxel] < _SHEET_ROUGHNESS))]
     clutter[around] = True
     return clutter
-
-
-def _on_a_surface(points_m: Array, voxel_m: float) -> Flags:
-    """Points whose voxel lies with its neighbours in a sheet, such as the ground below a bush."""
-    means, voxel = thin(points_m, voxel_m)
-    return (voxel >= 0) & (roughness(means)[voxel] < _SHEET_ROUGHNESS)
 
 
 def label_surfels(surfels: Surfels, points_m: Array, label: NDArray[np.int8]) -> NDArray[np.int8]:

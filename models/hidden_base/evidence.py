@@ -59,12 +59,7 @@ def bowls(width_m: float) -> list[Relief]:
 def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
     """A base that lies on its pedestal wherever what was seen allows it, for each of so many lines of the weight.
 
-    Parameters
-    ----------
-    part : HiddenPart
-    base : Base
-        The smooth closing, for what hangs beyond the errors of the rim.
-    count : int
+    base: the smooth closing, for what hangs beyond the errors of the rim.
     """
     seen, width_m = part.observed, part.width_m
     gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
@@ -89,12 +84,7 @@ def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     """How likely each kind is by the rim that was seen; their sum is 1.
 
     What a draw costs to be brought to stand is left out: a rim does not tell a flat base from one that is rough by less
-    than it resolves, on which a rock stands at some cost.
-
-    Parameters
-    ----------
-    gaps : sequence of GapDraw
-        Candidates on which the rock stands; a kind without any is impossible.
+    than it resolves, on which a rock stands at some cost. A kind without any candidate is impossible.
     """
     likelihood = np.array([gap.log_likelihood for gap in gaps])
     kind = np.array([gap.kind for gap in gaps])

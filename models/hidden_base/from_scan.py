@@ -135,26 +135,11 @@ def draw_bases(
     inspection: Inspection | None = None,
     draws: int = DRAWS,
 ) -> DrawnBases:
-    """Draw bases that agree with rim, crevice, standing and inspection.
+    """Draw bases that agree with rim, crevice, standing and inspection (scene frame).
 
-    Parameters
-    ----------
-    observed : ObservedRock
-    interface : Interface
-    closed : Rock
-        Closed with a base, for its mass.
-    base : Base
-        That base.
-    com_std_m : (3,) array
-        Standard deviation of its centre of mass.
-    inspection : Inspection, optional
-        In the scene's frame.
-    draws : int
-
-    Raises
-    ------
-    InputError
-        If no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
+    closed, base: the rock closed with a base, for its mass, and that base.
+    com_std_m: (3,), standard deviation of its centre of mass.
+    Raises InputError if no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
     """
     inspection = inspection or Inspection()
     near = observed.near(interface)

@@ -129,22 +129,10 @@ def draw_gaps(
     random: np.random.Generator,
     kind: str = "rough",
 ) -> list[GapDraw]:
-    """Fields on which the rock stands, with their weights.
+    """Fields on which the rock stands; fewer than asked for, down to none, where no contact can enclose its weight.
 
-    Parameters
-    ----------
-    observed : BaseObservation
-    projected_com_m : (count, 2) array
-        Where the line of the weight pierces the interface, for each of the draws of each relief.
-    reliefs : sequence of Relief
-    random : numpy.random.Generator
-    kind : str
-        Of which the reliefs are.
-
-    Returns
-    -------
-    list of GapDraw
-        Fewer than asked for, down to none, where no contact can enclose the line of the weight.
+    projected_com_m: (count, 2), where the line of the weight pierces the interface, for each draw of each relief.
+    kind: of which the reliefs are.
     """
     found = []
     for relief in reliefs:
@@ -239,11 +227,7 @@ def _conditioned(
 def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
     """How likely what was seen is (natural logarithm) on a base that lies on its pedestal up to its edge.
 
-    Parameters
-    ----------
-    observed : BaseObservation
-    edge : Relief
-        Of the edge alone, which may be broken, and rough.
+    edge: relief of the edge alone, which may be broken, and rough.
     """
     known = np.concatenate([observed.known, observed.touching])
     touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * edge.shape_m)

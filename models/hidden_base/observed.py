@@ -114,20 +114,9 @@ class Rim:
 def hidden_part(
     under: Underside, near: NearInterface, inspection: Inspection, interface: Interface
 ) -> HiddenPart:
-    """Lay places over the hidden base and its rim, and collect what is known of the gap.
+    """Lay places over the hidden base and its rim, and collect what is known of the gap by sight and inspection.
 
-    Parameters
-    ----------
-    under : Underside
-    near : NearInterface
-    inspection : Inspection
-        In the scene's frame.
-    interface : Interface
-
-    Raises
-    ------
-    InputError
-        If a place of the inspection is none of the base, or no base is enclosed.
+    Raises InputError if a place of the inspection is none of the base, or no base is enclosed.
     """
     low, lit, height_m = near.low, near.lit, near.height_m
     grid, cell = under.grid, under.grid.cell_m
@@ -275,21 +264,7 @@ def _outlined(under: Underside, height_m: float) -> Rim:
 
 
 def check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:
-    """Refuse a place of an inspection far above or below the interface.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        In the scene's frame.
-    interface : Interface
-    height_m : float
-        Of the rock.
-
-    Raises
-    ------
-    InputError
-        If one lies farther off than a share of the rock's height.
-    """
+    """Refuse a place of an inspection (scene frame) that lies off the interface by more than a share of the height."""
     over = interface.over(inspection.places_m)[:, 2]
     off = np.abs(over) > _NOT_UNDER_THE_ROCK * height_m
     if off.any():

@@ -50,11 +50,10 @@ def base_unseen(
 
     Parameters
     ----------
-    observed : ObservedRock
-    interface : Interface
-    closed : ClosedRock
-        Closed smoothly, whatever stands on it.
-    core : float, of the feet of that closing
+    observed, interface, closed
+        The rock as it was closed smoothly, whatever stands on it.
+    core : float
+        Of the feet of that closing.
     com_std_m : list of float or None
         Spread of the centre of mass over half samples, if they were drawn.
     inspection, unaided : Inspection, optional list of dict
@@ -62,11 +61,8 @@ def base_unseen(
 
     Returns
     -------
-    Rock
-        As it was closed; over a surface with the base on which the scene stands.
-    UnseenBase
-    dict
-        What the draws say.
+    Rock, UnseenBase, dict
+        The rock as it was closed, over a surface with the base on which the scene stands; the draws; what they say.
 
     Raises
     ------

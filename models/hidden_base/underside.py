@@ -105,12 +105,7 @@ class Underside:
     ) -> "Underside":
         """Underside from what was seen near the interface, on cells of its lattice if any.
 
-        What hangs beyond its edge is no underside.
-
-        Raises
-        ------
-        InputError
-            If next to nothing of the rock shows near the interface.
+        What hangs beyond its edge is no underside. Raises InputError if next to nothing of the rock shows near it.
         """
         low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)

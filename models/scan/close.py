@@ -112,11 +112,7 @@ def close_rock(
     """Close the rock with its base.
 
     depth: levels of the octree.
-
-    Raises
-    ------
-    InputError
-        If the seen surface does not close to one body that reaches the interface.
+    Raises InputError if the seen surface does not close to one body that reaches the interface.
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
     above = interface.over(surfels.points_m[rock])[:, 2] > 0.0

@@ -56,14 +56,8 @@ _damaged = refusals(
 def read_ptx(path: Path) -> tuple[Array, NDArray[np.int32], Array, dict[str, int]]:
     """Read every scan in the coordinates of the survey.
 
-    Returns
-    -------
-    points (n, 3) in metres, station (n,), widest step (3,) of the coordinates, how many were left out by what they are
-
-    Raises
-    ------
-    InputError
-        If a header is none, a pose does not turn rigidly, or points are missing.
+    Returns points (n, 3) in metres, station (n,), widest step (3,) of the coordinates, how many were left out by what
+    they are. Raises InputError if a header is none, a pose does not turn rigidly, or points are missing.
     """
     points, station, step, nowhere = in_survey(_scans(path))
     return points, station, step, {NOWHERE: nowhere}

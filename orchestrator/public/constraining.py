@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from toppling.models.arrays import Array
 from toppling.models.errors import UsageError
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import judged_by_events
@@ -85,6 +86,9 @@ def _refuse(what: str, remedy: str) -> None:
     raise UsageError(what, where="constrain", expected="options that go together", remedy=remedy)
 
 
+_Value = TypeVar("_Value")
+
+
 @dataclass(frozen=True, eq=False)
 class RockStatement:
     """What standing rocks reject.
@@ -144,41 +148,60 @@ def constrain(
     Parameters
     ----------
     rocks : sequence of path
-        Runs, or files of fragility curves.
+        Runs, atlases with all of their rocks, or files of fragility curves.
     age : sequence of str
-        Years that the rocks have stood, one for all or one each: "20000", "15000..30000", "20000+-3000" or a CSV.
+        Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma), 20000*/1.2
+        (lognormal) or a CSV. One for several rocks is an independent date of each, which rejects more than one of all.
     hazard : sequence of str
-        Hazard curves or sets of events, each a path or PATH=WEIGHT; they need ages.
-    dates, events
-        More about ages and events.
-    where, trusted, stood, measure, confidence, sites, ratio
-        As the options of `toppling constrain`.
+        Hazard: a file or folder of OpenQuake (curves, or a tree with realizations.csv), nshmp-haz or CyberShake, or two
+        columns; repeatable, each a branch with its WEIGHT, and equal weights without. Or one set of events, OpenQuake's
+        ground-motion fields with the files beside them, CyberShake's intensity measures or a table. They need ages.
+    where : str or None
+        Only jobs for which this SQL condition holds, such as those of one friction.
+    stood : sequence of path
+        Recorded motions (files, ensembles) that the rock is known to have survived; they weight the draws of its base.
+    measure : str or None
+        A column of the results, or pga_m_s2+pgv_m_s, both together; unless given that of the hazard, or pgv_m_s.
+    confidence : float
+        Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.
+    dates, events, trusted, sites, advance
+        More about ages and events; the condition may read files; the hazard's sites; called after each sample.
+    ratio : float
+        Ratio of the peak of the horizontal vector to the hazard's horizontal component.
     years : float or None
-        Time that the hazard's values are probabilities over, 0 for annual rates, where files do not say.
-    advance : callable
-        Called after each bootstrap sample.
+        What the hazard's values are, where its files do not say: annual rates (0), or probabilities over some years.
 
     Raises
     ------
     InputError
         If a rock or hazard cannot be read, or a rock has no fragility over the measure.
     """
-    over = "pgv_m_s" if measure is None or "+" in measure else measure
-    paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
-    ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
+    paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
+    since: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
+    ages, asked = _ages(age), HazardQuestion(sites[0] if sites else None, ratio, measure, years)
     question = Question(
-        paths, ages * len(paths) if len(ages) == 1 else ages, late * len(paths) if len(late) == 1 else late,
-        dates, tuple(hazard), HazardQuestion(sites[0] if sites else None, ratio, measure, years), events, sites,
-        confidence, dated=bool(age),
+        paths, _for_each(paths, ages), _for_each(paths, since), dates, tuple(hazard), asked, events, sites, confidence,
     )  # fmt: skip
     _check(question, len(age), {"--where": where, "--stood": stood})
     recorded = read_recorded([Path(one) for one in stood]) if stood else None
     jobs = {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
+    return _answer(question, jobs, advance)
+
+
+def _ages(age: Sequence[str]) -> list[Array]:
+    return [parse_age(text) for text in age] or [np.array([np.nan])]
+
+
+def _answer(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
     advance(0, total=SAMPLES * len(jobs))
     if question.event_set or (question.hazard and question.apart):
         return _by_events(question, jobs, advance)
     return _by_curves(question, jobs, advance)
+
+
+def _for_each(paths: Sequence[Path], values: list[_Value]) -> list[_Value]:
+    """As many values as rocks: one is of all."""
+    return values * len(paths) if len(values) == 1 else values
 
 
 def _by_events(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:

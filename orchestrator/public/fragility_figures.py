@@ -55,11 +55,15 @@ class Bins:
     Parameters
     ----------
     pga_m_s2 : float or None
-        One a level unless given.
-    pgv_m_s, pgv_pga_s, duration_s : float
+        m/s2; one bin a level unless given.
+    pgv_m_s : float
+        m/s
+    pgv_pga_s, duration_s : float
+        s
     pgv_below_m_s, duration_below_s : float or None
         Upper limits of the map of PGV and duration, infinite for none.
     directions : int
+        Direction bins.
     """
 
     pga_m_s2: float | None = None
@@ -139,13 +143,16 @@ def fragility(
     out : path or None
         Folder; `fragility` in the run's unless given.
     where : str or None
-        Only jobs for which this SQL condition holds, which may read files if it is `trusted`.
+        Only jobs for which this SQL condition holds, which may read files if it is trusted.
     weighted : bool
         Count records and bases by their weights.
     sector : (float, float) or None
-        Azimuths in degrees whose share of topplings is stated.
-    fit, reference : bool
-        Fit curves and surfaces too, with so many `samples`; draw the lines of a section that rocks on two corners.
+        Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated; 35 degrees around
+        where the least constant acceleration topples the rock to unless given.
+    fit : bool
+        Fit curves and surfaces too, with so many samples, and rank the intensity measures.
+    reference : bool
+        Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.
     advance : callable
         Called after each file.
 
@@ -161,9 +168,7 @@ def fragility(
     lines = _plane_reference(opened, jobs, bins.directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = by_contact(jobs)
-    # Each contact: maps of three files and one about all, directions of four, fits of ten. A comparison: four.
-    maps = sum(1 + plane.by_direction for plane in planes.values())
-    each = 3 * maps + 4 + bool(within) + (10 + FIT_PARTS) * fit + reference
+    each = _files_of_contact(planes.values()) + bool(within) + (10 + FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
         write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
@@ -175,8 +180,12 @@ def fragility(
         write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))
-    fits = {name: _fits_in(folder / name) for name in (contacts if fit else ())}
-    return Fragility(opened, folder, written, jobs, done, audits, fits)
+    return Fragility(opened, folder, written, jobs, done, audits, _fits_in(folder, contacts if fit else ()))
+
+
+def _files_of_contact(planes: Iterable[Plane]) -> int:
+    """Maps of three files each, one about all and those by direction, and four of directions."""
+    return 3 * sum(1 + plane.by_direction for plane in planes) + 4
 
 
 def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Path]:
@@ -185,8 +194,12 @@ def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Pa
         advance()
 
 
-def _fits_in(folder: Path) -> pd.DataFrame:
-    return pd.read_csv(folder / "fits" / "fits.csv", dtype={"problem": object}).fillna({"problem": ""})
+def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:
+    tables = {name: folder / name / "fits" / "fits.csv" for name in contacts}
+    return {
+        name: pd.read_csv(path, dtype={"problem": object}).fillna({"problem": ""})
+        for name, path in tables.items()
+    }
 
 
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, UsageError
 from toppling.models.files.csv_text import is_numeral
@@ -94,9 +96,9 @@ class Dates:
     common : bool
         All were uncovered together: one draw of their one age for all.
     common_error : float
-        Standard deviation of a relative error that all dates share.
+        Standard deviation of a relative error that the rocks' dates share, such as 0.08 of a production rate.
     fragile_since : tuple of str
-        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
+        Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.
     """
 
     common: bool = False
@@ -111,11 +113,21 @@ class Dates:
 
 @dataclass(frozen=True)
 class EventOptions:
-    """What is said of events."""
+    """What is said of events.
 
-    event_rate: float | None = None  # annual rate of a scenario
-    catalogue_years: float | None = None  # time of each branch's events, where no file states it
-    correlation: float | None = None  # of the residuals of two measures
+    Parameters
+    ----------
+    event_rate : float or None
+        Annual rate of a scenario, which states none.
+    catalogue_years : float or None
+        Years that each branch's events were simulated for, where no file states them.
+    correlation : float or None
+        Of the residuals of PGA and PGV in one earthquake, for their two curves; 0.733 if not given.
+    """
+
+    event_rate: float | None = None
+    catalogue_years: float | None = None
+    correlation: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +143,11 @@ class Question:
     events: EventOptions
     sites: Sequence[tuple[float, float] | str]
     confidence: float
-    dated: bool
+
+    @property
+    def dated(self) -> bool:
+        """Whether ages are known."""
+        return bool(np.isfinite(self.ages[0]).all())
 
     @cached_property
     def event_set(self) -> Path | None:

@@ -182,14 +182,15 @@ def check(
     friction : float or None
         The scene's own unless given.
     metadata : path or None
-        Table of what the files do not state.
+        Table of what the files do not state, as for 'records import'.
     missing_vertical : bool
         Allow seismograms without a vertical component.
     largest : float
-        Each is also shaken from 1/largest to largest times as strong.
+        Each is also shaken from 1/N to N times as strong.
     neighbours : int
-        So many weaker and as many stronger ones.
+        So many weaker and as many stronger ones; 0 for none.
     preset : str
+        How finely each shake is resolved.
     advance : callable
         Called after each shake.
 

@@ -26,7 +26,7 @@ def query(
     sql : str
         `open_run(RUN).describe()` lists the columns with their units.
     trusted : bool
-        Let the query read and write files.
+        Let the query read and write files, as DuckDB can.
 
     Raises
     ------
@@ -72,11 +72,11 @@ def report(
     out : path or None
         `report.html` in the run's folder unless given.
     pdf : bool
-        Print the page to PDF too, beside it.
+        Print the page to PDF too, beside it (with WeasyPrint, Chromium, Chrome or Edge).
     age : str or None
-        Years that the rock has stood: "20000", "15000..30000", "20000+-3000" or a CSV.
+        Years that the rock has stood, as for 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.
     hazard : sequence of str
-        Hazard curves, each a path or PATH=WEIGHT; they need the age.
+        Hazard curves, as for 'toppling constrain', each a path or PATH=WEIGHT; repeatable; they need the age.
     site : (float, float), str or None
         Longitude and latitude, or name, in hazard files of many sites.
     samples : int

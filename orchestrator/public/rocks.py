@@ -43,9 +43,10 @@ class Jobs:
 
 
 def of_atlases(
-    rocks: tuple[Path, ...], ages: tuple[str, ...], measure: str
+    rocks: tuple[Path, ...], ages: tuple[str, ...], asked: str | None
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Rocks with those of an atlas in its place, and their ages: as asked for, or of all as the atlas has them."""
+    measure = "pgv_m_s" if asked is None or "+" in asked else asked
     found: list[tuple[Path, str | None]] = []
     for path in rocks:
         of_atlas = open_run(path).rocks if path.is_dir() else ()

@@ -36,18 +36,37 @@ _WAVEFORMS = 10
 
 @dataclass(frozen=True)
 class Ramp:
-    """How a rock is tried."""
+    """How a rock is tried.
 
-    azimuth_deg: float  # of the motion
-    # PGA of the first level, between levels, and of the last if nothing topples.
+    Parameters
+    ----------
+    azimuth_deg : float
+        Of the motion.
+    start_m_s2 : float
+        First PGA, m/s2.
+    step_m_s2 : float
+        Step between levels, m/s2.
+    end_m_s2 : float
+        PGA at which a waveform is given up, m/s2.
+    peak_displacement_m : float or None
+        Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.
+    friction : float
+        Static and kinetic.
+    restitution : float
+        Of velocities in an impact.
+    uniaxial : bool
+        Only the stronger horizontal component shakes, as on a table of one axis.
+    """
+
+    azimuth_deg: float
     start_m_s2: float = 0.981
     step_m_s2: float = 0.245
     end_m_s2: float = 20.0
-    peak_displacement_m: float | None = 0.3  # of the table
+    peak_displacement_m: float | None = 0.3
     friction: float = 2.0
     restitution: float = 0.0
     preset: str = "standard"
-    uniaxial: bool = True  # only the stronger horizontal component shakes, as on a table of one axis
+    uniaxial: bool = True
 
     def levels_m_s2(self) -> list[float]:
         """PGA levels, weakest first."""

@@ -23,7 +23,7 @@ from toppling.orchestrator.studies.seismograms import (
 )
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
@@ -35,15 +35,12 @@ _SCENARIOS_SHOWN = 12
 @click.command()
 @shared.scene_argument
 @click.argument("seismograms", nargs=-1, type=shared.PATH)
-@option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
-@option("--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'.")
-@option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
-@option(
-    "--range", "largest", type=click.FloatRange(1, 10), default=1.25,
-    help="Strength of the neighbours: from 1/RANGE to RANGE times the seismogram.",
-)  # fmt: skip
-@option("--neighbours", type=click.IntRange(0, 100), default=5, help="Neighbours on each side; 0 for none.")
-@option("--preset", type=OneOf(list(PRESETS)), default="standard")
+@of(check_rock, "--friction", type=shared.ABOVE_0)
+@of(check_rock, "--metadata", type=click.Path(path_type=Path, exists=True))
+@of(check_rock, "--missing-vertical")
+@of(check_rock, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
+@of(check_rock, "--neighbours", type=click.IntRange(0, 100))
+@of(check_rock, "--preset", type=OneOf(list(PRESETS)))
 @option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
 @option(
     "--out", type=click.Path(path_type=Path, file_okay=False),

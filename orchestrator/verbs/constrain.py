@@ -13,69 +13,29 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.public.hazard_question import Dates, EventOptions
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, years_of
+from toppling.orchestrator.verbs.shared_options import of, option
 
 
 @click.command(cls=SiteCommand)
 @click.argument("rocks", nargs=-1, required=True, type=shared.PATH, metavar="ROCK...")
-@option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=HAZARD_HELP)
-@option(
-    "--age", multiple=True,
-    help="Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a "
-    "CSV; or 20000*/1.2 (lognormal). One age for several rocks counts as an independent date of each, which rejects "
-    "more than one common date would (--common-date).",
-)  # fmt: skip
-@option(
-    "--common-date", is_flag=True,
-    help="All rocks were uncovered together: one draw of their one age for all.",
-)  # fmt: skip
-@option(
-    "--common-error", type=click.FloatRange(0, 0.5), default=0.0,
-    help="Standard deviation of a relative error that the rocks' dates share, such as 0.08 of a production rate.",
-)  # fmt: skip
-@option(
-    "--fragile-since", multiple=True, metavar="AGE[:FACTOR]",
-    help="Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.",
-)  # fmt: skip
-@option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
+@of(state, "--hazard", metavar="PATH[=WEIGHT]")
+@of(state, "--age")
+@of(Dates, "--common-date", parameter="common")
+@of(Dates, "--common-error", type=click.FloatRange(0, 0.5))
+@of(Dates, "--fragile-since", metavar="AGE[:FACTOR]")
+@of(state, "--where")
 @shared.trusted_option
-@option(
-    "--stood", multiple=True, type=shared.PATH, metavar="FILE",
-    help="Recorded motion that the rock is known to have survived (one --stood per file), or an ensemble's folder; it "
-    "weights the draws of the base.",
-)  # fmt: skip
-@option(
-    "--measure",
-    help="Intensity measure (a column of the results), or pga_m_s2+pgv_m_s, both together. Default: that of the "
-    "hazard, or pgv_m_s.",
-)  # fmt: skip
-@option(
-    "--correlation", type=click.FloatRange(0, 1),
-    help="Of the residuals of PGA and PGV in one earthquake, for their two curves; 0.733 if not given.",
-)  # fmt: skip
-@option(
-    "--event-rate", type=shared.ABOVE_0,
-    help="Annual rate of a scenario, which states none.",
-)  # fmt: skip
-@option(
-    "--catalogue-years", type=shared.ABOVE_0,
-    help="Years that each branch's events were simulated for, where no file states them.",
-)  # fmt: skip
-@option(
-    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
-    help="Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.",
-)  # fmt: skip
+@of(state, "--stood", type=shared.PATH, metavar="FILE")
+@of(state, "--measure")
+@of(EventOptions, "--correlation", type=click.FloatRange(0, 1))
+@of(EventOptions, "--event-rate", type=shared.ABOVE_0)
+@of(EventOptions, "--catalogue-years", type=shared.ABOVE_0)
+@of(state, "--confidence", type=click.FloatRange(0.5, 1, max_open=True))
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
-@option(
-    "--ratio", type=shared.ABOVE_0, default=1.0,
-    help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
-)  # fmt: skip
-@option(
-    "--values", metavar="rate|YEARS",
-    help="What the hazard's values are, where its files do not say: annual rates, or probabilities over some years.",
-)  # fmt: skip
+@of(state, "--ratio", type=shared.ABOVE_0)
+@of(state, "--values", metavar="rate|YEARS", parameter="years")
 @option(
     "--out", type=shared.FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",

@@ -14,7 +14,7 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     FEW_BEYOND,
@@ -29,38 +29,30 @@ from toppling.results.weights import sentences
 _STUDYS = (
     f"Default: the study's {{0.below:g}}, or none if that leaves out over {100 * FEW_BEYOND:g} % of the jobs."
 )
-_WIDTH = click.FloatRange(0, min_open=True)
 
 
 @click.command()
 @shared.run_argument
-@option("--out", type=shared.FOLDER, help="Folder; default RUN/fragility.")
-@option("--where", help="Only jobs for which this SQL condition holds.")
+@of(draw, "--out", type=shared.FOLDER)
+@of(draw, "--where")
 @shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@option("--pga-bin", type=_WIDTH, help="m/s2; default one bin per level.")
-@option("--pgv-bin", type=_WIDTH, default=0.25, help="m/s")
-@option("--pgv-pga-bin", type=_WIDTH, default=0.05, help="s")
-@option("--duration-bin", type=_WIDTH, default=5.0, help="s")
+@of(Bins, "--pga-bin", type=shared.ABOVE_0, parameter="pga_m_s2")
+@of(Bins, "--pgv-bin", type=shared.ABOVE_0, parameter="pgv_m_s")
+@of(Bins, "--pgv-pga-bin", type=shared.ABOVE_0, parameter="pgv_pga_s")
+@of(Bins, "--duration-bin", type=shared.ABOVE_0, parameter="duration_s")
 @option(
-    "--pgv-below", type=_WIDTH,
+    "--pgv-below", type=shared.ABOVE_0,
     help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {_STUDYS.format(PGV_DURATION.y)}",
 )  # fmt: skip
 @option(
-    "--duration-below", type=_WIDTH,
+    "--duration-below", type=shared.ABOVE_0,
     help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}",
 )  # fmt: skip
-@option("--directions", type=click.IntRange(1, 72), default=8, help="Direction bins.")
-@option(
-    "--sector", type=float, nargs=2, metavar="FROM TO",
-    help="Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated. Default: 35 "
-    "degrees around where the least constant acceleration topples the rock to.",
-)  # fmt: skip
-@option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
-@option(
-    "--reference", is_flag=True,
-    help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
-)  # fmt: skip
+@of(Bins, "--directions", type=click.IntRange(1, 72))
+@of(draw, "--sector", type=float, nargs=2, metavar="FROM TO")
+@of(draw, "--fit")
+@of(draw, "--reference")
 @shared.samples_option(SAMPLES)
 def fragility(
     run: Path,

@@ -10,11 +10,6 @@ from toppling.models.coordinates import degrees_of
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.places import SITE_REACH_KM
 
-HAZARD_HELP = (
-    "Hazard: a file or folder of OpenQuake (curves, or a tree with realizations.csv), nshmp-haz or CyberShake, or two "
-    "columns; repeatable, each a branch with its WEIGHT, and equal weights without. Or one set of events: OpenQuake's "
-    "ground-motion fields with the files beside them, CyberShake's intensity measures, a table."
-)
 SITE_HELP = (
     f"Degrees, or a site's name: takes the nearest site of the hazard, within {SITE_REACH_KM:g} km; "
     "repeatable for a set of events, one for each rock."

@@ -16,7 +16,7 @@ from toppling.models.files.csv_text import plain_frame
 from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 
@@ -28,7 +28,7 @@ _SHOWN_ROWS = 60
 @option("--csv", "form", flag_value="csv", help="Print CSV.")
 @option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
 @option("--parquet", type=shared.FILE, help="Write a Parquet file.")
-@option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
+@of(answer_of, "--trusted")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 @option("--spread", is_flag=True, help="State how much of the spread comes from base, friction and records.")
 def query(

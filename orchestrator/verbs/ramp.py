@@ -1,19 +1,23 @@
 """`toppling ramp`: the shake-table protocol of the study's figure 4 on any rock."""
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import pandas as pd
 
+from toppling.models.contact import ContactProperties
+from toppling.models.errors import InputError
 from toppling.models.files.csv_text import write_csv
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.processes import pool_of
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.studies.ramp import Ramp, carry_out, chosen_waveforms, summary, weakest_azimuth_deg
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import option
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
+from toppling.orchestrator.verbs.shared_options import of, option
+from toppling.workers.seating import settled
 
 
 @click.command()
@@ -29,17 +33,12 @@ if TYPE_CHECKING:
     help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
     "lifts first.",
 )  # fmt: skip
-@option("--start", "start_m_s2", type=shared.ABOVE_0, default=0.981, help="First PGA, m/s2.")
-@option("--step", "step_m_s2", type=shared.ABOVE_0, default=0.245, help="Step between levels, m/s2.")
-@option(
-    "--end", "end_m_s2", type=shared.ABOVE_0, default=20.0, help="PGA at which a waveform is given up, m/s2."
-)
-@option(
-    "--peak-displacement", type=shared.ABOVE_0, default=0.3,
-    help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
-)  # fmt: skip
-@option("--friction", type=click.FloatRange(0), default=2.0, help="Static and kinetic.")
-@option("--restitution", type=click.FloatRange(0, 1), default=0.0)
+@of(Ramp, "--start", "start_m_s2", type=shared.ABOVE_0)
+@of(Ramp, "--step", "step_m_s2", type=shared.ABOVE_0)
+@of(Ramp, "--end", "end_m_s2", type=shared.ABOVE_0)
+@of(Ramp, "--peak-displacement", type=shared.ABOVE_0, parameter="peak_displacement_m")
+@of(Ramp, "--friction", type=click.FloatRange(0))
+@of(Ramp, "--restitution", type=click.FloatRange(0, 1))
 @shared.preset_option
 @option("--three-components", is_flag=True, help="Shake with all components, not only the stronger one.")
 @shared.processes_option
@@ -64,14 +63,6 @@ def ramp(
     \b
     toppling ramp scenes/rock ensembles/waveforms --out ramp
     """
-    import math
-
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
-    from toppling.orchestrator.processes import pool_of
-    from toppling.orchestrator.progress import bar
-    from toppling.orchestrator.studies.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
-
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     names = _named(records, motions) if records else chosen_waveforms(motions)
     protocol = Ramp(
@@ -93,10 +84,8 @@ def ramp(
         click.echo(path)
 
 
-def _named(records: str, motions: "Ensemble") -> list[str]:
+def _named(records: str, motions: Ensemble) -> list[str]:
     """Ids of records, separated by commas, which an ensemble has."""
-    from toppling.models.errors import InputError
-
     names = [name.strip() for name in records.split(",")]
     if unknown := [name for name in names if name not in set(motions.record_ids)]:
         raise InputError(
@@ -108,15 +97,10 @@ def _named(records: str, motions: "Ensemble") -> list[str]:
     return names
 
 
-def _write(
-    rock: "Scene", levels: "pd.DataFrame", azimuth_deg: float, friction: float, out: Path
-) -> list[Path]:
+def _write(rock: Scene, levels: pd.DataFrame, azimuth_deg: float, friction: float, out: Path) -> list[Path]:
     """Write tables and figure of a ramp."""
-    from toppling.models.contact import ContactProperties
-    from toppling.orchestrator.studies.ramp import summary
     from toppling.results.drawing.study_figures import ramp_figure
     from toppling.results.drawing.style import save
-    from toppling.workers.seating import settled
 
     at_rest = settled(rock.with_contact(ContactProperties.of(friction)))
     ((_, static_m_s2),) = at_rest.quasi_static_toppling_m_s2([azimuth_deg])

@@ -8,23 +8,17 @@ import click
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reporting import report as write_report
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand
+from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.resampling import SAMPLES
 
 
 @click.command(cls=SiteCommand)
 @shared.run_argument
-@option("--out", type=shared.FILE, help="Default: RUN/report.html.")
-@option(
-    "--pdf", is_flag=True,
-    help="Also print the page to PDF, beside it (with WeasyPrint, Chromium, Chrome or Edge).",
-)  # fmt: skip
-@option(
-    "--age",
-    help="Years the rock has stood, as for 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.",
-)  # fmt: skip
-@option("--hazard", multiple=True, metavar="PATH[=WEIGHT]", help=f"{HAZARD_HELP} Needs --age.")
+@of(write_report, "--out", type=shared.FILE)
+@of(write_report, "--pdf")
+@of(write_report, "--age")
+@of(write_report, "--hazard", metavar="PATH[=WEIGHT]")
 @option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", hidden=True)
 @shared.samples_option(SAMPLES)

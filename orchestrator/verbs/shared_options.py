@@ -1,5 +1,7 @@
 """Arguments and options that several verbs share."""
 
+import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,26 @@ _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 def option(*names: str, **given: Any) -> _Decorator:
     """Option of a verb, whose help shows its default."""
     return click.option(*names, **{"show_default": True, **given})
+
+
+def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: Any) -> _Decorator:
+    """Option that is a parameter of a function, or of a noun, whose default and whose docstring's words it has.
+
+    names: as of click; the last is the parameter's too unless that is named.
+    """
+    name = parameter or names[-1].strip("-").replace("-", "_")
+    listed = str(inspect.getdoc(function)).partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
+    (words,) = (words for listed_names, words in entries if name in listed_names.split(", "))
+    found: dict[str, Any] = {"help": " ".join(words.replace("`", "").split())}
+    default = inspect.signature(function).parameters[name].default
+    if isinstance(default, bool):
+        found["is_flag"] = True
+    elif default == ():
+        found["multiple"] = True
+    elif default is not None:
+        found["default"] = default
+    return option(*names, **found | given)
 
 
 run_argument = click.argument("run", type=PATH)

@@ -67,7 +67,7 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> _Rea
         try:
             answer, arrays = _ask(request)
         except _EndedError as end:
-            raise _damaged(end.reason, path) from end
+            raise _damaged(str(end), path) from end
     if "refusal" in answer:
         where = str(answer["refusal"]["where"] or request["path"])
         where = where.replace(str(request["path"]), str(path))  # as it was asked for
@@ -86,11 +86,7 @@ class _Reader:
 
 
 class _EndedError(Exception):
-    """The process ended, or was ended, before it answered."""
-
-    def __init__(self, reason: str) -> None:
-        super().__init__(reason)
-        self.reason = reason
+    """The process ended, or was ended, before it answered: how, in words."""
 
 
 _LOCK = threading.Lock()
@@ -102,7 +98,8 @@ def _ask(request: dict[str, Any]) -> _Read:
     for _ in range(2):
         process = _running()
         try:
-            _write(process, json.dumps(request).encode() + b"\n")
+            process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
+            process.stdin.flush()  # type: ignore[union-attr]
             return _answer(process, request)
         except (BrokenPipeError, EOFError):
             code = process.wait()
@@ -122,11 +119,16 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> _Read:
         if not ready.select(patience_s):
             _stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
-    answer = json.loads(_exactly(process, int.from_bytes(_exactly(process, _HEADER_BYTES), "big")))
+    length = bytearray(_HEADER_BYTES)
+    _fill(process, length)
+    header = bytearray(int.from_bytes(length, "big"))
+    _fill(process, header)
+    answer = json.loads(header)
     arrays = []
     for kind, shape in answer.pop("arrays", ()):
         array = np.empty(prod(shape), np.dtype(kind))
-        _fill(process, array.data.cast("B") if len(array) else memoryview(b""))
+        if array.size:
+            _fill(process, array.data.cast("B"))
         arrays.append(array.reshape(shape))
     return answer, arrays
 
@@ -149,7 +151,6 @@ def _running() -> subprocess.Popen:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        bufsize=0,
         pipesize=_PIPE_BYTES,
         env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(_THREADS))
         | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
@@ -172,21 +173,6 @@ def _stop() -> None:
         process.wait()
 
 
-def _write(process: subprocess.Popen, content: bytes) -> None:
-    rest = memoryview(content)
-    while rest:
-        rest = rest[process.stdin.write(rest) :]  # type: ignore[union-attr]
-
-
-def _exactly(process: subprocess.Popen, count: int) -> bytes:
-    content = bytearray(count)
-    _fill(process, memoryview(content))
-    return bytes(content)
-
-
-def _fill(process: subprocess.Popen, rest: memoryview) -> None:
-    while rest:
-        count = process.stdout.readinto(rest)  # type: ignore[union-attr]
-        if not count:
-            raise EOFError
-        rest = rest[count:]
+def _fill(process: subprocess.Popen, content: bytearray | memoryview) -> None:
+    if process.stdout.readinto(content) < len(content):  # type: ignore[union-attr]
+        raise EOFError

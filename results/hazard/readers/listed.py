@@ -14,10 +14,7 @@ import numpy as np
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
-from toppling.results.hazard.readers.stated import (
-    HazardFile,
-    Statement,
-)
+from toppling.results.hazard.readers.stated import HazardFile, Statement
 from toppling.results.hazard.readers.text_columns import cells_of, is_comment, upright, with_usual_unit
 from toppling.results.hazard.readers.value_columns import says_value, values_of
 

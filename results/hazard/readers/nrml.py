@@ -3,10 +3,7 @@
 import re
 from xml.etree import ElementTree
 
-from toppling.results.hazard.readers.stated import (
-    HazardFile,
-    Statement,
-)
+from toppling.results.hazard.readers.stated import HazardFile, Statement
 
 _CURVES = re.compile(r"<(?:\w+:)?(?:hazardCurves|hazardCurveField)[\s>]")
 _LEVELS, _VALUES = {"IMLs", "IML"}, {"poEs", "poE"}

@@ -10,11 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toppling.results.hazard.measure_names import imt_of, measure_of
-from toppling.results.hazard.readers.stated import (
-    HazardFile,
-    Statement,
-    refuse,
-)
+from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse
 
 _DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""

@@ -7,7 +7,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
@@ -102,10 +101,7 @@ def words_to_go_on(run: Path, workers: int | None) -> str:
     """How long the jobs that an interrupted run has left are expected to take; empty where none is left or has run."""
     from toppling.orchestrator.estimate import TimeEstimate, words_of
 
-    try:
-        jobs = describe(run)["jobs"]
-    except InputError:
-        return ""  # the run itself will say so
+    jobs = describe(run)["jobs"]
     rows = read_steady([run], lambda: newest_rows(result_files(run), ["job_id", "wall_s", "attempt"]))
     cost_s, left = pc.mean(rows["wall_s"]).as_py(), jobs - len(rows)
     if left <= 0 or cost_s is None:

@@ -4,7 +4,7 @@ import json
 import logging
 import shlex
 import sys
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ from toppling.orchestrator.verbs.shared_options import option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from distributed import Client
 
     from toppling.orchestrator.campaign import Campaign
@@ -124,8 +126,11 @@ def run(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
     cluster = cluster_of(folder, **where)
-    if not (no_estimate or chosen.precision) and (words := _time_left(chosen, folder, where["workers"])):
-        click.echo(words, err=True)
+    if not (no_estimate or chosen.precision):
+        if folder.exists():
+            cluster = _announced(cluster, folder, where["workers"])
+        elif words := time_words(chosen, where["workers"]):
+            click.echo(words, err=True)
     command = _command(click.get_current_context())
     limits = Limits(job_limit, tries)
     shaken = _carry_out(chosen, folder, reported(cluster, report), limits, again, command)
@@ -147,10 +152,17 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     )
 
 
-def _time_left(chosen: "Campaign", folder: Path, workers: int | None) -> str:
+@contextmanager
+def _announced(
+    cluster: AbstractContextManager["Client"], folder: Path, workers: int | None
+) -> "Iterator[Client]":
+    """Tell how long the run still takes as it enters its cluster: by then the campaign is known as its own."""
     from toppling.orchestrator.status import words_to_go_on
 
-    return words_to_go_on(folder, workers) if folder.exists() else time_words(chosen, workers)
+    if words := words_to_go_on(folder, workers):
+        click.echo(words, err=True)
+    with cluster as client:
+        yield client
 
 
 def _carry_out(

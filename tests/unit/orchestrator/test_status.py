@@ -68,8 +68,19 @@ def test_an_unfinished_run_says_first_how_many_jobs_have_not_run(planned, tmp_pa
     )
 
 
-def test_a_finished_run_or_none_has_nothing_to_go_on_with(planned, tmp_path):
-    assert words_to_go_on(tmp_path / "elsewhere", 1) == ""
+def test_another_campaign_is_refused_before_a_word_on_the_time_left(planned, tmp_path):
+    costs = [row | {"wall_s": 1.0} for row in rows(planned, [("ok", "")] * 4)]
+    write_part(tmp_path / "run", costs)
+    other = tmp_path / "other.toml"
+    other.write_text(
+        'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = [1, 2]\nazimuth_deg = [0]\nfriction = [0.8]\n'
+    )
+    said = CliRunner().invoke(cli, ["run", str(other), "--out", str(tmp_path / "run"), "--workers", "1"])
+    assert said.output == ""
+    assert "another campaign" in str(said.exception)
+
+
+def test_a_finished_run_has_nothing_to_go_on_with(planned, tmp_path):
     assert words_to_go_on(tmp_path / "run", 1) == ""
     write_part(tmp_path / "run", [row | {"wall_s": 1.0} for row in rows(planned, [("ok", "")] * 15)])
     assert words_to_go_on(tmp_path / "run", 1) == ""

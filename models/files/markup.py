@@ -27,6 +27,10 @@ _LATEX_SIGNS = (
 _LATEX_WRAP = re.compile(
     r"\\multicolumn\{[^{}]*\}\{[^{}]*\}\{([^{}]*)\}|\\[a-zA-Z]+\{([^{}]*)\}|\{([^{}]*)\}"
 )
+_WIKI = re.compile(r"^\s*\{\|.*$\n", re.MULTILINE)
+_WIKI_ROW = re.compile(r"^\s*\|(?:-.*|\+.*|\})$", re.MULTILINE)
+_WIKI_CELL = re.compile(r"(?:^\s*[|!]|\|\||!!)(?:[^|\n]*=\s*\"[^|\n]*\|(?!\|))?\s*", re.MULTILINE)
+"""Of MediaWiki: what opens a table, parts its rows, and begins a cell, perhaps with how it is to look."""
 _PIPE_RULE = re.compile(r"(?=.*[|+])[\s|+:]*(?:--|==)[\s|+:=-]*")
 """Of a table with pipes, below the names or between rows."""
 _BLANK_RULE = re.compile(r"\s*={2,}(?:\s+={2,})+\s*")
@@ -42,12 +46,16 @@ def table_text(text: str) -> str:
     ['', 'PGA (g)\\tannual_rate', '0.1\\t10^-3']
     >>> table_text("| **PGA (g)** | annual_rate |\\n|---|---|\\n| 0.1 | 1e-3 |").split("\\n")
     ['PGA (g)\\tannual_rate', '', '0.1\\t1e-3']
+    >>> table_text('{| class="wikitable"\\n! PGA (g) !! annual_rate\\n|-\\n| 0.1\\n| 1e-3\\n|}').split("\\n")
+    ['PGA (g)\\tannual_rate', '0.1\\t1e-3', '']
     """
     head = text[:_LOOKED_AT]
     if _HTML.search(head):
         return _of_html(text)
     if _LATEX.search(head):
         return _of_latex(text)
+    if _WIKI.search(head):
+        return "\n".join(map(_wiki_row, _WIKI_ROW.split(_WIKI.sub("", text))))
     if "|" in head and any(map(_PIPE_RULE.fullmatch, head.splitlines())):
         return _joined(text.splitlines(), _pipe_cells)
     if "==" in head and any(map(_BLANK_RULE.fullmatch, head.splitlines())):
@@ -72,6 +80,10 @@ def _of_latex(text: str) -> str:
         text = _LATEX_WRAP.sub(lambda found: next(filter(None, found.groups()), ""), text)
     text = re.sub(r"\\[a-zA-Z]+\*? ?", "", text)
     return _joined(filter(str.strip, text.split("\n")), lambda line: line.split("&"))
+
+
+def _wiki_row(row: str) -> str:
+    return "\t".join(cell.strip().strip("'") for cell in _WIKI_CELL.split(row)[1:])
 
 
 def _pipe_cells(line: str) -> list[str]:

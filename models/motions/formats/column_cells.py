@@ -10,6 +10,8 @@ from toppling.models.motions.formats.record_text import RecordText
 
 COMMENT = ("#", "%", "!", "//", ";")
 _COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
+_POINT_NUMBER = re.compile(r"[-+]?\d*\.\d+$")
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+$")
 SEPARATORS = ";\t,"
 """What stands between numbers, beside blanks; of names the first of these that a line has."""
 _AS_BLANKS = str.maketrans(dict.fromkeys(SEPARATORS, " "))
@@ -26,10 +28,11 @@ UNITS_S = {
 _EPOCHS = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}
 """Times since 1970 of our days, from which on they are in units of so many seconds."""
 _CLOCK = re.compile(
-    r"(?:\b\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,;\t]\s*)?(?<!\d)(\d{1,2}):(\d\d):(\d\d)(\.\d+)?(?:Z|[-+]\d\d:\d\d)?\b",
-    re.ASCII,
+    r"(?:\b\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,;\t]\s*)?(?<!\d)(\d{1,2}):(\d\d):(\d\d)(\.\d+)?"
+    r"(?:Z|[-+]\d\d:\d\d| ?([AP])M)?\b",
+    re.ASCII | re.IGNORECASE,
 )
-"""A time of day, and the date before it."""
+"""A time of day, of 24 hours or of twice twelve, and the date before it."""
 _DAY_S = 86400.0
 _STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
@@ -44,7 +47,10 @@ def _as_seconds(line: str) -> str:
     match = _CLOCK.search(line) if ":" in line else None
     if match is None:
         return line
-    seconds = 3600 * int(match[1]) + 60 * int(match[2]) + int(match[3])
+    hours = int(match[1])
+    if match[5]:
+        hours = hours % 12 + 12 * (match[5] in "Pp")
+    seconds = 3600 * hours + 60 * int(match[2]) + int(match[3])
     return f"{line[: match.start()]}{seconds}{match[4] or ''}{line[match.end() :]}"
 
 
@@ -131,7 +137,10 @@ def is_decimal_comma(lines: list[str]) -> bool:
     bare = [_BETWEEN.sub(" ", line.strip(f" {SEPARATORS}")) for line in lines if is_body(line)]
     rows = [re.split(rf"[\s{_NOT_COMMA}]+", line) for line in bare]
     numbers = [number for row in rows for number in row]
-    if not any("," in number for number in numbers) or not all(map(_COMMA_NUMBER.match, numbers)):
+    commas = [number for number in numbers if not _POINT_NUMBER.match(number)]
+    if len(commas) < len(numbers) and all(map(_THOUSANDS.match, commas)):
+        return False  # points are decimal, beside columns with a comma they need not be
+    if not any("," in number for number in commas) or not all(map(_COMMA_NUMBER.match, commas)):
         return False
     if all(len(row) > 1 for row in rows):
         return True

@@ -17,7 +17,8 @@ _ENDING = re.compile(
 _LONGEST = 200
 """Characters of a cell of a header that are looked at."""
 _TIME = re.compile(
-    r"(?:t|times?|timestamp|zeit|tiempo|temps|tempo|zaman|时间|時間|時刻|s|m?secs?|(?:milli)?seconds?)(?![a-z])",
+    r"(?:t|(?:date[ _-]?)?times?|timestamp|zeit|tiempo|temps|tempo|zaman|时间|時間|時刻|s|m?secs?|(?:milli)?seconds?)"
+    r"(?![a-z])",
     re.IGNORECASE,
 )
 _NUMBERS = {
@@ -84,7 +85,9 @@ def column_of(part: str) -> Column:
     if not unit and (found := _QUOTIENT.fullmatch(name)) and is_unit(found[2]):
         return Column(found[1], found[2])
     if not unit and (ending := _ENDING.fullmatch(name)):
-        return Column(ending[1], ending[2].replace("_", "/"))
+        timed = ending[2].lower() in UNITS_S
+        if not timed or _TIME.match(ending[1]):  # Acc_NS is no acceleration in nanoseconds
+            return Column(ending[1], ending[2].replace("_", "/"))
     if not unit and unit_of(name) and not bearing(name) and _label(name) == "" and not _TIME.match(name):
         return Column("acceleration", name)
     return Column(name, unit)

@@ -47,6 +47,7 @@ from toppling.models.motions.formats.header_text import (
     stated_peak_m_s2,
     stated_step_s,
     stated_unit,
+    unit_of_peaks,
 )
 from toppling.models.motions.formats.record_text import Counted, RecordText, parted
 from toppling.models.motions.formats.units import counted_unit, known_names
@@ -61,6 +62,8 @@ _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
 _OF_OBSPY = ("TIMESERIES", "WID2", "WID1")
 """First words of text formats of others, whose samples look like columns."""
+_REMARK = ("#", "%", "!", "//")
+"""How a remark begins among samples: there a semicolon may stand before an empty cell."""
 _DERIVED = 0.9
 """Correlation of a column with the slope of the next, from which this is its integral."""
 _USUAL = "acceleration alone, time and acceleration, or time and three components"
@@ -141,8 +144,9 @@ def _named(lines: Sequence[str], layout: _Layout, above: list[int]) -> _Layout:
     if not candidates:
         return layout
     names_at, units = candidates[-1], []
-    if len(candidates) == 2 and (below := _units_in(lines[candidates[1]], layout.width)):
-        names_at, units = candidates[0], below
+    for names, beside in ((0, 1), (1, 0)) if len(candidates) == 2 else ():
+        if not units and (units := _units_in(lines[candidates[beside]], layout.width)):
+            names_at = candidates[names]
     columns = _columns(lines[names_at], layout.width)
     if units and len(columns) == len(units):
         columns = [replace(each, unit=unit or each.unit) for each, unit in zip(columns, units, strict=True)]
@@ -191,7 +195,14 @@ def read(file: RecordText) -> list[Component]:
         file.refuse(0, "no rows of numbers follow on each other", "columns of numbers")
     first, width = layout.first, layout.width
     end, warnings = _end(file, layout)
-    rows = [separated(plain_line(line), layout.decimal_comma) for line in lines[first:end]]
+    remarks = [line.strip() for line in lines[first:end] if line.lstrip().startswith(_REMARK)]
+    if remarks:
+        told = f"{file.path.name}: a remark among the samples is left out: {remarks[0][:_SHOWN]!r}"
+        warnings = (*warnings, told)
+    rows = [
+        "" if line.lstrip().startswith(_REMARK) else separated(plain_line(line), layout.decimal_comma)
+        for line in lines[first:end]
+    ]
     rows = [_EXPONENT.sub("E", row) if "D" in row or "d" in row else row for row in rows]
     rows = [row if len(row.split()) == width else parted(row) for row in rows]
     wrapped = _is_wrapped(lines, layout)
@@ -215,7 +226,7 @@ def read(file: RecordText) -> list[Component]:
         line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns or wrapped
     ]
     check_stated(told, step, (len(values), len(roles.components)), str(file.path))
-    above = stated_unit(told)
+    above = stated_unit(told) or unit_of_peaks(told, float(np.abs(values[:, list(roles.components)]).max()))
     found = [
         _component(
             file, first, Counted(values[:, place], warnings=warnings), step, label, named[place], above

@@ -8,12 +8,16 @@ from toppling.models.motions.formats.component import code_direction
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_BETWEEN = r"(?:\D|(?<=[A-Za-z])\d{1,3}(?!\d)){0,20}"
+"""What parts a value from its name: digits too, of the name of a channel or converter, as C1 or ADC16."""
 _UNIT = re.compile(
     r"\b(?:\w+_)?(?:units?|unidad(?:es)?|einheit(?:en)?)\b[^:=]{0,40}[:=]\s*(.{1,60})"
     r"|\bacc?el\w*[^(\[:=]{0,60}[(\[]([^)\]]{1,30})[)\]]"
-    r"|\bacc?el\w*.{0,60}?\bin\s+(?:units\s+of\s+)?(.{1,30})",
+    r"|\bacc?el\w*.{0,60}?\b(?:in|en)\s+(?:units\s+of\s+)?(.{1,30})",
     re.IGNORECASE,
 )
+_OF_INSTRUMENT = re.compile(r"scale|calib|sensitiv|gain", re.IGNORECASE)
+"""Before a unit that is not the samples' own: of what counts are multiplied to."""
 _COMPONENT = re.compile(
     r"\b(?:comp(?:onent)?|direction|orientation|componente)\b\.?\s*(?:\d\s*[:=]|[:=])?\s*([^\s,;:]+)",
     re.IGNORECASE,
@@ -21,12 +25,12 @@ _COMPONENT = re.compile(
 _RATE = re.compile(
     rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfs(?= *[:=])|\bfreq\w* *(?:of|de) *sampl\w*|"
     rf"tasa de muestreo|frecuencia de muestreo)"
-    rf"[^0-9]{{0,20}}{_NUMBER}",
+    rf"{_BETWEEN}(?<![A-Za-z]){_NUMBER}",
     re.IGNORECASE,
 )
 _STEP = re.compile(
     rf"(?:\bdt\b|\bdelta[ _]?t\b|time *_?(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step|time)|"
-    rf"intervalo de muestreo)([^0-9]{{0,20}}?){_NUMBER} *(ms|msec|milliseconds)?\b",
+    rf"intervalo de muestreo)({_BETWEEN}?)(?<![A-Za-z]){_NUMBER} *(ms|msec|milliseconds)?\b",
     re.IGNORECASE,
 )
 _COUNT = re.compile(
@@ -40,6 +44,13 @@ _PEAK = re.compile(
     r"(?P<unit>[a-z][a-z0-9/*^]*)",
     re.IGNORECASE,
 )
+_PEAKS_IN = re.compile(
+    rf"\b(?:pga|peak)\b[^(\[:=]{{0,30}}[(\[]([^)\]]{{1,30}})[)\]](.{{0,100}}{_NUMBER}.{{0,100}})",
+    re.IGNORECASE,
+)
+"""Peaks of all components behind their unit: RAW PGA VALUES (gal): (N-S) 70.2, (E-W) 105.9."""
+_PEAK_OFF = 1.5
+"""Factor by which a peak may differ from the samples', as by a baseline."""
 _STEP_OFF, _ROWS_OFF, _COUNT_OFF = 0.02, 2, 0.01
 """Shares, and rows, by which text and samples may differ, as of rounding or of a program's mistake."""
 _MOST_LINES, _LONGEST = 200, 300
@@ -50,16 +61,29 @@ def stated_unit(lines: Sequence[str]) -> float | None:
     found = set()
     for line in lines[:_MOST_LINES]:
         for match in _UNIT.finditer(line[:_LONGEST]):
+            if _OF_INSTRUMENT.search(line[: match.start(match.lastindex or 0)]):
+                continue
             text = next(filter(None, match.groups())).strip()
             ways = (
                 text,
-                re.split(r"[(,;]| {2,}", text)[0],
+                *re.split(r"[(,;]| {2,}", text)[:2],
                 text.split()[0],
                 text.partition("(")[2].partition(")")[0],
             )
             found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
+
+
+def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
+    """Unit in m/s2 of peaks that the lines state, where it is that of the samples: their largest is such a peak."""
+    for line in lines[:_MOST_LINES]:
+        for match in _PEAKS_IN.finditer(line[:_LONGEST]):
+            unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
+            peak = max(abs(float(each)) for each in peaks)
+            if unit and largest / _PEAK_OFF < peak < largest * _PEAK_OFF:
+                return unit
+    return None
 
 
 def stated_direction(lines: Sequence[str]) -> float | str | None:

@@ -11,6 +11,7 @@ from toppling.models.motions.formats.component import Component, bearing, code_d
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 
+_UNAM_SAMPLES = re.compile(r"DATOS DE ACELERACION\s*(?::|$)")
 _PRINTED_TIME_S = 0.0015
 """Of CWB's times, with three decimals."""
 
@@ -80,13 +81,13 @@ class unam:  # noqa: N801
     @staticmethod
     def recognises(head: str) -> bool:
         """Whether the title stands in the header."""
-        return "ARCHIVO ESTANDAR DE ACELERACION" in head
+        return "ARCHIVO ESTANDAR DE ACELERACION" in head.upper()
 
     @staticmethod
     def read(file: RecordText) -> list[Component]:
         """Read all channels."""
         lines = file.lines
-        at = next((i for i, line in enumerate(lines) if line.startswith("DATOS DE ACELERACION:")), None)
+        at = next((i for i, line in enumerate(lines) if _UNAM_SAMPLES.match(line)), None)
         if at is None:
             file.refuse(len(lines) - 1, "no 'DATOS DE ACELERACION:'", "samples")
         header = {

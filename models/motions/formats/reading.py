@@ -34,7 +34,11 @@ _EXPORT = "export the record as text: time and acceleration in columns under the
 _NO_RECORDS = (
     (rb"PK\x03\x04(?=[\s\S]{0,4000}(?:xl/|Content_Types))", "a spreadsheet", "save its sheet as CSV"),
     (rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!", "a packed archive", _UNPACK),
-    (rb"\x89HDF|MATLAB|\x93NUMPY", "a file of arrays (HDF5, MATLAB, NumPy)", _EXPORT),
+    (
+        rb"\x89HDF|MATLAB|\x93NUMPY|PAR1|ARROW1|#ASDF",
+        "a file of arrays (HDF5, ASDF, MATLAB, NumPy, Parquet, Feather)",
+        _EXPORT,
+    ),
     (rb"\s*<!doctype html|\s*<html", "a web page, such as of a login", "fetch the record itself again"),
     (rb"\s*<\?xml|\s*<", "XML other than StationXML", "give the record, or the StationXML of its station"),
     (rb"%PDF|\xff\xd8\xff|\x89PNG", "a document or picture", "give the record's file"),

@@ -28,6 +28,8 @@ SAME = [
     ("esm", "USER20:\nUSER21:\n", ""),
     ("unam", "Gal (cm/s/s)", "cm/s/s"),
     ("unam", "Gal (cm/s/s)", "GALS"),
+    ("unam", "DATOS DE ACELERACION:", "DATOS DE ACELERACION"),
+    ("unam", "ARCHIVO ESTANDAR DE ACELERACION", "Archivo Estandar de Aceleracion"),
     ("unam", "V N00E N90E\n", "V N00E N90E\n\n"),
     ("peer", "IN UNITS OF G", "IN UNITS OF G. FILTER POINTS: HP=0.1 Hz LP=20.0 Hz"),
     ("peer", "PEER NGA STRONG MOTION DATABASE RECORD", "PEER NGA-SUB RECORD"),

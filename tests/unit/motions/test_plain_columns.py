@@ -196,6 +196,26 @@ def rows_of(motion: np.ndarray, before=lambda number: "", after: str = "") -> st
             lambda n: "",
         ),
         ("# units: m/s^2\nt,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
+        (
+            "datetime,EW (m/s2),NS (m/s2),UD (m/s2)\n",
+            lambda n: (
+                f"03/14/2023 {'12:00' if n >= 300 else '11:59'}:{(57 + n * STEP_S) % 60:05.2f} {'PA'[n < 300]}M,"
+            ),
+        ),
+        ("date time,EW (m/s2),NS (m/s2),UD (m/s2)\n", lambda n: f"14.03.2023 10:00:{n * STEP_S:05.2f},"),
+        ("s,m/s2,m/s2,m/s2\ntime,east,north,up\n", lambda n: f"{n * STEP_S:.2f},"),
+        ("Time,Acc_EW,Acc_NS,Acc_UD\n(s),(m/s2),(m/s2),(m/s2)\n", lambda n: f"{n * STEP_S:.2f},"),
+        ("# field_unit: UTC, m/s**2\nTime,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
+        ("# Aceleracion en m/s^2\nTime,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
+        (
+            "INTERVALO DE MUESTREO, C1-C3 (s) : /.01/.01/.01\nUNIDAD : m/s2\nEW,NS,UD\n",
+            lambda n: "",
+        ),
+        ("Sampling rate ADC16: 100 Hz\nunits: m/s2\nEW,NS,UD\n", lambda n: ""),
+        (
+            "time (s),EW (m/s2),NS (m/s2),UD (m/s2)\n",
+            lambda n: f"{'# S waves' + chr(10) if n == 150 else ''}{n * STEP_S:.2f},",
+        ),
     ],
 )
 def test_the_time_is_found_whatever_counts_or_tells_it(header, before, tmp_path):
@@ -359,6 +379,34 @@ def test_a_peak_in_the_text_above_is_that_of_a_component(tmp_path):
         assert right or "by the file's header" in done.refusals[0].reason.what
 
 
+@pytest.mark.parametrize("factor", [1.0, 100.0])
+def test_a_unit_of_peaks_is_that_of_samples_that_have_them(factor, tmp_path):
+    peaks = factor * np.abs(shaking()).max(axis=0)
+    header = (
+        f"RAW PGA VALUES (gal): (N-S) {peaks[1]:.3f}, (E-W) {peaks[0]:.3f}, (U-D) {peaks[2]:.3f}\nt,E,N,Z"
+    )
+    done = import_records([table_of(tmp_path, header, 100.0 * shaking())], options=AS_IT_IS)
+    if factor == 100.0:
+        np.testing.assert_allclose(done.records[0].motion.acceleration_m_s2, shaking(), atol=1e-5)
+    else:
+        assert "in which unit" in done.refusals[0].reason.what
+
+
+def test_the_unit_that_counts_are_scaled_to_is_not_that_of_the_counts(tmp_path):
+    header = "# scale_factor: 427336\n# scale_units: M/S**2\n# field_unit: s, counts\nt,E,N,Z"
+    refused = import_records([table_of(tmp_path, header, shaking())], options=AS_IT_IS).refusals[0]
+    assert "in which unit" in refused.reason.what
+
+
+def test_times_with_points_may_stand_beside_samples_with_decimal_commas(tmp_path):
+    path = table_of(tmp_path, "", shaking(), comma=False)
+    rows = [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
+    lines = [";".join([row[0], *(cell.replace(".", ",") for cell in row[1:])]) for row in rows]
+    path.write_text("\n".join(["time (s);E (m/s2);N (m/s2);Z (m/s2)", *lines]) + "\n")
+    (record,) = import_records([path], options=AS_IT_IS).records
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)
+
+
 @pytest.mark.parametrize(("name", "since_1970"), [("timestamp", 1.7e12), ("t_ns", 1.7e18), ("time", 1.7e18)])
 def test_times_since_1970_go_on_by_the_step_whatever_their_unit(name, since_1970, tmp_path):
     ticks = round(STEP_S * (1e9 if since_1970 > 1e15 else 1e3))
@@ -373,11 +421,13 @@ def test_times_since_1970_go_on_by_the_step_whatever_their_unit(name, since_1970
 
 
 @pytest.mark.parametrize(("first", "between", "last"), [("| ", " | ", " |"), ("<tr><td>", "</td>\n<td>", "</td></tr>"),
-                                                        ("", " & ", r" \\")])  # fmt: skip
+                                                        ("", " & ", r" \\"), ("|-\n| ", " || ", "")])  # fmt: skip
 def test_a_table_of_a_document_is_read_as_columns(first, between, last, tmp_path):
     motion = shaking()
     head = {"|": "|---|---|---|---|", "<": "", "": r"\hline"}[first[:1]]
     begin = {"|": "Text.\n", "<": "<html><table>", "": r"\begin{tabular}{rrrr}"}[first[:1]]
+    if first.startswith("|-"):
+        begin, head = "{|", ""
     cells = [["Time (s)", "UD (m/s2)", "NS (m/s2)", "EW (m/s2)"]]
     cells += [
         [f"{n * STEP_S:.3f}", *(f"{x:.6f}" for x in row)] for n, row in enumerate(motion[:, UP_NORTH_EAST])

@@ -9,7 +9,7 @@ from toppling.models.files.markup import table_text
 
 _COMMA_NUMBER = re.compile(r"[-+]?\d+(,\d+)+(\.\d+)?(e[-+]?\d+)?", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
-_DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+")
+_DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+(,\d+)?")
 _BETWEEN = re.compile(r"(?<=\d),(?=\d)")
 _SPACED = re.compile(
     r"(?<![\w.])[1-9]\d{0,2}(?:(?:'\d{3})+|(?:\u2019\d{3})+|(?:[ \u00a0\u202f]\d{3})+)(?![\w'])"
@@ -48,12 +48,12 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     if sign == "," and not commas:
         return bare
     decimal = not all(map(_THOUSANDS.fullmatch, commas))
-    dotted = [cell for row in table for cell in row if re.fullmatch(r"[-+]?\d+\.[\d.]+", cell.strip())]
+    dotted = [cell for row in table for cell in row if re.fullmatch(r"[-+]?\d+\.[\d.]+(,\d+)?", cell.strip())]
     parted = decimal and all(_DOTTED.fullmatch(cell.strip()) for cell in dotted)
 
     def cell_of(text: str) -> str:
         if parted and _DOTTED.fullmatch(text.strip()):
-            return text.replace(".", "")
+            return text.replace(".", "").replace(",", ".")
         return _BETWEEN.sub("." if decimal else "", text)
 
     return [_joined(row if row[:1] == ["#"] else [cell_of(cell) for cell in row]) for row in table]

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from toppling.models.motions.formats.units import Quantity, unit_of
+from toppling.models.motions.formats.units import Quantity, powered_unit
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -102,7 +102,7 @@ def _name_and_unit(text: str) -> Iterator[tuple[str, str]]:
 
 def _of_unit(name: str, unit_name: str) -> tuple[str, float] | None:
     """Column of a measure and SI factor of its unit; None if either is not known or the unit is of something else."""
-    known, unit = measure_of(name), unit_of(unit_name)
+    known, unit = measure_of(name), powered_unit(unit_name)
     if known is None or unit is None or known[0] == "cav_m_s":
         return None
     return (known[0], unit.factor) if unit.quantity == quantity_of(known[0]) else None

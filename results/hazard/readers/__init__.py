@@ -34,6 +34,8 @@ _MOST_HEAD_LINES = 30
 _BINARY = {
     b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", nrml.EXPORT),
     b"\x89PNG": ("is a picture", "give its numbers as CSV"),
+    b"PAR1": ("is Parquet", "save its table as CSV"),
+    b"ARROW1": ("is a file of Arrow", "save its table as CSV"),
     b"%PDF": ("is a document", "copy its table into a file of text"),
     b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
 }

@@ -159,16 +159,24 @@ def _of_site(
     file: HazardFile, rows: Sequence[tuple[int, list[str]]], table: _Table
 ) -> list[tuple[int, list[str]]]:
     """Rows of the site that is wanted, all where the table has no places."""
-    if "lon" not in table.roles or "lat" not in table.roles:
+    header = _with_places(table)
+    if not header:
         return file.wanted_rows(rows, table.header, None)
-    header = list(table.header)
-    header[table.roles["lon"]], header[table.roles["lat"]] = "lon", "lat"
     name = header[table.roles["name"]] if "name" in table.roles else ""
     nearest = file.wanted_rows(rows, header, name)
     if not isinstance(file.hints.site, tuple) or not nearest:
         return nearest
     place = [nearest[0][1][table.roles[axis]] for axis in ("lon", "lat")]
     return [(line, row) for line, row in rows if [row[table.roles[axis]] for axis in ("lon", "lat")] == place]
+
+
+def _with_places(table: _Table) -> list[str]:
+    """Header whose columns of places have their plain names; empty where there are none."""
+    if "lon" not in table.roles or "lat" not in table.roles:
+        return []
+    header = list(table.header)
+    header[table.roles["lon"]], header[table.roles["lat"]] = "lon", "lat"
+    return header
 
 
 def _points(
@@ -180,11 +188,8 @@ def _points(
     def cell(role: str) -> str:
         return row[roles[role]] if role in roles else ""
 
-    site = (
-        tuple(file.number(line, cell(axis)) for axis in ("lon", "lat"))
-        if "lon" in roles and "lat" in roles
-        else ()
-    )
+    places = _with_places(table)
+    site = file.place_of(line, row, places) if places else ()
     for place, name in [(roles["value"], "")] if "value" in roles else table.across.items():
         own = cell("imt") or (_imt(name) if name and not _is_kind(name) else "")
         level = cell("level") or name

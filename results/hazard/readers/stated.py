@@ -24,6 +24,7 @@ _EXPECTED = (
     "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
     "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
 )
+_POLE_DEG = 90.0
 _EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
 
 
@@ -132,6 +133,8 @@ class HazardFile:
     def place_of(self, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
         """Longitude and latitude of a row."""
         longitude, latitude = (self.number(line, row[header.index(name)]) for name in ("lon", "lat"))
+        if abs(latitude) > _POLE_DEG:
+            self.refuse(f"line {line}: the latitude is {latitude:g}", "exchange longitude and latitude")
         return longitude, latitude
 
     def wanted_rows(

@@ -27,6 +27,7 @@ _WITH_UNIT = re.compile(
     r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?) ?([^\d\s.,;+-][^\d]{0,9}\d?|1/[a-z]+)", re.IGNORECASE
 )
 """A cell that states the unit of its number."""
+_GAP = re.compile(r" {2,}")
 _MOST_NAMES = 50
 """Of a header, that are looked at for a measure."""
 _STATED_UNIT = re.compile(
@@ -63,7 +64,7 @@ def read(file: HazardFile) -> list[Statement]:
     before = " ".join(lines[:at]).lower()
     body = [
         _uncommented(lines[at]),
-        *("" if is_comment(line) else line for line in lines[at + 1 :]),
+        *("" if is_comment(line) else line.partition(" # ")[0] for line in lines[at + 1 :]),
     ]
     (_, header), *rows = list(file.rows([",".join(cells) for cells in cells_of(body)], at + 1)) or [(0, [])]
     header, rows = _raised(file, *upright(*_with_units(header, rows)))
@@ -305,4 +306,6 @@ def cells_of(lines: Sequence[str]) -> list[list[str]]:
     """Cells of lines that commas or blanks part, told by the first."""
     if "," in lines[0]:
         return [[line] for line in lines]
-    return [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
+    cells = [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
+    names = _GAP.split(lines[0].strip())  # which have blanks of their own where they stand far apart
+    return [names, *cells[1:]] if len(names) == len(cells[0]) else cells

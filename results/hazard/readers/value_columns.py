@@ -12,8 +12,9 @@ from toppling.results.hazard.readers.stated import HazardFile
 _LAMBDA = r"(?:lambda|λ)(?: ?\([^()]*\))?"
 _RATE = re.compile(
     r"(?:mean )?annual (?:exceedance )?(?:rate|frequency|hazard)(?: of exceedance)?|(?:mean )?m?afo?e|m?aro?e|maf|mar|"
-    rf"(?:mean )?(?:exceedance )?(?:rate|frequency|hazard|{_LAMBDA})(?: of exceedance)? per (?P<unit>year|kyr)|"
-    rf"(?:mean )?{_LAMBDA}|(?:exceedances|events) per (?P<each>year|kyr)"
+    rf"(?:mean )?(?:exceedance )?(?:rate|frequency|hazard|{_LAMBDA})(?: of exceedance)?"
+    r" per (?:year|(?P<some>\d+) years)|"
+    rf"(?:mean )?{_LAMBDA}|(?:exceedances|events) per (?:year|(?P<years>\d+) years)"
 )
 _ANNUAL = re.compile(
     r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|apo?e|"
@@ -31,7 +32,14 @@ _RETURN = re.compile(
 )
 _EACH = re.compile(r"\b(yr|years?|a|kyr|ka)[ _]*(?:\^?[({]?-1[)}]?|⁻¹)|\b(?:p\. ?a\.|per annum)")
 """A year's inverse, as a power or in Latin."""
-_TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
+_TIMES = re.compile(
+    r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<number>1[0, ]*0 |million |thousand )?(?P<time>yrs?|years?|a|kyr|ka|myr|ma)[)\]]*$"
+)
+_MANY = {"million": 1_000_000, "thousand": 1000, "m": 1_000_000, "k": 1000}
+_SCALED = re.compile(
+    r"[ _]*[(\[]? ?(?:[x×*·] ?)?(?:10\^|10\*\*|1e)\(?(?P<power>[-+]?\d{1,2})\)?[)\]]?|[ _]+[x×*·] ?1(?P<zeros>0+)\b"
+)
+"""Of what values are multiples, (x10^-3), or by what they were multiplied, x 1000: either way they are less."""
 _YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka|anni|años|anos|ans|jahre?)[)\]]$")
 _STATED_YEARS = re.compile(
     r"(?:investigation[_ ]time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
@@ -39,14 +47,29 @@ _STATED_YEARS = re.compile(
 
 
 def _plain(name: str) -> str:
-    """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per kyr`."""
+    """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per 1000 years`."""
     plain = _SHARE_IN.sub("poe in ", _EACH.sub(lambda each: f"1/{each[1] or 'year'}", name.lower()), count=1)
     plain = re.sub(r"[ _-]+", " ", _PERCENT.sub("", plain)).strip()
     if not (found := _TIMES.search(plain)):
         return _YEARS.sub("", plain).strip()
-    time = " per kyr" if found["time"][0] in "k1" else " per year"
+    many = (found["number"] or "1").strip().replace(",", "").replace(" ", "")
+    years = _MANY.get(many) or int(many)
+    if found["time"][0] in "km":
+        years *= _MANY[found["time"][0]]
     bare = plain[: found.start()].strip()
-    return bare if bare.startswith(("annual", "mean annual")) and time == " per year" else bare + time
+    if years == 1:
+        return bare if _RATE.fullmatch(bare) or _ANNUAL.fullmatch(bare) else f"{bare} per year"
+    return f"{bare} per {years} years"
+
+
+def _unscaled(name: str) -> tuple[str, float]:
+    """Plain name of a column without its power of ten, and what its values are to be multiplied by."""
+    found = _SCALED.search(name.lower())
+    if found is None:
+        return _plain(name), 1.0
+    power = abs(int(found["power"])) if found["power"] else len(found["zeros"])
+    plain = _plain(name[: found.start()] + name[found.end() :])
+    return ("" if _RETURN.fullmatch(plain) else plain), 10.0**-power
 
 
 def is_share(text: str) -> bool:
@@ -58,13 +81,13 @@ def says_value(name: str) -> bool:
     """Whether a column's name says that it holds rates, probabilities or return periods."""
     if len(name) > LONGEST_NAME:
         return False
-    plain = _plain(name)
+    plain, _ = _unscaled(name)
     return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN, _PROBABILITY))
 
 
 def is_probability(name: str) -> bool:
     """Whether the column of values of a name holds probabilities, which lose their digits near 1."""
-    return _PROBABILITY.fullmatch(_plain(name)) is not None
+    return _PROBABILITY.fullmatch(_unscaled(name)[0]) is not None
 
 
 def values_of(file: HazardFile, name: str, before: str) -> tuple[float, Callable[[float], float]]:
@@ -72,14 +95,13 @@ def values_of(file: HazardFile, name: str, before: str) -> tuple[float, Callable
 
     Raises InputError if neither its name, nor the lines before in lower case, nor the user says so.
     """
-    plain = _plain(name) if len(name) <= LONGEST_NAME else ""
+    plain, scale = _unscaled(name) if len(name) <= LONGEST_NAME else ("", 1.0)
     stated: float | None = None
-    scale = 0.01 if plain and _PERCENT.search(name.lower()) else 1.0
+    if plain and _PERCENT.search(name.lower()):
+        scale *= 0.01
     convert: Callable[[float], float] = partial(mul, scale)
     if rate := _RATE.fullmatch(plain):
-        stated = 0.0
-        if "kyr" in (rate["unit"], rate["each"]):
-            convert = partial(mul, scale / 1000.0)
+        stated, convert = 0.0, partial(mul, scale / float(rate["some"] or rate["years"] or 1.0))
     elif _RETURN.fullmatch(plain):
         kyr = (time := _YEARS.search(name.lower())) and time["time"].startswith("k")
         stated, convert = 0.0, partial(_rate_of_return, 1000.0 if kyr else 1.0)

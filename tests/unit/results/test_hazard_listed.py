@@ -116,3 +116,9 @@ def test_rates_of_a_header_are_no_probabilities_whatever_the_user_says(tmp_path)
         InputError, match="states annual rates, and --values says probabilities over 50 years"
     ):
         read_hazard(table, hints=Hints(years=50.0))
+
+
+def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
+    swapped = [line.replace("lon,lat", "lat,lon") for line in long("annual_rate")]
+    with pytest.raises(InputError, match=r"the latitude is -118\.1"):
+        read_hazard(written(tmp_path, *swapped))

@@ -140,6 +140,18 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("Hazard at the rock\n\nPGA (g);annual rate\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
         ("# at the rock, Vs30 in m/s\n# PGA (g), annual rate\n{0},{1}\n{2},{3}\n", "utf-8"),
         ("PGA (g),{0},{2}\nannual rate,{1},{3}\n", "utf-8"),
+        ("PGA (g),exceedances per 10000 years\n{0},100\n{2},10\n", "utf-8"),
+        ("PGA (g);Exceedances per 10 000 years\n{0};100\n{2};10\n", "utf-8"),
+        ("PGA (g),events per million years\n{0},10000\n{2},1000\n", "utf-8"),
+        ("PGA (g),annual rate (x10^-3)\n{0},10\n{2},1\n", "utf-8"),
+        ("PGA (g),annual rate (×10⁻³)\n{0},10\n{2},1\n", "utf-8"),
+        ("PGA (g),annual rate x 1000\n{0},10\n{2},1\n", "utf-8"),
+        ("PGA (g),annual frequency of exceedance (10^-3/yr)\n{0},10\n{2},1\n", "utf-8"),
+        ("PGA (x10^-2 g),annual_rate\n10,{1}\n20,{3}\n", "utf-8"),
+        ("PGA [g]      AFOE [1/yr]\n{0}      {1}\n{2}      {3}\n", "utf-8"),
+        ("PGA (g),annual_rate\n{0},{1} # as published\n{2},{3} # as published\n", "utf-8"),
+        ("PGA (g);Return period (yr)\n0,1;100,0\n0,2;1.000,0\n", "utf-8"),
+        ("{{|\n! PGA (g) !! annual_rate\n|-\n| {0} || {1}\n|-\n| {2}\n| {3}\n|}}\n", "utf-8"),
     ],
 )
 def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
@@ -161,7 +173,8 @@ def test_a_curve_beside_other_columns_is_no_set_of_events(tmp_path):
 @pytest.mark.parametrize(
     "text",
     ["", "pga_m_s2,rate\n1,1\n", "pgx,annual_rate\n1,1\n2,0.1\n", "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
-     "pga_m_s2,annual_rate\n1,x\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
+     "pga_m_s2,annual_rate\n1,x\n", "PGA,annual rate per kyr\n0.1,0.1\n0.2,0.01\n",
+     "PGA,return period (x10^3 yr)\n0.1,0.1\n0.2,1\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
 )  # fmt: skip
 def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
     path = tmp_path / "hazard.csv"

@@ -143,7 +143,8 @@ def _named(lines: Sequence[str], layout: _Layout, above: list[int]) -> _Layout:
     candidates = above[-2:] or [n for n in range(layout.first) if lines[n].strip()][-2:]
     if not candidates:
         return layout
-    names_at, units = candidates[-1], []
+    names_at = candidates[-1]
+    units: list[str] = []
     for names, beside in ((0, 1), (1, 0)) if len(candidates) == 2 else ():
         if not units and (units := _units_in(lines[candidates[beside]], layout.width)):
             names_at = candidates[names]

@@ -198,8 +198,8 @@ def read(file: RecordText) -> list[Component]:
     end, warnings = _end(file, layout)
     remarks = [line.strip() for line in lines[first:end] if line.lstrip().startswith(_REMARK)]
     if remarks:
-        told = f"{file.path.name}: a remark among the samples is left out: {remarks[0][:_SHOWN]!r}"
-        warnings = (*warnings, told)
+        remark = f"{file.path.name}: a remark among the samples is left out: {remarks[0][:_SHOWN]!r}"
+        warnings = (*warnings, remark)
     rows = [
         "" if line.lstrip().startswith(_REMARK) else separated(plain_line(line), layout.decimal_comma)
         for line in lines[first:end]

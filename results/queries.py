@@ -1,7 +1,12 @@
-"""SQL over one or several runs: the tables that it is asked of, and what it may not pool."""
+"""SQL over one or several runs: the tables that it is asked of, what it may not pool, its limits of memory and time.
 
+Unless whoever asks trusts it, a query reads the tables that it is given and nothing else.
+"""
+
+import contextlib
 import re
-from collections.abc import Callable, Iterable, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,7 +15,6 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 
 from toppling.models.errors import InputError
-from toppling.results.sandbox import collected, opened, time_limit
 from toppling.results.store import newest_rows, read_steady, result_files
 
 _APART = ("engine", "preset", "scene_id", "physics_version")
@@ -38,7 +42,20 @@ class Readable(Protocol):
         """Its rows."""
 
 
-_Question = Callable[[duckdb.DuckDBPyConnection], pa.Table]
+_MEMORY_BYTES = 2 << 30
+"""Of a query at work, and of its answer: the sums and joins of a million jobs take a tenth of it."""
+_TIME_S = 120.0
+_BATCH_ROWS = 2_048
+"""Of an answer that are made at once, before its size is looked at."""
+
+_LOCKED = {
+    "enable_external_access": "false",
+    "autoinstall_known_extensions": "false",
+    "autoload_known_extensions": "false",
+    "python_enable_replacements": "false",
+    "temp_directory": "",
+}
+"""What keeps a query from everything but the tables that it is given."""
 
 
 def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Table:
@@ -62,13 +79,56 @@ def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Ta
         If DuckDB refuses the query, two runs have the same name, or the query would pool rows of different questions.
     """
 
-    def answer(connection: duckdb.DuckDBPyConnection) -> pa.Table:
-        table = _answer(connection, query, trusted)
-        if len(runs) > 1 or any(run.rocks for run in runs):
-            _refuse_pooling(connection, query, table.column_names)
-        return table
+    def answer() -> pa.Table:
+        with _tables_of(runs, trusted) as connection:
+            kinds = [] if trusted else [one.type for one in connection.extract_statements(query)]
+            if not trusted and kinds != [duckdb.StatementType.SELECT]:
+                held = ", ".join(kind.name for kind in kinds) or "nothing"
+                raise _refused(f"the query holds {held}")
+            relation = connection.sql(query)
+            table = _collected(relation, trusted) if relation is not None else pa.table({})
+            if len(runs) > 1 or any(run.rocks for run in runs):
+                _refuse_pooling(connection, query, table.column_names)
+            return table
 
-    return answered(runs, answer, trusted)
+    return read_steady([run.root for run in runs], answer)
+
+
+def rows_where(run: Readable, where: str, trusted: bool) -> pa.Table:
+    """Rows of `results` for which a condition holds.
+
+    Raises InputError if DuckDB refuses it.
+    """
+
+    def answer() -> pa.Table:
+        with _tables_of([run], trusted) as connection:
+            # As an expression of its own, not as text in a statement, from which it could break out.
+            return connection.table("results").filter(duckdb.SQLExpression(where)).to_arrow_table()
+
+    return read_steady([run.root], answer)
+
+
+@contextlib.contextmanager
+def _tables_of(runs: Sequence[Readable], trusted: bool) -> Iterator[duckdb.DuckDBPyConnection]:
+    """Tables of some runs as they are now, for a block within limits; what DuckDB says of it becomes an InputError."""
+    with _connect(runs, trusted) as connection:
+        try:
+            with _time_limit(connection, trusted):
+                yield connection
+        except duckdb.PermissionException as error:
+            raise _refused(str(error)) from error
+        except duckdb.Error as error:
+            if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
+                for run in runs:
+                    newest_rows(result_files(run.root))
+            raise InputError(
+                str(error),
+                where="SQL",
+                expected="DuckDB's SQL over the tables results, motions, scene",
+                remedy="write toppled::int to count or average it"
+                if "BOOLEAN" in str(error)
+                else "'toppling query RUN --describe' names every column, and texts stand between single quotes",
+            ) from error
 
 
 def _connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
@@ -86,7 +146,8 @@ def _connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPy
             expected="folders of different names",
             remedy="rename one of the folders",
         )
-    connection = opened(trusted)
+    config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{_MEMORY_BYTES >> 20}MiB"}
+    connection = duckdb.connect(config=config)
     for view in ("results", "motions", "scene", "bases"):
         parts = []
         for number, run in enumerate(runs):
@@ -100,45 +161,6 @@ def _connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPy
     if not trusted:
         connection.execute("set lock_configuration = true")
     return connection
-
-
-def answered(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa.Table:
-    """Answer of a question to the tables of some runs, asked again where a run is merged meanwhile.
-
-    Raises InputError if DuckDB refuses it.
-    """
-    return read_steady([run.root for run in runs], lambda: _asked_once(runs, question, trusted))
-
-
-def _asked_once(runs: Sequence[Readable], question: _Question, trusted: bool) -> pa.Table:
-    with _connect(runs, trusted) as connection:
-        try:
-            with time_limit(connection, trusted):
-                return question(connection)
-        except duckdb.PermissionException as error:
-            raise _refused(str(error)) from error
-        except duckdb.Error as error:
-            if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
-                for run in runs:
-                    newest_rows(result_files(run.root))
-            raise InputError(
-                str(error),
-                where="SQL",
-                expected="DuckDB's SQL over the tables results, motions, scene",
-                remedy="write toppled::int to count or average it"
-                if "BOOLEAN" in str(error)
-                else "'toppling query RUN --describe' names every column, and texts stand between single quotes",
-            ) from error
-
-
-def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) -> pa.Table:
-    if not trusted:
-        kinds = [statement.type for statement in connection.extract_statements(query)]
-        if kinds != [duckdb.StatementType.SELECT]:
-            named_columns = ", ".join(kind.name for kind in kinds) or "nothing"
-            raise _refused(f"the query holds {named_columns}")
-    answer = connection.sql(query)
-    return collected(answer, trusted) if answer is not None else pa.table({})
 
 
 def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered: Iterable[str]) -> None:
@@ -169,16 +191,60 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     )
 
 
-def rows_where(connection: duckdb.DuckDBPyConnection, where: str) -> pa.Table:
-    """Rows of `results` for which a condition holds."""
-    # As an expression of its own, not as text in a statement, from which it could break out.
-    return connection.table("results").filter(duckdb.SQLExpression(where)).to_arrow_table()
-
-
 def _refused(what: str) -> InputError:
     return InputError(
         what,
         where="SQL",
         expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
         remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files",
+    )
+
+
+@contextlib.contextmanager
+def _time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator[None]:
+    """Stop a query of this block that takes too long, unless it is trusted.
+
+    Raises InputError if it was stopped, or needed too much memory.
+    """
+    watch = threading.Timer(_TIME_S, connection.interrupt)
+    watch.daemon = True
+    if not trusted:
+        watch.start()
+    try:
+        yield
+    except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
+        if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
+            raise
+        reason = str(error).partition("\n")[0]
+        # What fails while the answer is fetched comes through Arrow, by its message.
+        if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
+            raise _too_much(f"the query took more than {_TIME_S:g} s and was stopped") from error
+        raise _too_much(f"the query cannot be answered ({reason})") from error
+    finally:
+        watch.cancel()
+
+
+def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
+    """All rows of an answer.
+
+    Raises InputError if they take more memory than an answer may, unless the query is trusted.
+    """
+    if trusted:
+        return answer.to_arrow_table()
+    reader, batches, size = answer.to_arrow_reader(_BATCH_ROWS), [], 0
+    for batch in reader:
+        batches.append(batch)
+        size += batch.nbytes
+        if size > _MEMORY_BYTES:
+            raise _too_much(f"the answer has more than {_MEMORY_BYTES / 1e9:.1f} GB")
+    return pa.Table.from_batches(batches, reader.schema)
+
+
+def _too_much(what: str) -> InputError:
+    """Say that a query needs more than it gets."""
+    return InputError(
+        what,
+        where="SQL",
+        expected=f"a query of at most {_MEMORY_BYTES / 1e9:.1f} GB and {_TIME_S:g} s",
+        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know",
     )

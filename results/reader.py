@@ -19,9 +19,8 @@ from toppling.models.files.stores import at_hand
 from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
 from toppling.results.completeness import Completeness, rows_stored
-from toppling.results.queries import answered, ask, rows_where
+from toppling.results.queries import ask, rows_where
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
-from toppling.results.scene_table import scene_table
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 from toppling.results.weights import Weights, weighed, weights_of
@@ -33,6 +32,14 @@ _RUN_COLUMN = {
     "unit": "",
     "description": "name of the run's folder",
 }
+
+_SITE_COLUMNS = (
+    ("rock", "", "name of the rock"),
+    ("site", "", "name of its site"),
+    ("longitude", "deg", "degrees east (WGS 84)"),
+    ("latitude", "deg", "degrees north (WGS 84)"),
+    ("age", "a", "years that the rock has stood, as its campaign states them"),
+)
 
 
 class Run:
@@ -170,7 +177,7 @@ class Run:
         """
         if not where:
             return as_frame(self.table())
-        return as_frame(answered([self], lambda connection: rows_where(connection, where), trusted))
+        return as_frame(rows_where(self, where, trusted))
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
@@ -272,7 +279,7 @@ class Run:
         path = self.scene_folder / "scene.json"
         if not path.exists():
             return None
-        return scene_table(read_scene_document(path), self.entry)
+        return _scene_table(read_scene_document(path), self.entry)
 
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
@@ -345,3 +352,39 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:
     return describe(field) | {"group": "as recorded"} | meaning(field.name)
+
+
+def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
+    """One row, of a scene document and of what a table of rocks says of it."""
+    rock, plane, contact = document["rock"], document["interface"], document["contact"]
+    statics = document["quasi_static_toppling_m_s2"]
+    least = min((row["value"] for row in statics if row["value"] is not None), default=None)
+    static, kinetic, bounce = (
+        contact[name] for name in ("friction_static", "friction_kinetic", "restitution")
+    )
+    # fmt: off
+    columns: list[tuple[str, Any, str, str]] = [
+        ("scene_id", document["id"], "", "hash of the scene's content"),
+        *((name, site[name], unit, text) for name, unit, text in _SITE_COLUMNS if site),
+        ("height_m", rock["height_m"], "m", "vertical extent of the rock"),
+        ("volume_m3", rock["volume_m3"], "m3", "volume of the rock"),
+        ("com_x_m", rock["com_m"][0], "m", "centre of mass, east"),
+        ("com_y_m", rock["com_m"][1], "m", "centre of mass, north"),
+        ("com_z_m", rock["com_m"][2], "m", "centre of mass, up"),
+        ("slope_deg", plane["slope_deg"], "deg", "slope of the interface plane"),
+        ("downhill_azimuth_deg", plane["downhill_azimuth_deg"], "deg", "azimuth toward which the plane falls"),
+        ("gravity_m_s2", document["gravity_m_s2"], "m/s2", "gravity"),
+        ("default_friction_static", static, "1", "static friction of the scene; a campaign states its own"),
+        ("default_friction_kinetic", kinetic, "1", "kinetic friction of the scene; a campaign states its own"),
+        ("default_restitution", bounce, "1", "restitution of the scene; a campaign takes what it states, or 0"),
+        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that topples"),
+        ("quasi_static_toppling", statics, "deg, m/s2", "least toppling acceleration by azimuth of the ground's"),
+    ]
+    # fmt: on
+    kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}
+    arrays = [pa.array([value], kinds.get(name)) for name, value, _, _ in columns]
+    fields = [
+        pa.field(name, array.type, metadata={"group": "scene", "unit": unit, "description": text})
+        for (name, _, unit, text), array in zip(columns, arrays, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))

@@ -111,17 +111,6 @@ SORT_ORDER = (
 """Order of the rows in a finished run."""
 
 
-def _columns(*groups: str) -> list[str]:
-    """Names of the columns of some groups, in the schema's order.
-
-    Raises ValueError if a group is not one of `GROUPS`.
-    """
-    unknown = set(groups) - set(GROUPS)
-    if unknown:
-        raise ValueError(f"unknown column groups {sorted(unknown)}: there are {', '.join(GROUPS)}")
-    return [name for group in GROUPS if group in groups for name, *_ in _COLUMNS[group]]
-
-
 def describe(field: pa.Field) -> dict[str, str]:
     """Name, type, group, unit and description of a column."""
     metadata = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}

@@ -2,6 +2,6 @@
 
 __all__ = [
     "audit_statistics", "constraint", "directions", "exchange", "findings", "fits", "fragility", "friction_comparison",
-    "geography", "lognormal", "plane_reference", "prediction_scores", "ranking", "regression", "resampling",
+    "lognormal", "plane_reference", "prediction_scores", "ranking", "regression", "resampling",
     "side_by_side", "spread", "unphysical",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ from scipy.stats import binomtest, t
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
+from toppling.models.files.documents import finite
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact, wilson
 from toppling.results.analysis.lognormal import probit_weights
@@ -95,9 +96,7 @@ class Audit:
                 content |= {name: value["value"], f"{stem}_low": value["low"], f"{stem}_high": value["high"]}
             else:
                 content[name] = value
-        return {
-            name: None if isinstance(one, float) and math.isnan(one) else one for name, one in content.items()
-        }
+        return finite(content)
 
     @property
     def tells(self) -> bool:

@@ -12,8 +12,14 @@ import pandas as pd
 from toppling.models.files.documents import finite
 from toppling.results.hazard.curves import HazardCurve, any_topples, continued, toppling_rate, unstated_shares
 from toppling.results.hazard.places import distance_km
-from toppling.results.hazard.rock_draws import RandomRock, random_rock
-from toppling.results.hazard.survival import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.survival import (
+    RandomRock,
+    Standing,
+    joint_survival,
+    random_rock,
+    rejected_rate,
+    unexceeded,
+)
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import (
     Update,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -208,13 +209,9 @@ def simple_rules(intensity: pd.DataFrame, overturned: _Truths, group: NDArray[An
     quadratic = np.column_stack([pga, ratio, pga**2, pga * ratio, ratio**2])
     pgv = intensity["pgv_m_s"].to_numpy()
     rules: dict[str, Callable[[NDArray, NDArray], Array]] = {
-        "one PGV threshold": lambda training, held_out: _threshold(pgv, overturned, training, held_out),
-        "logistic in ln PGA, ln PGV/PGA": lambda training, held_out: _logistic(
-            linear, overturned, training, held_out
-        ),
-        "quadratic in ln PGA, ln PGV/PGA": lambda training, held_out: _logistic(
-            quadratic, overturned, training, held_out
-        ),
+        "one PGV threshold": partial(_threshold, pgv, overturned),
+        "logistic in ln PGA, ln PGV/PGA": partial(_logistic, linear, overturned),
+        "quadratic in ln PGA, ln PGV/PGA": partial(_logistic, quadratic, overturned),
     }
     said = {name: np.empty(len(overturned)) for name in rules}
     for training, held_out in LeaveOneGroupOut().split(linear, overturned, group):
@@ -225,7 +222,7 @@ def simple_rules(intensity: pd.DataFrame, overturned: _Truths, group: NDArray[An
 
 def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """Scores of several predictors, one per row."""
-    names = (
+    names = [
         "n",
         "accuracy",
         "balanced_accuracy",
@@ -234,7 +231,7 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
         "brier",
         "log_loss",
         "calibration_slope",
-    )
+    ]
     frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
     return frame.set_index("who").astype(dict.fromkeys(names[1:], float))
 

@@ -10,12 +10,16 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.frames import compass_deg
+from toppling.models.frames import compass_deg, horizontal_unit_vector
+from toppling.results.analysis.directions import topple_rose
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
+
+_ARROW_M = 100.0
+"""Length of the line toward which all of a rock's topplings went."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,12 +174,12 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
     if statics is not None and (finite := statics.astype(float).dropna(subset=["value"])).size:
         at = finite.loc[finite["value"].idxmin()]
         weakest, least = float(at["azimuth_deg"]), float(at["value"])
-    found = on_earth(run)
+    found = _on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
     return Beside(run, run.rock, contact, jobs, curve, why_not, place, weakest, least)
 
 
-def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
+def _on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     """Longitude and latitude (n, 2) of places beside a rock; None where its place is not known.
 
     run: of the rock: its atlas, or the coordinate system of its scan, says where it stands.
@@ -207,3 +211,58 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     except ProjError:
         return None
     return found if np.isfinite(found).all() else None
+
+
+def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
+    """GeoJSON (RFC 7946): the rocks whose place is known as points, with the columns of their table."""
+    features = []
+    for rock in rocks:
+        if rock.place is not None:
+            properties = {
+                name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")
+            }
+            features.append(_feature("Point", [rock.place], properties))
+    return _collection(features)
+
+
+def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
+    """Lines from each rock whose place is known toward where it toppled, as long as the share of its topplings.
+
+    `length_m` of a line is `_ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
+    """
+    found = []
+    for rock in rocks:
+        rose = topple_rose(rock.jobs) if rock.place is not None and len(rock.jobs) else None
+        if rose is None:
+            continue
+        rose = rose[rose["toppled"] > 0]
+        ends = _on_earth(
+            rock.run,
+            _ARROW_M
+            * rose["share_of_toppled"].to_numpy()[:, None]
+            * horizontal_unit_vector(rose["azimuth_deg"])[:, :2],
+        )
+        for row, end in zip(rose.to_dict("records"), ends if ends is not None else (), strict=False):
+            properties = {
+                "rock": rock.name,
+                **row,
+                "toppled": int(row["toppled"]),
+                "compass_deg": float(compass_deg(row["azimuth_deg"])),
+                "length_m": _ARROW_M * row["share_of_toppled"],
+            }
+            found.append(_feature("LineString", [rock.place, end], properties))
+    return _collection(found)
+
+
+def _feature(kind: str, places: Sequence[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    points = [[round(float(one), 7) for one in place] for place in places]
+    coordinates = points[0] if kind == "Point" else points
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": properties,
+    }
+
+
+def _collection(features: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"type": "FeatureCollection", "features": features}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from toppling.models.files.documents import listed
+from toppling.models.files.documents import finite, listed
 from toppling.models.motions.beyond_recorded import LIMITS_WORDS, is_beyond, words
 from toppling.results.analysis import fits, regression
 from toppling.results.analysis.fragility import FRICTION, by_contact
@@ -78,12 +78,7 @@ class Unphysical:
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, null where there is none."""
-        content = asdict(self)
-        for one in (content, *content["records"]):
-            one |= {
-                name: None for name, value in one.items() if isinstance(value, float) and math.isnan(value)
-            }
-        return content
+        return finite(asdict(self))
 
 
 def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | None:

@@ -3,6 +3,7 @@
 Empty cells stay empty, thin ones carry a dot, and a cell is as wide as its share of the jobs: the caption says so.
 """
 
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,9 @@ _DOT_PT, _DOT_IN_CELL = 1.6, 0.6
 
 _LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
+
+_NARROW_LETTERS = 62
+"""Of a line of a narrow figure's caption."""
 
 _NO_RECORDS = "no records"
 
@@ -96,7 +100,7 @@ def direction_figure(
         *_reference_text(reference),
     ]
     if width_in < FULL_WIDTH_IN:
-        caption = [part for line in caption for part in _halved(line)]
+        caption = [part for line in caption for part in wrap(line, _NARROW_LETTERS)]
     with style():
         height = 0.9 + 2.1 * lines + _LINE_IN * (len(caption) + bool(title))
         figure = Figure(figsize=(width_in, height))
@@ -244,15 +248,6 @@ def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
         f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %, never below a third.",
         f"Dot: fewer than {THIN_RECORDS} records.",
     ]
-
-
-def _halved(line: str) -> list[str]:
-    """A line of a caption in two where it is too long for a narrow figure, broken at a space near its middle."""
-    if len(line) < 62:
-        return [line]
-    spaces = [k for k, letter in enumerate(line) if letter == " "]
-    middle = min(spaces, key=lambda k: abs(k - len(line) // 2))
-    return [line[:middle], line[middle + 1 :]]
 
 
 def _write_caption(figure: Figure, lines: list[str]) -> None:

@@ -14,11 +14,10 @@ from statsmodels.stats.proportion import proportion_confint
 
 from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
+from toppling.results.analysis.directions import topple_rose
 from toppling.results.analysis.fragility import DIRECTION_BINS, direction_bin_deg
 from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
-
-_PETAL_DEG = 15.0
 
 
 def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: float) -> Figure:
@@ -73,15 +72,10 @@ def topple_by_direction(frame: pd.DataFrame) -> pd.DataFrame:
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)].dropna(
         subset=["topple_azimuth_deg", "pga_azimuth_deg"]
     )
-    petals = round(360.0 / _PETAL_DEG)
-    directions = direction_bin_deg(toppled["pga_azimuth_deg"])
-    petal = np.floor(toppled["topple_azimuth_deg"].to_numpy(float) / _PETAL_DEG + 0.5).astype(int) % petals
-    counts = pd.crosstab(directions, petal).reindex(columns=range(petals), fill_value=0)
-    table = counts.stack().rename("toppled").reset_index()
-    table.columns = pd.Index(["direction_deg", "azimuth_deg", "toppled"])
-    table["azimuth_deg"] *= _PETAL_DEG
-    total = table.groupby("direction_deg")["toppled"].transform("sum")
-    return table.assign(share_of_toppled=table["toppled"] / total.clip(lower=1))
+    by_direction = toppled.groupby(direction_bin_deg(toppled["pga_azimuth_deg"]))
+    roses = [topple_rose(jobs).assign(direction_deg=centre) for centre, jobs in by_direction]
+    table = pd.concat(roses or [topple_rose(toppled)[:0].assign(direction_deg=math.nan)], ignore_index=True)
+    return table[["direction_deg", "azimuth_deg", "toppled", "share_of_toppled"]]
 
 
 def topple_direction_figure(table: pd.DataFrame) -> Figure:

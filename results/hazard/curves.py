@@ -190,11 +190,6 @@ def probability_of(annual_rate: ArrayLike, years: float) -> NDArray[np.float64]:
     return -np.expm1(-np.asarray(annual_rate, float) * years)
 
 
-def survival(annual_rate: float, years: ArrayLike) -> float:
-    """Probability that a rock which topples at an annual rate stands for some years, the mean of likely ages."""
-    return float(np.exp(-annual_rate * np.atleast_1d(np.asarray(years, float))).mean())
-
-
 def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
     """Annual rate of events that topple at least one of some rocks at a site.
 

@@ -21,6 +21,7 @@ from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
 from toppling.results.hazard.ages import AS_NOW, STOUTER, Exposure, Since
 from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
+from toppling.results.hazard.tree import branch_weights
 
 _DRAWS = 200
 """Resamples of the events, and of the fragilities with them."""
@@ -129,10 +130,10 @@ def survival(rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure)
     return exposure.survival(any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate)
 
 
-def _toppling_rate(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
-    """Annual rate of events that topple at least one of the rocks as they are."""
-    together = np.ones((1, len(rocks)), np.int8)
-    return float((any_topples(standing_shares(rocks, branch), together) @ branch.rate)[0])
+def toppling_rates(rocks: Sequence[FeltRock], branch: EventBranch) -> Array:
+    """Annual rate at which each event topples at least one of the rocks as they are, (m,)."""
+    together = np.full((1, len(rocks)), AS_NOW, np.int8)
+    return any_topples(standing_shares(rocks, branch), together)[0] * branch.rate
 
 
 def _bootstrap(
@@ -186,13 +187,6 @@ def drawn_rocks(rocks: Sequence[FeltRock], number: int) -> list[FeltRock]:
     ]
 
 
-def _effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
-    """Kish's number of the events that bear a branch's toppling rate; 0 where none topples."""
-    together = np.ones((1, len(rocks)), np.int8)
-    part = any_topples(standing_shares(rocks, branch), together)[0] * branch.rate
-    return effective_number(part) if part.sum() > 0 else 0.0
-
-
 def rank_branches(
     rocks: Sequence[FeltRock],
     events: EventSet,
@@ -204,25 +198,25 @@ def rank_branches(
 
     `drawn` are survivals of each branch with everything resampled (`bootstrap_branches`), where these are known.
 
-    Returns DataFrame: one row a branch, in the set's order: name, model, events, effective_events (that bear the
-    toppling rate), toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages
-    resampled), rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets
-    the rocks survive), rank (1 is the branch that the rocks favour most).
+    Returns DataFrame: one row a branch, in the set's order: name, model, events, effective_events (Kish's number of
+    those that bear the toppling rate), toppling_rate (annual), survival, survival_low and survival_high (95 %: events,
+    records and ages resampled), rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where
+    no branch lets the rocks survive), rank (1 is the branch that the rocks favour most).
     """
     lines = []
     resampled = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
     for branch, prior, survivals in zip(events.branches, events.prior, resampled, strict=True):
         low, high = np.quantile(survivals, [0.025, 0.975])
-        survives = survival(rocks, branch, exposure)
+        survives, part = survival(rocks, branch, exposure), toppling_rates(rocks, branch)
         lines.append({
             "name": branch.name, "model": branch.model, "events": len(branch.rate),
-            "effective_events": _effective_events(rocks, branch),
-            "toppling_rate": _toppling_rate(rocks, branch), "survival": survives,
+            "effective_events": effective_number(part) if part.sum() > 0 else 0.0,
+            "toppling_rate": float(part.sum()), "survival": survives,
             "survival_low": low, "survival_high": high, "rejected": survives < 1.0 - confidence,
             "prior_weight": prior,
         })  # fmt: skip
     table = pd.DataFrame(lines)
-    table["posterior_weight"] = _posterior(table["prior_weight"], table["survival"])
+    table["posterior_weight"] = branch_weights(table["prior_weight"], table["survival"])
     return table.assign(rank=table["survival"].rank(ascending=False, method="min").astype(int))
 
 
@@ -262,7 +256,7 @@ def leave_one_out(rocks: Sequence[FeltRock], events: EventSet, exposure: Exposur
         chance = events.prior @ survivals
         tables.append(pd.DataFrame({
             "left_out": rock.name, "branch": [branch.name for branch in events.branches],
-            "survival_of_others": survivals, "posterior_weight": _posterior(events.prior, survivals),
+            "survival_of_others": survivals, "posterior_weight": branch_weights(events.prior, survivals),
             "survival_predicted": (events.prior @ whole) / chance if chance > 0 else math.nan,
         }))  # fmt: skip
     return pd.concat(tables, ignore_index=True)
@@ -277,11 +271,6 @@ def check_measures(rocks: Sequence[FeltRock], events: EventSet) -> None:
                 what=f"{rock.name} stands at site number {rock.site}", where=events.source,
                 expected=f"one of {len(events.sites)} sites", remedy="choose its site with --site",
             )  # fmt: skip
-
-
-def _posterior(prior: NDArray | pd.Series, survivals: NDArray | pd.Series) -> Array:
-    joint = np.asarray(prior, float) * np.asarray(survivals, float)
-    return joint / joint.sum() if joint.sum() > 0 else np.full(len(joint), math.nan)
 
 
 def _log_standing(fragility: Fragility, motions: Motions) -> Array:

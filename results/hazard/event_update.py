@@ -24,10 +24,10 @@ from toppling.results.hazard.event_survival import (
     rank_models,
     standing_shares,
     survival,
+    toppling_rates,
 )
-from toppling.results.hazard.scaling import largest_factor
 from toppling.results.hazard.surfaces import measures_of, stouter
-from toppling.results.hazard.survival import greatest_rate
+from toppling.results.hazard.survival import greatest_rate, largest_factor
 from toppling.results.hazard.tree import Statistics, drawn_weights, statistics_of
 from toppling.results.hazard.update import (
     DRAWN_LEVELS,
@@ -258,8 +258,8 @@ class EventUpdate:
         if len(branch.rate) < 2000:
             return branch
         scaled = [replace(rock, fragility=stouter(rock.fragility, 0.1)) for rock in self.rocks]
-        together = np.ones((1, len(self.rocks)), np.int8)
-        some = any_topples(standing_shares(scaled, branch), together)[0] > NEGLIGIBLE
+        unit = replace(branch, rate=np.ones(len(branch.rate)))
+        some = toppling_rates(scaled, unit) > NEGLIGIBLE
         return replace(
             branch,
             rate=branch.rate[some],

@@ -185,14 +185,9 @@ def _weighted_fractile(values: Array, weights: Array, probability: float) -> Arr
 
 
 def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> Array:
-    """Bayes weights of hazard branches, given the probability of the rocks' survival under each.
-
-    Raises ValueError if no branch lets the rocks survive.
-    """
+    """Bayes weights of hazard branches, given the probability of the rocks' survival under each; null if under none."""
     joint = np.asarray(prior, float) * np.asarray(survivals, float)
-    if not joint.sum() > 0:
-        raise ValueError("the rocks cannot have survived under any of the branches")
-    return joint / joint.sum()
+    return joint / joint.sum() if joint.sum() > 0 else np.full(len(joint), math.nan)
 
 
 def drawn_weights(prior: Array, survivals: Array) -> Array:

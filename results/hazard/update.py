@@ -12,9 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
-from toppling.results.hazard.rock_draws import Draws, draws_of
-from toppling.results.hazard.scaling import drawn_factors, motion_factor, rate_factor
-from toppling.results.hazard.survival import Standing, joint_survival
+from toppling.results.hazard.survival import (
+    Draws,
+    Standing,
+    drawn_factors,
+    draws_of,
+    joint_survival,
+    motion_factor,
+    rate_factor,
+)
 from toppling.results.hazard.tree import (
     FRACTILES,
     HazardTree,
@@ -55,8 +61,8 @@ class Update:
     @cached_property
     def posterior(self) -> Array | None:
         """Bayes weights; None where no branch lets the rocks survive."""
-        prior = self.tree.weights
-        return branch_weights(prior, self.survival) if (prior * self.survival).sum() > 0 else None
+        weights = branch_weights(self.tree.weights, self.survival)
+        return None if np.isnan(weights).any() else weights
 
     @cached_property
     def kept(self) -> Array | None:

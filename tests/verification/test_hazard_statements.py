@@ -15,7 +15,7 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
-from toppling.results.hazard.curves import HazardCurve, survival, toppling_rate
+from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.hazard.event_survival import EventBranch, FeltRock
 from toppling.results.hazard.event_survival import _bootstrap as events_anew
 from toppling.results.hazard.event_survival import survival as survival_of_events
@@ -34,6 +34,11 @@ def hazard(factor=1.0):
     x = np.geomspace(0.15, 50, 30)
     rate = 6e-5 * x**-EXPONENT / (1 + (x / 3) ** 1.5)
     return HazardCurve("site", "pgv_m_s", factor * x, rate)
+
+
+def survival(annual_rate, years):
+    """Probability that a rock which topples at a rate stands for some years, the mean of likely ages."""
+    return float(np.exp(-annual_rate * np.atleast_1d(years)).mean())
 
 
 def history_spares(random, curve, rock, years):

@@ -1,7 +1,6 @@
 """The report's sections, one function each; SECTIONS orders them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 
@@ -46,15 +45,6 @@ from toppling.results.weights import records_weight, sentences
 
 _MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the report."""
-
-    title: str
-    # From the content and the document, which numbers figures and tables, to HTML; empty omits the section.
-    write: Callable[[Content, Document], str]
 
 
 def _scene_section(content: Content, document: Document) -> str:
@@ -322,20 +312,20 @@ def _columns_section(content: Content, document: Document) -> str:
     return "".join(parts)
 
 
-SECTIONS = (
-    Section("Scene", _scene_section),
-    Section("Records", _records_section),
-    Section("Toppling probability", _maps_section),
-    Section("Friction", _friction_section),
-    Section("Fits", _fits_section),
-    Section("Constraint", _constraint_section),
-    Section("Failures", _failures_section),
-    Section("Accuracy", lambda content, document: _accuracy_section(content.run, content.frame, document)),
-    Section("Methods", methods_section),
-    Section("Provenance", _provenance_section),
-    Section("Columns", _columns_section),
-)
-"""In the page's order."""
+SECTIONS: dict[str, Callable[[Content, Document], str]] = {
+    "Scene": _scene_section,
+    "Records": _records_section,
+    "Toppling probability": _maps_section,
+    "Friction": _friction_section,
+    "Fits": _fits_section,
+    "Constraint": _constraint_section,
+    "Failures": _failures_section,
+    "Accuracy": lambda content, document: _accuracy_section(content.run, content.frame, document),
+    "Methods": methods_section,
+    "Provenance": _provenance_section,
+    "Columns": _columns_section,
+}
+"""By title, in the page's order: HTML of a part of the report; empty omits it."""
 
 
 def _unit(unit: str) -> str:

@@ -48,10 +48,10 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
     document = Document(content.completeness.remark)
     first = first_screen(content, document)
     written = []
-    for section in SECTIONS:
-        if text := section.write(content, document):
-            written.append((section.title, text))
-        advance(section.title)
+    for title, write in SECTIONS.items():
+        if text := write(content, document):
+            written.append((title, text))
+        advance(title)
     return page(f"toppling: {content.run.rock} ({content.run.name})", first, written)
 
 

@@ -26,6 +26,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.public.fragility_figures import Bins, fragility
 from toppling.orchestrator.run import run
 from toppling.orchestrator.studies import ramp
 from toppling.orchestrator.studies.audit import Auditing
@@ -33,13 +34,7 @@ from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.directions import SECTOR_DEG
 from toppling.results.analysis.findings import Finding, findings
 from toppling.results.analysis.fragility import PLANES
-from toppling.results.analysis.plane_reference import reference_lines, simulate
-from toppling.results.drawing.run_figures import (
-    write_audits,
-    write_directions,
-    write_friction,
-    write_maps,
-)
+from toppling.results.drawing.run_figures import write_friction
 from toppling.results.drawing.study_figures import (
     directionality_figure,
     ramp_figure,
@@ -49,7 +44,6 @@ from toppling.results.drawing.study_figures import (
 from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
 from toppling.workers.engines import DEFAULT
-from toppling.workers.seating import settled
 
 RUNS = MAIN, _FRICTION = "main", "friction"
 """Names of the study's two runs: friction 1 in all directions, and lower frictions in the weakest."""
@@ -176,26 +170,23 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     Yields each file once it is complete.
     """
     folder = out / "figures"
-    scene = Scene.load(out / "scene")
-    climbed = ramp.summary(levels)
+    opened, climbed = open_run(out / "runs" / MAIN), ramp.summary(levels)
     yield write_csv(climbed, folder / "figure_04.csv")
-    quasi_static = open_run(out / "runs" / MAIN).quasi_static()
+    quasi_static = opened.quasi_static()
     static_m_s2 = np.inf
     if quasi_static is not None:
         nearest = _nearest_deg(protocol.azimuth_deg, quasi_static["azimuth_deg"].tolist())
         static_m_s2 = float(quasi_static.set_index("azimuth_deg")["value"].astype(float).get(nearest, np.inf))
     yield from save(ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04")
-    opened = open_run(out / "runs" / MAIN)
-    main, done = opened.weighted(opened.frame()), opened.completeness()
-    lines = _lines(study, out, scene, main)
     with _staged(folder) as staging:
-        planes, bins = PLANES.values(), len(study.azimuth_deg)
-        for path in (
-            *write_maps(main, staging, planes, bins, lines, done),
-            *write_directions(main, quasi_static, staging, SECTOR_DEG, done),
-            *write_friction(_friction_rows(study, out), staging, PLANES["pga_pgv"], done),
-            *write_audits(audits_of(opened), staging),
-        ):
+        bounded = PLANES["pgv_duration"]  # figure 10a, whatever its bounds leave out
+        bins = Bins(
+            pgv_below_m_s=bounded.y.below, duration_below_s=bounded.x.below, directions=len(study.azimuth_deg)
+        )
+        drawn = fragility(opened, staging, bins=bins, sector=SECTOR_DEG, reference=True)
+        main, done = drawn.jobs, drawn.completeness
+        compared = write_friction(_friction_rows(study, out), staging, PLANES["pga_pgv"], done)
+        for path in (*drawn.files, *compared):
             target = folder / f"{_NUMBERED.get(path.stem, path.stem)}{path.suffix}"
             path.replace(target)
             yield target
@@ -233,17 +224,6 @@ def _friction_rows(study: Study, out: Path) -> pd.DataFrame:
     lower, main = (open_run(out / "runs" / name).frame() for name in (_FRICTION, MAIN))
     azimuth = study.campaigns(out)[_FRICTION].azimuth_deg[0]
     return pd.concat([lower, main[main["azimuth_deg"] == azimuth]], ignore_index=True)
-
-
-def _lines(study: Study, out: Path, scene: Scene, main: pd.DataFrame) -> pd.DataFrame:
-    records = sorted(main["record_id"].unique())
-    bins = len(study.azimuth_deg)
-    azimuths = [number * 360.0 / bins for number in range(bins)]
-    with contextlib.suppress(InputError):
-        scene = settled(scene.with_friction(1.0))
-    return reference_lines(
-        simulate(scene, Ensemble.load(out / "ensemble"), records, study.pga_m_s2, azimuths)
-    )
 
 
 @contextlib.contextmanager

@@ -5,29 +5,22 @@ Numba reads that file whenever it is imported and whenever it compiles; it knows
 
 import os
 import sys
-import warnings
-from pathlib import Path
 
 FILE = ".numba_config.yaml"
 
 
 def _import() -> None:
-    """Import Numba as if there were no such file: without YAML it does not read it."""
-    if "numba" in sys.modules or not Path(FILE).exists():
-        return
-    yaml = sys.modules.get("yaml")
-    sys.modules["yaml"] = None  # type: ignore[assignment]  # which makes its import fail
+    """Import Numba as if there were no such file here."""
+    exists = os.path.exists
+    os.path.exists = lambda path: path != FILE and exists(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that YAML is missing
-            import numba  # noqa: F401
+        import numba  # noqa: F401
     finally:
-        del sys.modules["yaml"]
-        if yaml is not None:
-            sys.modules["yaml"] = yaml
+        os.path.exists = exists
 
 
-_import()
+if "numba" not in sys.modules and os.path.exists(FILE):  # noqa: PTH110
+    _import()
 
 import numba  # noqa: E402
 import numba.core.caching  # noqa: E402

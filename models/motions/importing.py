@@ -271,7 +271,7 @@ def _read_files(
     inventory = None
     for path in station_xml:
         with _noting(str(path), outcome):
-            found = responses([path])
+            found = responses(path)
             inventory = found if inventory is None else inventory + found
     channels: dict[Path, list[Component]] = {}
     for path in files:

@@ -208,7 +208,8 @@ def _write_station_xml(folder: Path) -> None:
 
 
 def _read_station_xml(folder: Path) -> Any:
-    responses(sorted(folder.glob("*.xml")))
+    for path in folder.glob("*.xml"):
+        responses(path)
     return []
 
 

@@ -90,7 +90,7 @@ def test_station_xml_names_no_other_file(tmp_path):
         "<Source>&secret;</Source><Created>2020-01-01T00:00:00</Created></FDSNStationXML>"
     )
     with pytest.raises(InputError, match="entities"):
-        response.responses([station])
+        response.responses(station)
 
 
 def test_a_mesh_reads_no_file_beside_it(tmp_path):

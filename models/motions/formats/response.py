@@ -46,34 +46,30 @@ class Converted:
     no_unit: InputError | None = None
 
 
-def responses(paths: list[Path]) -> Any | None:
-    """One inventory of all StationXML files among `paths`; None if there is none.
+def responses(path: Path) -> Any:
+    """Inventory of a StationXML file.
 
-    Raises InputError if one is not readable, with its name.
+    Raises InputError if it is not readable, with its name.
     """
     import obspy
 
-    together = None
-    for path in paths:
-        content = path.read_bytes().rstrip(b"\0\x1a\x0c \t\r\n")  # as of every text
-        if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-            raise InputError(
-                "declares entities, which may name other files",
-                where=str(path),
-                expected="StationXML without a document type declaration",
-                remedy="fetch it again with level=response",
-            )
-        try:
-            inventory = obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
-        except Exception as error:
-            raise InputError(
-                f"not readable as StationXML ({error})",
-                where=str(path),
-                expected="StationXML with the channels' responses",
-                remedy="fetch it again with level=response",
-            ) from error
-        together = inventory if together is None else together + inventory
-    return together
+    content = path.read_bytes().rstrip(b"\0\x1a\x0c \t\r\n")  # as of every text
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise InputError(
+            "declares entities, which may name other files",
+            where=str(path),
+            expected="StationXML without a document type declaration",
+            remedy="fetch it again with level=response",
+        )
+    try:
+        return obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
+    except Exception as error:
+        raise InputError(
+            f"not readable as StationXML ({error})",
+            where=str(path),
+            expected="StationXML with the channels' responses",
+            remedy="fetch it again with level=response",
+        ) from error
 
 
 def is_station_xml(head: str) -> bool:

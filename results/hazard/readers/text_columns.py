@@ -70,9 +70,7 @@ def read(file: HazardFile) -> list[Statement]:
     header, rows = _raised(file, *upright(*_with_units(header, rows)))
     while rows and [is_numeral(cell) for cell in rows[-1][1] if cell] == [False]:
         rows.pop()  # a footnote
-    for line, row in rows:
-        if len(row) != len(header):
-            file.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+    rows = file.wanted_rows(rows, header, None)
     curve, *again = (_curve(file, header, rows, pair, before) for pair in _columns(file, lines[at], header))
     if not all(_same(curve, other) for other in again):
         _refuse_columns(file, header)

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -58,28 +57,28 @@ class _Auditor:
     """Who does jobs again."""
 
     name: str  # of its folder
-    changes: tuple[tuple[str, str], ...]  # keys of the campaign and their values for it
+    engine: str
+    preset: str
 
     def fits(self, campaign: Campaign) -> bool:
         """Whether it is installed, differs from who made the run, and models what the campaign asks for."""
-        engine = ENGINES[dict(self.changes)["engine"]]
+        engine = ENGINES[self.engine]
         if engine.version is None or not engine.models(campaign.friction, campaign.restitution):
             return False
-        if engine.name != DEFAULT and campaign.engine != DEFAULT:
+        if DEFAULT not in (self.engine, campaign.engine):
             return False
-        return any(getattr(campaign, key) != value for key, value in self.changes)
+        return (campaign.engine, campaign.preset) != (self.engine, self.preset)
 
     def plan(self, planned: Plan, rows: NDArray[np.int64]) -> Plan:
         """Plan of some of a plan's jobs for this auditor."""
-        changes: dict[str, Any] = dict(self.changes)
-        campaign = dataclasses.replace(planned.campaign, **changes)
+        campaign = dataclasses.replace(planned.campaign, engine=self.engine, preset=self.preset)
         part = dataclasses.replace(planned, campaign=campaign, jobs=planned.jobs.take(pa.array(rows)))
         return part.with_ids()
 
 
 _AUDITORS = (
-    _Auditor(REFERENCE, (("engine", DEFAULT), ("preset", "reference"))),
-    *(_Auditor(name, (("engine", name), ("preset", "standard"))) for name in ENGINES if name != DEFAULT),
+    _Auditor(REFERENCE, DEFAULT, "reference"),
+    *(_Auditor(name, name, "standard") for name in ENGINES if name != DEFAULT),
 )
 
 

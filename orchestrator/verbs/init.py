@@ -4,7 +4,6 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from toppling.orchestrator.progress import bar, duration
 from toppling.orchestrator.rocks_of_run import Settlings
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
+from toppling.workers.job import Assets
 
 
 @click.command()
@@ -72,20 +72,13 @@ def init(
         friction = contact.friction_static, contact.friction_kinetic
         pilot = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
     spaced = _levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
-    records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
-    folder = out.absolute().parent
-    starter = _CampaignTemplate(
-        name=shlex.quote(str(out)), scene=os.path.relpath(scene.absolute(), folder),
-        ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, pilot=pilot,
-        levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
-        bases=0 if rock.unseen is None else len(rock.unseen),
-    )  # fmt: skip
-    write_text(starter.text(), out)
-    jobs = records * len(spaced) * len(turned) * len(frictions)
-    click.echo(
-        f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "
-        f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
-    )
+    jobs = len(motions.record_ids) * len(spaced) * len(turned) * len(frictions)
+    workers = workers or os.cpu_count() or 1
+    time = f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
+    head = _HEAD.format(name=shlex.quote(str(out)), jobs=jobs, time=time)
+    write_text(head + _keys(out, chosen, Assets(rock, motions), statics, pilot, spaced), out)
+    levels_words = f"levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2"
+    click.echo(f"{out}: {jobs} jobs, {levels_words}, {time}")
     click.echo(f"next: toppling plan {shlex.quote(str(out))}")
 
 
@@ -134,53 +127,41 @@ def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
     return _Levels(round(start, 6), round(stop, 6), step)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _CampaignTemplate:
-    """The file that is written: values that suit a rock, each with its reason beside it."""
-
-    name: str
-    scene: str
-    ensemble: str
-    records: int
-    statics: Statics
-    pilot: Pilot
-    levels: _Levels
-    azimuths_deg: Sequence[float]
-    frictions: Sequence[float]
-    preset: str
-    workers: int
-    bases: int
-
-    def text(self) -> str:
-        """The file: TOML with comments."""
-        levels = len(self.levels)
-        jobs = self.records * levels * len(self.azimuths_deg) * len(self.frictions)
-        start, stop, step = (
-            f"{one:g}" for one in (self.levels.start_m_s2, self.levels.stop_m_s2, self.levels.step_m_s2)
-        )
-        azimuths, friction = (
-            ", ".join(f"{one:g}" for one in values) for values in (self.azimuths_deg, self.frictions)
-        )
-        keys = {key.name: key for key in KEYS}
-        more = "\n".join(
-            _realisations_line(self.bases) if key.name == "realisations" and self.bases else key.line
-            for key in KEYS
-            if key.example and key.name != "preset"
-        )
-        # Strings of JSON are TOML's too.
-        return f"""\
+_HEAD = """\
 # A campaign, written by 'toppling init'. Change what you like, then:
-#   toppling plan {self.name}
-#   toppling run {self.name} --out runs/first
-# {jobs} jobs: about {duration(jobs * self.pilot.job_s / self.workers)} on {self.workers} workers of this machine.
+#   toppling plan {name}
+#   toppling run {name} --out runs/first
+# {jobs} jobs: {time} of this machine.
+"""
 
-scene = {_quoted(self.scene)}  # folders are relative to this file
-ensemble = {_quoted(self.ensemble)}  # {counted(self.records, "record")}
+
+def _keys(
+    out: Path, chosen: Campaign, assets: Assets, statics: Statics, pilot: Pilot, levels: _Levels
+) -> str:
+    """Values that suit a rock, each with its reason beside it: TOML with comments."""
+    scene, ensemble = (
+        _quoted(os.path.relpath(folder.absolute(), out.absolute().parent))
+        for folder in (chosen.scene, chosen.ensemble)
+    )
+    start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
+    azimuths = ", ".join(f"{one:g}" for one in chosen.azimuth_deg)
+    friction = ", ".join(f"{static:g}" for static, _ in chosen.friction)
+    bases = 0 if assets.scene.unseen is None else len(assets.scene.unseen)
+    keys = {key.name: key for key in KEYS}
+    more = "\n".join(
+        _realisations_line(bases) if key.name == "realisations" and bases else key.line
+        for key in KEYS
+        if key.example and key.name != "preset"
+    )
+    # Strings of JSON are TOML's too.
+    return f"""
+scene = {scene}  # folders are relative to this file
+ensemble = {ensemble}  # {counted(len(assets.ensemble.record_ids), "record")}
 
 # pga_m_s2: {keys["pga_m_s2"].help}.
-# The least constant acceleration that topples the rock is {least_static(self.statics)}.
-# {_pilot_sentence(self.pilot)}
-pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {levels} levels, the stop included; or a list
+# The least constant acceleration that topples the rock is {least_static(statics)}.
+# {_pilot_sentence(pilot)}
+pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {len(levels)} levels, the stop included; or a list
 
 # azimuth_deg: {keys["azimuth_deg"].help}.
 azimuth_deg = [{azimuths}]
@@ -189,7 +170,7 @@ azimuth_deg = [{azimuths}]
 # [[0.8, 0.6]] has 0.8 at rest and 0.6 in a slip.
 friction = [{friction}]
 
-preset = {_quoted(self.preset)}  # {keys["preset"].help}: {keys["preset"].values}
+preset = {_quoted(chosen.preset)}  # {keys["preset"].help}: {keys["preset"].values}
 
 # More keys:
 {more}

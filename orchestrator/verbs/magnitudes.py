@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -220,6 +221,7 @@ class Answer:
     occurrences: Sequence[Occurrence]
     traces: Sequence[FaultTrace]
 
+    @cached_property
     def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Largest magnitudes and least distances, by how often the earthquake happened."""
         return {
@@ -230,6 +232,7 @@ class Answer:
             for one in self.occurrences
         }
 
+    @cached_property
     def faults(self) -> pd.DataFrame:
         """Each fault's distance, the largest magnitude allowed there, and whether its own earthquake is excluded."""
         assert self.at_traces is not None
@@ -258,7 +261,7 @@ class Answer:
 
     def statement(self) -> dict[str, Any]:
         """The statement: numbers that JSON has; null where nothing, or everything, is excluded."""
-        tables = self.tables()
+        tables = self.tables
         stated = [
             {
                 "occurrence": one.name, "probability": one.probability,
@@ -271,24 +274,22 @@ class Answer:
             "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
             "beta": self.rock.curve.beta, "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
             "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
-            "faults": _rows(self.faults()) if self.traces else [],
+            "faults": _rows(self.faults) if self.traces else [],
         }  # fmt: skip
 
     def write(self, out: Path, statement: dict[str, Any]) -> None:
         """Statement, tables and figures into a folder."""
         write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", out / "magnitudes.json")
-        tables = self.tables()
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
         for index, name in enumerate(("largest_magnitudes", "least_distances")):
-            parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
+            parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in self.tables.items()]
             write_csv(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
-        first = {name: pair[0] for name, pair in tables.items()}
+        first = {name: pair[0] for name, pair in self.tables.items()}
         save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
         if self.traces:
-            table = self.faults()
-            write_csv(table, out / "faults.csv")
+            write_csv(self.faults, out / "faults.csv")
             last = self.occurrences[-1]
-            allowed = table.loc[table["occurrence"] == last.name, "magnitude"]
+            allowed = self.faults.loc[self.faults["occurrence"] == last.name, "magnitude"]
             drawn = [
                 replace(one, magnitude=magnitude) for one, magnitude in zip(self.traces, allowed, strict=True)
             ]

@@ -252,12 +252,11 @@ def _as_given(option: click.Option, value: Any) -> list[str]:
 
 def time_words(campaign: "Campaign", workers: int | None) -> str:
     """Estimate a campaign's duration from a few of its jobs; empty if it is refused."""
-    from rich.console import Console
-
     from toppling.models.motions.ensemble import Ensemble
     from toppling.orchestrator.advice import shaking_warnings
     from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.plan import plan_of
+    from toppling.orchestrator.progress import bar
 
     try:
         planned = plan_of(campaign)
@@ -265,5 +264,5 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
         return ""  # the run itself will say so
     for sentence in [] if campaign.sites else shaking_warnings(campaign, Ensemble.load(campaign.ensemble)):
         click.echo(f"warning: {sentence}", err=True)
-    with Console(stderr=True).status("timing a few jobs"):
+    with bar("timing a few jobs"):
         return words_of(estimate(planned), len(planned), workers)

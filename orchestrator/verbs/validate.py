@@ -11,8 +11,6 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from rich.console import Console
-from rich.progress import Progress
 
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import write_csv
@@ -21,7 +19,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
-from toppling.orchestrator.progress import watcher
+from toppling.orchestrator.progress import bar, watcher
 from toppling.orchestrator.studies.validation import (
     Sampling,
     Shaken,
@@ -99,9 +97,8 @@ def validate(
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned --learn --json
     """
-    console = Console(stderr=True)
     mesh = mesh if mesh.exists() else folder / mesh
-    with console.status("reading tests"):
+    with bar("reading tests"):
         experiment = read_experiment(folder, outcome)
     for warning in experiment.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -114,11 +111,10 @@ def validate(
         )
     sampling = Sampling(**asked)
     folder = out or Path("validation") / f"{mesh.stem}-{sampling.engine}-{sampling.preset}"
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("measuring motions", total=len(experiment.tests))
-        ensemble = ensemble_of(folder, experiment, lambda: progress.advance(task))
-        task = progress.add_task("drawing bases", total=sampling.most_draws)
-        scene_of(folder, mesh, sampling, lambda kept: progress.update(task, completed=kept))
+    with bar("measuring motions", len(experiment.tests)) as advance:
+        ensemble = ensemble_of(folder, experiment, advance)
+    with bar("drawing bases", sampling.most_draws) as advance:
+        scene_of(folder, mesh, sampling, lambda kept: advance(kept - advance.done))
     try:
         shaken = shake_tests(
             folder, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
@@ -148,7 +144,7 @@ def _summary(
         )
     probability, error = share(shaken.toppled)
     if learn:
-        with Console(stderr=True).status("learning the base"):
+        with bar("learning the base"):
             probability = learnt(shaken.toppled, overturned, group)
     catalog = ensemble.catalog.to_pandas().set_index("record_id")
     intensity = catalog.loc[[test.record_id for test in experiment.tests], list(_MEASURES)]

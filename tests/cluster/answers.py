@@ -3,9 +3,9 @@
 import pyarrow as pa
 
 from toppling.results.reader import open_run
-from toppling.results.schema import SCHEMA, SORT_ORDER, _columns
+from toppling.results.schema import SCHEMA, SORT_ORDER, describe
 
-ANSWERS = _columns("identity", "imposed", "outcome")
+ANSWERS = [one.name for one in SCHEMA if describe(one)["group"] in ("identity", "imposed", "outcome")]
 
 
 def sorted_answers(rows):

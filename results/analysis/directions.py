@@ -23,11 +23,20 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
     (float, float) or None
         None where no constant acceleration is known to topple the rock.
     """
+    found = weakest(quasi_static)
+    if found is None:
+        return None
+    toward = found[0] + 180.0
+    return (toward - HALF_SECTOR_DEG) % 360.0, (toward + HALF_SECTOR_DEG) % 360.0
+
+
+def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
+    """Azimuth of the ground's least constant acceleration that topples, and that acceleration; None if not known."""
     known = None if quasi_static is None else quasi_static.astype(float).dropna(subset=["value"])
     if known is None or not np.isfinite(known["value"]).any():
         return None
-    toward = float(known.loc[known["value"].idxmin(), "azimuth_deg"]) + 180.0
-    return (toward - HALF_SECTOR_DEG) % 360.0, (toward + HALF_SECTOR_DEG) % 360.0
+    least = known.loc[known["value"].idxmin()]
+    return float(least["azimuth_deg"]), float(least["value"])
 
 
 def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg, horizontal_unit_vector
-from toppling.results.analysis.directions import topple_rose
+from toppling.results.analysis.directions import topple_rose, weakest
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
@@ -169,14 +169,10 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
         if toppled >= FEW_TOPPLED:
             curve = curve_over(jobs, measure, samples, run.completeness())
         why_not = "" if curve else why_not
-    statics = run.quasi_static()
-    weakest = least = None
-    if statics is not None and (finite := statics.astype(float).dropna(subset=["value"])).size:
-        at = finite.loc[finite["value"].idxmin()]
-        weakest, least = float(at["azimuth_deg"]), float(at["value"])
+    azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
     found = _on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
-    return Beside(run, run.rock, contact, jobs, curve, why_not, place, weakest, least)
+    return Beside(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
 
 
 def _on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:

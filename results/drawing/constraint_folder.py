@@ -40,10 +40,7 @@ def write_constraint(
     ratio : float
         By which the hazard's motions were multiplied.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    Yields each file, once it is complete.
     """
     yield from _write(statement, constraint.tables(), curve_drawings(constraint, statement), folder)
     update = constraint.update

@@ -59,10 +59,7 @@ def write_maps(
     run : Completeness or None
         Of the run whose rows these are: an unfinished one is named above each figure.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    Yields each file, once it is complete.
     """
     planes = list(planes)
     for contact, jobs in by_contact(frame).items():
@@ -97,10 +94,7 @@ def write_directions(
 ) -> Iterator[Path]:
     """Write the rose of toppling azimuths, with the share in a sector if one is given, beside the quasi-static limit.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    Yields each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact
@@ -121,10 +115,7 @@ def write_friction(
 
     Scenes, presets and restitutions go to a folder each if there are several.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete; none where there is one friction only.
+    Yields each file, once it is complete; none where there is one friction only.
     """
     for surroundings, table, jobs in compare_frictions(frame, plane):
         target = folder / surroundings
@@ -137,10 +128,7 @@ def write_friction(
 def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
     """Write how far the answers behind all figures may be off, a row an audit; nothing without one.
 
-    Yields
-    ------
-    Path
-        The file, once it is complete.
+    Yields the file, once it is complete.
     """
     (folder / "audit.csv").unlink(missing_ok=True)
     if audits:
@@ -173,10 +161,7 @@ def write_fits(
     run : Completeness or None
         Of the run whose rows these are: curves keep it, and an unfinished one is named above the figure.
 
-    Yields
-    ------
-    Path
-        Each file, once it is complete.
+    Yields each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact / "fits"

@@ -26,18 +26,10 @@ from toppling.results.hazard.event_survival import (
     survival,
     toppling_rates,
 )
-from toppling.results.hazard.surfaces import measures_of, stouter
+from toppling.results.hazard.surfaces import stouter
 from toppling.results.hazard.survival import greatest_rate, largest_factor
 from toppling.results.hazard.tree import Statistics, drawn_weights, statistics_of
-from toppling.results.hazard.update import (
-    DRAWN_LEVELS,
-    MEAN,
-    RATES,
-    change_at,
-    decided_by,
-    level_interval,
-    rates_table,
-)
+from toppling.results.hazard.update import MEAN, changes_of, decided_by, rates_table
 
 _FACTOR_DRAWS = 60
 _LEVELS = 40
@@ -173,11 +165,6 @@ class EventUpdate:
         return leave_one_out(self.rocks, self.events, self.exposure) if len(self.rocks) > 1 else None
 
     @property
-    def survival(self) -> float:
-        """Of all rocks, the branches averaged by their weights."""
-        return float(self.events.prior @ self.branches["survival"])
-
-    @property
     def posterior(self) -> Array | None:
         """Bayes weights; None where the rocks survive under no branch."""
         weights = self.branches["posterior_weight"].to_numpy()
@@ -202,30 +189,18 @@ class EventUpdate:
             [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
         ])  # fmt: skip
 
-    def hazard(self, measure: str, site: int = 0) -> tuple[Statistics, Statistics | None] | None:
-        """The hazard at a site before and after, counted from the events; None where no event is felt there.
+    def _hazard(self, measure: str, site: int) -> tuple[Array, Statistics, Statistics | None] | None:
+        """Rates of exceedance at a site, counted (branches, levels), and their statistics before and after.
 
-        Fractiles are over branches, by OpenQuake's rule; after is None where the rocks survive under no branch.
+        Fractiles are over branches, by OpenQuake's rule. None where no event is felt there; none after, where the rocks
+        survive under no branch.
         """
-        return self._hazards[measure, site][1]
-
-    @cached_property
-    def _hazards(self) -> dict:
-        """By measure and site of a rock: rates of exceedance (branches, levels), and their statistics."""
-        found: dict = {}
-        for site in dict.fromkeys(rock.site for rock in self.rocks):
-            for measure in measures_of(self.rocks[0].fragility):
-                levels, rates = self.counted(measure, [site])
-                counted = (levels, rates[:, 0]) if len(levels) else None
-                found[measure, site] = (
-                    counted,
-                    counted
-                    and tuple(
-                        None if weights is None else statistics_of(*counted, weights)
-                        for weights in (self.events.prior, self.posterior)
-                    ),
-                )
-        return found
+        levels, counted = self.counted(measure, [site])
+        if not len(levels):
+            return None
+        rates = counted[:, 0]
+        after = None if self.posterior is None else statistics_of(levels, rates, self.posterior)
+        return rates, statistics_of(levels, rates, self.events.prior), after
 
     def updated(self, measure: str, site: int = 0) -> pd.DataFrame:
         """Annual rates of exceedance at a site before and after.
@@ -236,22 +211,19 @@ class EventUpdate:
             level (SI), rate_prior_mean, rate_posterior_mean, and rate_prior_p05 ... rate_posterior_p95 (fractiles over
             branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
         """
-        found = self.hazard(measure, site)
+        found = self._hazard(measure, site)
         if found is None:
             return pd.DataFrame()
-        return rates_table(found[0].levels, dict(zip(("prior", "posterior"), found, strict=True)))
+        _, before, after = found
+        return rates_table(before.levels, {"prior": before, "posterior": after})
 
     def changes(self, measure: str, site: int = 0) -> pd.DataFrame:
         """Motions exceeded at some annual rates before and after, as `update.changes_table` states them of curves."""
-        counted, found = self._hazards[measure, site]
+        found = self._hazard(measure, site)
         if found is None:
             return pd.DataFrame()
-        means = drawn_weights(self.events.prior, self.drawn) @ counted[1]
-        return pd.DataFrame([
-            change_at(rate, *found)
-            | dict(zip(DRAWN_LEVELS, level_interval(counted[0], means, rate, ends), strict=True))
-            for rate in RATES
-        ])  # fmt: skip
+        rates, before, after = found
+        return changes_of(before, after, drawn_weights(self.events.prior, self.drawn) @ rates, ends)
 
     def _felt(self, branch: EventBranch) -> EventBranch:
         """A branch without the events that topple nothing even a factor stronger: a large set has few others."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
+from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
 from toppling.results.hazard.survival import (
     Draws,
@@ -221,10 +222,10 @@ def updated_table(update: Update) -> pd.DataFrame:
     levels = update.before.levels
     table = rates_table(levels, {"prior": update.before, "posterior": update.after})
     table = table.join(rates_table(levels, {"kept": update.without_rejected}, (0.05, 0.95)).iloc[:, 1:])
-    ends: tuple[ArrayLike, ...] = (math.nan, math.nan)
+    table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
     if update.draws is not None and update.drawn_means is not None and update.after is not None:
-        ends = tuple(update.draws.interval(update.drawn_means))
-    table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = ends
+        low, high = update.draws.interval(update.drawn_means)
+        table = table.assign(rate_posterior_mean_low=low, rate_posterior_mean_high=high)
     with np.errstate(invalid="ignore", divide="ignore"):
         table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
     return table
@@ -239,20 +240,29 @@ def changes_table(update: Update) -> pd.DataFrame:
     does not reach the rate.
     """
     means = None if update.after is None else update.drawn_means
-    kept = update.without_rejected
-    return pd.DataFrame([
-        change_at(rate, update.before, update.after)
-        | dict(zip(DRAWN_LEVELS, _drawn_levels(update, means, rate), strict=True))
-        | {"level_kept_mean": math.nan if kept is None else _intensity_at(kept.levels, kept.mean, rate)}
-        for rate in RATES
-    ])  # fmt: skip
+    kept, interval = update.without_rejected, update.draws.interval if update.draws else ends
+    levels = [math.nan if kept is None else _intensity_at(kept.levels, kept.mean, rate) for rate in RATES]
+    return changes_of(update.before, update.after, means, interval).assign(level_kept_mean=levels)
 
 
-DRAWN_LEVELS = ("level_posterior_mean_low", "level_posterior_mean_high")
+def changes_of(
+    before: Statistics, after: Statistics | None, means: Array | None, interval: Callable[[Array], Array]
+) -> pd.DataFrame:
+    """Rows of `changes_table`, a rate each, but for level_kept_mean.
+
+    means: mean rates after of each draw (draws, levels), if these are known.
+    interval: from values of the draws to its ends.
+    """
+    rows = []
+    for rate in RATES:
+        low, high = _level_interval(before.levels, means, rate, interval)
+        drawn = {"level_posterior_mean_low": low, "level_posterior_mean_high": high}
+        rows.append(_change_at(rate, before, after) | drawn)
+    return pd.DataFrame(rows)
 
 
-def change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
-    """Motions exceeded at an annual rate before and after, and their changes: part of a row of `changes_table`."""
+def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
+    """Motions exceeded at an annual rate before and after, and their changes."""
     row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
     for name, averaged in (("prior", before), ("posterior", after)):
         curves = {} if averaged is None else {"mean": averaged.mean} | {
@@ -268,20 +278,11 @@ def change_at(rate: float, before: Statistics, after: Statistics | None) -> dict
     return row
 
 
-def _drawn_levels(update: Update, means: Array | None, rate: float) -> tuple[float, float]:
-    if update.draws is None or means is None:
-        return math.nan, math.nan
-    return level_interval(update.before.levels, means, rate, update.draws.interval)
-
-
-def level_interval(
-    levels: Array,
-    means: Array,
-    rate: float,
-    interval: Callable[[Array], Array],
+def _level_interval(
+    levels: Array, means: Array | None, rate: float, interval: Callable[[Array], Array]
 ) -> tuple[float, float]:
     """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
-    found = np.array([_intensity_at(levels, drawn, rate) for drawn in means])
+    found = np.array([_intensity_at(levels, drawn, rate) for drawn in (() if means is None else means)])
     if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
     low, high = interval(found)

@@ -54,10 +54,8 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
     moment = re.search(r"\bMw?\s+(\d\.\d+)", title[8])
     distance = re.search(r"Dist\s+([\d.]+)\s*km", title[8])
     if not step or not component:
-        what, expected = (
-            "no time step or component in the header",
-            "'... at 0.020 sec intervals' and 'Component N28W'",
-        )
+        what = "no time step or component in the header"
+        expected = "'... at 0.020 sec intervals' and 'Component N28W'"
         file.refuse(start + 10, what, expected)
     return file.channel(
         at,

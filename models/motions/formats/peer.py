@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
@@ -41,10 +42,8 @@ def read(file: RecordText) -> list[Component]:
     named = _UNIT.search(lines[at])
     unit = acceleration_m_s2(named[1]) if named else None
     if "ACCELERATION" not in lines[at].upper() or unit is None:
-        what, expected = (
-            f"the title of the series is {lines[at].strip()[:60]!r}",
-            "'ACCELERATION TIME SERIES IN UNITS OF G'",
-        )
+        what = f"the title of the series is {lines[at].strip()[:60]!r}"
+        expected = "'ACCELERATION TIME SERIES IN UNITS OF G'"
         file.refuse(at, what, expected, "give the acceleration file (.AT2), not velocity or displacement")
     numbers = next((n for n in range(at + 1, min(at + 3, len(lines))) if _numbers_of(lines[n])), at + 1)
     count, step = _count_and_step(file, numbers)
@@ -89,15 +88,12 @@ def _numbers_of(line: str) -> tuple[str | None, str | None] | None:
 
 def _count_and_step(file: RecordText, at: int) -> tuple[int | None, float]:
     count, step = _numbers_of(file.lines[at]) or (None, None)
-    try:
-        seconds = float((step or "").upper().replace("D", "E").replace(",", "."))
-    except ValueError:
-        what, expected = (
-            f"{file.lines[at].strip()[:60]!r} has no readable time step",
-            "a line such as 'NPTS=  5437, DT= .0050 SEC'",
-        )
-        file.refuse(at, what, expected, "write NPTS and DT into this line, or fetch the file again")
-    return (None if count is None else int(count)), file.positive(at, seconds, "time step")
+    number = (step or "").upper().replace("D", "E").replace(",", ".")
+    if not is_numeral(number):
+        what = f"{file.lines[at].strip()[:60]!r} has no readable time step"
+        remedy = "write NPTS and DT into this line, or fetch the file again"
+        file.refuse(at, what, "a line such as 'NPTS=  5437, DT= .0050 SEC'", remedy)
+    return (None if count is None else int(count)), file.positive(at, float(number), "time step")
 
 
 def _title(line: str) -> tuple[str, str, str]:

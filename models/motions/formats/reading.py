@@ -61,10 +61,8 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     if not path.is_file():
         refuse_file(path, "is no file", remedy="check the path")
     if path.stat().st_size > _LARGEST_BYTES:
-        what, expected = (
-            f"the file has {path.stat().st_size / 1e6:.0f} MB",
-            f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB",
-        )
+        what = f"the file has {path.stat().st_size / 1e6:.0f} MB"
+        expected = f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB"
         refuse_file(path, what, expected, "cut the shaking out of it first")
     content = path.read_bytes()
     if not content.strip(b"\0\x1a \t\r\n"):

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.text_file import TextFile
 from toppling.models.motions.formats.component import Component, check_time_step
 
@@ -75,7 +76,7 @@ class RecordText(TextFile):
         for at, line in enumerate(lines, start):
             for token in _tokens(line, width):
                 left -= 1
-                if not _is_finite_number(token):
+                if not (is_numeral(token) and np.isfinite(float(token))):
                     end = ": the file is truncated" if left == 0 and _floats([token]) is None else ""
                     self.refuse(
                         at, f"{token.strip()!r} is not a finite number{end}", "one finite number after another",
@@ -226,10 +227,3 @@ def _tokens(line: str, width: int | None) -> list[str]:
         return line.split()
     body = line.rstrip()
     return [body[i : i + width] for i in range(0, len(body), width)]
-
-
-def _is_finite_number(token: str) -> bool:
-    try:
-        return bool(np.isfinite(float(token)))
-    except ValueError:
-        return False

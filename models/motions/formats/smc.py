@@ -33,10 +33,8 @@ def read(file: RecordText) -> list[Component]:
     lines = file.lines
     kind = _KIND.match(lines[0])
     if kind is None or "CORRECTED" not in kind[2].upper():
-        what, expected = (
-            f"the first line says {lines[0].strip()!r}",
-            "an uncorrected (1) or corrected (2) accelerogram",
-        )
+        what = f"the first line says {lines[0].strip()!r}"
+        expected = "an uncorrected (1) or corrected (2) accelerogram"
         file.refuse(0, what, expected, "give the file of acceleration")
     integers = file.exactly(_TEXT_LINES, file.numbers(_TEXT_LINES, _REALS_AT, _INTEGER_WIDTH), 48).astype(int)
     reals = file.exactly(_REALS_AT, file.numbers(_REALS_AT, _REALS_AT + _REAL_LINES, _REAL_WIDTH), 50)

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.measure_names import imt_of, measure_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse
 
@@ -26,10 +27,7 @@ def matches(file: HazardFile) -> bool:
     if "lon" not in cells[:2] or "lat" not in cells[:3]:
         return False
     levels = cells[cells.index("lat") + 1 :]
-    try:
-        return len([float(level) for level in levels]) > 1
-    except ValueError:
-        return False
+    return len(levels) > 1 and all(map(is_numeral, levels))
 
 
 def read(file: HazardFile) -> list[Statement]:

@@ -43,7 +43,7 @@ class Unphysical:
     # Share toppled, with and without them.
     share: float
     share_without: float
-    # Of the contact of the highest friction; None where it has no fit.
+    # Of one rock with its highest friction; None where it has no fit within what was shaken.
     median_pga_m_s2: float | None
     median_pga_without_m_s2: float | None
 
@@ -70,7 +70,7 @@ class Unphysical:
         if self.median_pga_m_s2 is None:
             return f"Without them the {shares}"
         if self.median_pga_without_m_s2 is None:
-            return f"Without them the {shares}, and no median PGA can be fitted"
+            return f"Without them the {shares}, and no median PGA lies within what was shaken"
         return (
             f"Without them the median PGA is {self.median_pga_without_m_s2:.3g} instead of "
             f"{self.median_pga_m_s2:.3g} m/s2, and the {shares}"
@@ -135,9 +135,11 @@ def _strongest(beyond: pd.DataFrame) -> tuple[Strongest, ...]:
 
 
 def _median(known: pd.DataFrame) -> float | None:
-    """Median PGA of the contact of the highest friction."""
-    if known.empty:
+    """Median PGA of one rock with its highest friction, where it lies within what was shaken."""
+    if known["scene_id"].nunique() != 1:
         return None
     chief = max(by_contact(known).values(), key=lambda jobs: tuple(jobs[FRICTION].iloc[0]))
     curve = regression.fit(chief.reset_index(drop=True), ["pga_m_s2"]).lognormal
-    return None if curve is None else curve.median
+    return (
+        curve.median if curve and chief["pga_m_s2"].min() <= curve.median <= chief["pga_m_s2"].max() else None
+    )

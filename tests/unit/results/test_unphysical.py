@@ -50,6 +50,16 @@ def test_a_run_within_nature_has_nothing_to_tell(run):
     assert unphysical_of(run, frame[frame["pgv_m_s"] < 3.0]) is None
 
 
+def test_no_median_is_told_of_rocks_together_nor_beyond_what_was_shaken(run):
+    frame = run.frame()
+    two = pd.concat([frame, frame.assign(scene_id="another")])
+    assert unphysical_of(run, two).median_pga_m_s2 is None
+    standing = frame[(frame["level_pga_m_s2"] < 5) | (frame["pgv_m_s"] > 3.0)]
+    told = unphysical_of(run, standing.assign(toppled=standing["toppled"] & (standing.index % 7 == 0)))
+    assert told.median_pga_m_s2 is None
+    assert "median" not in told.sentence
+
+
 def test_where_all_jobs_are_beyond_no_median_is_left(run):
     frame = run.frame()
     told = unphysical_of(run, frame[frame["pgv_m_s"] > 3.0])

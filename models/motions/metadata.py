@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -19,8 +19,16 @@ _COLUMNS = {
     "record_id": ("record_id", "rec_id"),
     "event": ("event",),
     "station": ("station",),
-    "magnitude": ("magnitude", "mag"),
-    "distance_km": ("distance_km", "dist_km"),
+    "magnitude": ("magnitude", "mag", "mw", "mag_mw", "magnitude_mw"),
+    "distance_km": (
+        "distance_km",
+        "dist_km",
+        "rrup_km",
+        "rjb_km",
+        "repi_km",
+        "rhyp_km",
+        "epicentral_distance_km",
+    ),
     "h1": ("h1",),
     "h2": ("h2",),
     "v": ("v",),
@@ -114,7 +122,7 @@ def read_table(table: Path) -> list[Entry]:
     entries = [
         _entry(_Row.of(cells, file.where(at), separator != ","), table.parent)
         for at, cells in rows
-        if any(cells.values())
+        if any(cells.values()) and not _is_remark(list(cells.values()))
     ]
     if not entries:
         raise InputError(
@@ -132,6 +140,10 @@ def read_table(table: Path) -> list[Entry]:
     return entries
 
 
+def _is_remark(cells: Sequence[str]) -> bool:
+    return cells[0].lstrip().startswith("#") and not any(cells[1:])
+
+
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open("rb") as file:
@@ -145,7 +157,8 @@ def _names(head: str) -> list[str]:
 
 
 def _name(name: str) -> str:
-    return name.strip(' \t"').casefold()
+    """Name of a column in lower case, its unit behind it whatever parts them: `Dist (km)` is `dist_km`."""
+    return re.sub(r"[\s_()\[\],]+", "_", name.strip(' \t"')).strip("_").casefold()
 
 
 @dataclass(frozen=True)

@@ -186,3 +186,19 @@ def test_a_unit_of_the_table_that_contradicts_an_agencys_header_is_refused(tmp_p
     (refusal,) = with_columns(tmp_path, "unit", "cm/s2").refusals
     assert "0.01 m/s2 by the row, and 9.80665 m/s2 by" in refusal.reason.what
     assert len(with_columns(tmp_path, "unit", "g").records) == 1
+
+
+@pytest.mark.parametrize(
+    "names", ["Mag (Mw),Dist (km)", "Mw,Rrup [km]", "magnitude,epicentral distance (km)"]
+)
+def test_magnitude_and_distance_may_be_named_with_their_units(names, tmp_path):
+    (record,) = with_columns(tmp_path, names, "6.9,12.5").records
+    assert (record.magnitude, record.distance_km) == (6.9, 12.5)
+
+
+def test_a_remark_among_the_rows_is_no_record(tmp_path):
+    with_columns(tmp_path, "mag", "6.9")
+    table = tmp_path / "table.csv"
+    head, row = table.read_text().splitlines()
+    table.write_text(f"{head}\n# of the first network\n{row}\n")
+    assert len(read_table(table)) == 1

@@ -41,7 +41,13 @@ def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bo
     unit_given: the user says which unit the numbers are in, so that the header may state another than metres.
     Raises InputError if a header does not tell which columns are x, y and z, or says that they are not in metres.
     """
-    titles = [line for line in lines if line.strip()]
+    titles = []
+    for line in filter(str.strip, lines):
+        units = [name.strip("()") for name in _names(line, columns)]
+        if len(units) != columns or not all(map(_is_length, units)):
+            titles.append(line)
+        elif not (unit_given or _METRES.issuperset(units)):
+            raise _other_unit(units, where)
     for line in reversed(titles):
         names = _names(line, columns)
         found = _axes(names)
@@ -75,7 +81,8 @@ class _Coordinate:
         units = words - axes - _KINDS - _METRES - ({"in"} if words & _METRES else set())  # x in m
         if not all(map(_OTHER_LENGTH.fullmatch, units)):
             return None
-        other = bool(units) or (not beside & _METRES and any(map(_OTHER_LENGTH.fullmatch, beside)))
+        powers = not beside.isdisjoint({"10", "100", "1000"})  # 10^-3 m
+        other = bool(units) or powers or (not beside & _METRES and any(map(_OTHER_LENGTH.fullmatch, beside)))
         return cls(min(axes), frozenset(words & _KINDS), not other)
 
 
@@ -129,13 +136,21 @@ def _names_columns(names: Sequence[str], columns: int) -> bool:
 def _check_metres(names: Sequence[str], where: str) -> None:
     stated = [name for name in names if (read := _Coordinate.of(name)) is not None and not read.metres]
     if stated:
-        raise InputError(
-            f"the header states another unit than metres: {', '.join(stated)}",
-            where=where,
-            expected="coordinates in metres",
-            remedy="say which unit all three are in by --units, or convert the coordinates to metres, and name their "
-            "columns x, y and z",
-        )
+        raise _other_unit(stated, where)
+
+
+def _is_length(word: str) -> bool:
+    return word in _METRES or _OTHER_LENGTH.fullmatch(word) is not None
+
+
+def _other_unit(stated: Sequence[str], where: str) -> InputError:
+    return InputError(
+        f"the header states another unit than metres: {', '.join(stated)}",
+        where=where,
+        expected="coordinates in metres",
+        remedy="say which unit all three are in by --units, or convert the coordinates to metres, and name their "
+        "columns x, y and z",
+    )
 
 
 def _not_understood(names: Sequence[str], columns: int, where: str) -> InputError:

@@ -62,7 +62,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
             "no level has three records and three realisations that were all answered",
             where="the spread of toppling",
             expected=f"a campaign with realisations of at least {_LEAST + 1}, and {_LEAST} records or more",
-            remedy="set realisations = 20 or so in the campaign, and run it again: jobs that are done stay",
+            remedy="set realisations = 20 or so in the campaign, and run it with another --out",
         )
     table = pd.DataFrame(found)
     means = {**table.mean(numeric_only=True), "level_pga_m_s2": None, "jobs": int(table["jobs"].sum())}

@@ -37,6 +37,7 @@ NUMBER = np.arange(1200.0)[:, None]
         ("//Intensity,X,Y,Z", (3, 0, 1, 2)),
         ("//X,Y,Z,R,G,B", (0, 1, 2, 3, 3, 3)),
         ('"N [m]","E [m]","Height [m]"', (1, 0, 2)),
+        ("N,E,Height\n[m],[m],[m]", (1, 0, 2)),
         ("up,point,n,x_m", (2, 3, 1, 0)),
         ("# Station 3 after the rain\n# y,x,z", (1, 0, 2)),
         ("# scanned from the north, at noon", (0, 1, 2)),
@@ -167,6 +168,8 @@ def test_of_two_sets_of_coordinates_none_is_taken_silently(tmp_path, points):
         "X (cm) Y (cm) Z (cm)",
         "x in,y in,z in",
         "# x_ft,y_ft,z_ft\n# exported at noon by car",
+        "x,y,z\nmm,mm,mm",
+        "x (10^-3 m),y (10^-3 m),z (10^-3 m)",
     ],
 )
 def test_a_header_that_states_another_unit_than_metres_is_refused(tmp_path, points, header):

@@ -21,7 +21,7 @@ from toppling.models.motions.catalogue import CATALOG, meaning
 from toppling.results.completeness import Completeness, rows_stored
 from toppling.results.queries import ask, rows_where
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
-from toppling.results.schema import SCHEMA, describe
+from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 from toppling.results.weights import Weights, weighed, weights_of
 
@@ -382,9 +382,7 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     ]
     # fmt: on
     kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}
-    arrays = [pa.array([value], kinds.get(name)) for name, value, _, _ in columns]
-    fields = [
-        pa.field(name, array.type, metadata={"group": "scene", "unit": unit, "description": text})
-        for (name, _, unit, text), array in zip(columns, arrays, strict=True)
-    ]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    return described_table(
+        ((name, pa.array([value], kinds.get(name)), unit, text) for name, value, unit, text in columns),
+        group="scene",
+    )

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
 from toppling.models.arrays import Array
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
+from toppling.results.schema import described_table
 
 STILL_SHARE = 1e-3
 """A rock whose centre of mass moves by less than this share of its height shows nothing yet."""
@@ -30,7 +32,23 @@ class Replay:
     @property
     def tilt_deg(self) -> Array:
         """Angle between the interface's normal and where the rock has carried it since the start, (n,)."""
-        return tilt_deg(self.trajectory.quaternion_xyzw, self.scene.pedestal.normal)
+        return self.tilts_deg(self.trajectory.quaternion_xyzw)
+
+    def tilts_deg(self, quaternion_xyzw: Array) -> Array:
+        """The same of rotations (k, 4), from that of the trajectory's first pose."""
+        turns, normal = Rotation.from_quat(quaternion_xyzw), self.scene.pedestal.normal
+        first = Rotation.from_quat(self.trajectory.quaternion_xyzw[0])
+        carried = (turns * first.inv()).apply(normal)
+        return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
+
+    def ground_m_s2(self, time_s: ArrayLike) -> Array:
+        """Acceleration of the ground at some times, (k, 3); zero after the motion."""
+        motion = self.motion
+        axes = [
+            np.interp(np.asarray(time_s, float), motion.time_s, axis, right=0.0)
+            for axis in motion.acceleration_m_s2.T
+        ]
+        return np.stack(axes, axis=-1)
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
         """Centres of mass (k, 3) and rotations (k, 4) at any times of the trajectory."""
@@ -58,17 +76,10 @@ class Replay:
         return position_m + Rotation.from_quat(quaternion_xyzw).apply(arms)
 
 
-def tilt_deg(quaternion_xyzw: Array, normal: Array) -> Array:
-    """Angle (n,) between a normal (3,) and where it is carried from the first pose to each."""
-    turns = Rotation.from_quat(quaternion_xyzw)
-    carried = (turns * turns[0].inv()).apply(normal)
-    return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
-
-
 def trajectory_table(replay: Replay) -> pa.Table:
     """The trajectory as a table, one row a pose, units and descriptions in the fields' metadata."""
     path = replay.trajectory
-    ground = _at(replay, replay.motion.acceleration_m_s2)
+    ground = replay.ground_m_s2(path.time_s)
     velocity = replay.motion.velocity_at(path.time_s)
     off = path.position_m - path.position_m[0]
     columns: list[tuple[str, Array, str, str]] = [
@@ -84,20 +95,11 @@ def trajectory_table(replay: Replay) -> pa.Table:
             "deg",
             "angle between the interface's normal and where the rock carried it",
         ),
-        (
-            "displacement_m",
-            np.hypot(off[:, 0], off[:, 1]),
-            "m",
-            "displacement of the centre of mass, horizontal",
-        ),
+        ("displacement_m", np.hypot(*off.T[:2]), "m", "displacement of the centre of mass, horizontal"),
         *_three("ground_{}_m_s2", ground, "m/s2", "acceleration of the ground"),
         *_three("ground_{}_m_s", velocity, "m/s", "velocity of the ground"),
     ]
-    fields = [
-        pa.field(name, pa.float64(), metadata={"unit": unit, "description": text})
-        for name, _, unit, text in columns
-    ]
-    return pa.Table.from_arrays([pa.array(values) for _, values, _, _ in columns], schema=pa.schema(fields))
+    return described_table((name, pa.array(values), unit, text) for name, values, unit, text in columns)
 
 
 def _three(name: str, values: Array, unit: str, text: str) -> list[tuple[str, Array, str, str]]:
@@ -106,11 +108,3 @@ def _three(name: str, values: Array, unit: str, text: str) -> list[tuple[str, Ar
         (name.format(axis), part, unit, f"{text}, {toward}")
         for (axis, toward), part in zip(axes, values.T, strict=True)
     ]
-
-
-def _at(replay: Replay, samples: Array) -> Array:
-    """Samples (n, 3) of the motion at the times of the trajectory; zero after the motion."""
-    times = replay.motion.time_s
-    return np.column_stack(
-        [np.interp(replay.trajectory.time_s, times, axis, right=0.0) for axis in samples.T]
-    )

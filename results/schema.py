@@ -4,6 +4,8 @@ SI units throughout, in the names. Azimuths are degrees counter-clockwise from x
 known": a job that crashed has no tilt, and a column that is null is never zero.
 """
 
+from collections.abc import Iterable
+
 import pyarrow as pa
 
 from toppling.models.motions.catalogue import meaning
@@ -116,3 +118,13 @@ def describe(field: pa.Field) -> dict[str, str]:
     metadata = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
     known = {key: metadata.get(key, "") for key in ("group", "unit", "description")}
     return {"column": field.name, "type": str(field.type), **known}
+
+
+def described_table(columns: Iterable[tuple[str, pa.Array, str, str]], **metadata: str) -> pa.Table:
+    """Table of columns with their name, values, unit and description, and what else their metadata say."""
+    known = list(columns)
+    fields = [
+        pa.field(name, values.type, metadata={**metadata, "unit": unit, "description": text})
+        for name, values, unit, text in known
+    ]
+    return pa.Table.from_arrays([values for _, values, _, _ in known], schema=pa.schema(fields))

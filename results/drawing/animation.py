@@ -18,7 +18,7 @@ from toppling.results.drawing.painted_mesh import (
     view_frame,
 )
 from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
-from toppling.results.replayed_job import Replay, tilt_deg
+from toppling.results.replayed_job import Replay
 
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
@@ -40,19 +40,16 @@ class _View:
     middle: Array
     half_m: float
 
-    def pixels(self, points_m: Array, size: int) -> Array:
-        """Places (..., 2) of points on a square of so many pixels."""
-        flat = points_m @ self.frame[:, :2]
-        return 0.5 * size * (1.0 + (flat - self.middle) / self.half_m * (1.0, -1.0))
+    def pixels(self, seen_m: Array, size: int) -> Array:
+        """Places (..., 2) on a square of so many pixels, of points along the view's axes."""
+        return 0.5 * size * (1.0 + (seen_m[..., :2] - self.middle) / self.half_m * (1.0, -1.0))
 
 
 def moving_picture(replay: Replay, path: Path, title: str) -> None:
     """Write a GIF of the part of a shake in which something is to be seen, with title, seismogram and speed."""
     times = shown_times(replay, _FRAMES_HZ, _MOST_FRAMES)
     position, turn = replay.at(times)
-    tilts = tilt_deg(np.vstack([replay.trajectory.quaternion_xyzw[:1], turn]), replay.scene.pedestal.normal)[
-        1:
-    ]
+    tilts = replay.tilts_deg(turn)
     milliseconds = round(1000 / _FRAMES_HZ)
     speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
     view = _view_of(replay, position)
@@ -105,7 +102,7 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
     rock = smooth_surface(replay.placed(centre_m, attitude), replay.scene.rock.faces, ROCK_COLOUR)
     triangles, colours, _ = painted((rock, view.pedestal), view.frame, replay.scene.pedestal)
     size = _OVERSAMPLING * _WIDTH
-    places = 0.5 * size * (1.0 + (triangles[:, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
+    places = view.pixels(triangles, size)
     image = Image.new("RGB", (size, size), "#f4f6f8")
     draw = ImageDraw.Draw(image)
     for outline, shade in zip(
@@ -118,13 +115,11 @@ def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s:
 
 def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
     motion = replay.motion
-    ground = np.array(
-        [np.interp(time_s, motion.time_s, axis, right=0.0) for axis in motion.acceleration_m_s2.T]
-    )
+    ground = replay.ground_m_s2(time_s)
     strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
     foot = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
     tip = foot + 0.6 * view.half_m * ground / strongest
-    start, end = view.pixels(np.array([foot, tip]), size)
+    start, end = view.pixels(np.array([foot, tip]) @ view.frame, size)
     along = end - start
     length = float(np.hypot(*along))
     if length < 6:
@@ -153,7 +148,7 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     motion = replay.motion
     column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
     at = np.linspace(times[0], times[-1], 4 * _WIDTH)
-    values = np.interp(at, motion.time_s, motion.acceleration_m_s2[:, column], right=0.0)
+    values = replay.ground_m_s2(at)[:, column]
     peak = max(float(np.abs(values).max()), 1e-9)
     image = Image.new("RGB", (_WIDTH, _STRIP), "white")
     draw = ImageDraw.Draw(image)

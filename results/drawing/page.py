@@ -24,7 +24,7 @@ from toppling.results.drawing.style import (
     style,
     svg_text,
 )
-from toppling.results.replayed_job import STILL_SHARE, Replay, tilt_deg
+from toppling.results.replayed_job import STILL_SHARE, Replay
 
 _PAGE_HZ, _PAGE_POSES = 25.0, 1500
 """Poses a second that a page holds, and how many at most."""
@@ -162,23 +162,17 @@ def _rounded(values: Array, digits: int = 5) -> list:
 
 def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> dict[str, Any]:
     """Poses, tilt and ground motion over the time that the page plays."""
-    first = replay.trajectory.quaternion_xyzw[:1]
-    tilt = tilt_deg(np.vstack([first, turn]), replay.scene.pedestal.normal)[1:]
     ground_times = np.linspace(
         times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, _TRACE_SAMPLES))
     )
-    samples = [
-        np.interp(ground_times, replay.motion.time_s, axis, right=0.0)
-        for axis in replay.motion.acceleration_m_s2.T
-    ]
-    ground = np.array(samples)
+    ground = replay.ground_m_s2(ground_times).T
     topple = replay.topple_time_s
     support = replay.scene.pedestal.point_m
     return {
         "start": float(times[0]),
         "step": float(times[1] - times[0]),
         "poses": _rounded(np.column_stack([position, turn]), 6),
-        "tilt": _rounded(tilt, 3),
+        "tilt": _rounded(replay.tilts_deg(turn), 3),
         "ground": {
             "start": float(ground_times[0]),
             "step": float(ground_times[1] - ground_times[0]),

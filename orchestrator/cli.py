@@ -1,5 +1,6 @@
 """The command line. A room is imported only when its verb is called, so that `toppling query` needs no Open3D."""
 
+import ast
 import errno
 import importlib
 import os
@@ -18,41 +19,15 @@ from toppling.models.files.stores import at_hand, carry_back
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
 
-VERBS = {
-    "scan": "Turn laser scans or photogrammetry into a rock on its pedestal.",
-    "scene": "Show a scene or export it.",
-    "records": "Import, fetch, synthesise, select and show ensembles of records.",
-    "init": "Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.",
-    "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.",
-    "run": "Carry out CAMPAIGN on local or remote workers, or resume an interrupted run.",
-    "watch": "Show RUN in a browser while it runs: progress, failures and the map as it fills.",
-    "status": "Show the progress of RUN, during the run and after it.",
-    "audit": "Repeat a random sample of RUN's jobs and state how far its answers may be off.",
-    "query": "Query one or several runs in SQL (DuckDB), also during the run.",
-    "fragility": "Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).",
-    "atlas": "Show the rocks of RUN side by side: a gallery, their fragilities in one figure, a table and a map.",
-    "constrain": "State which ground motions one or several standing rocks reject.",
-    "magnitudes": "State which earthquakes a standing rock excludes, by models of ground motion.",
-    "check": "Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
-    "pulse": "Shake the rock of SCENE with one pulse of velocity and show how it moves.",
-    "replay": "Repeat one JOB of RUN and show how the rock moves.",
-    "report": "Write a report on RUN as one HTML page that needs no network and can be attached to a paper.",
-    "accuracy": "Compare the answers and the cost of the presets for the rock of SCENE under motions of ENSEMBLE.",
-    "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each scaled up step by step until it topples.",
-    "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",
-    "validate": "Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.",
-    "demo": "Scan a virtual rock, make earthquakes, shake the rock and draw the maps: minutes on two cores.",
-}
-"""Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
-
-
 GROUPS = {
     "Prepare": ("scan", "scene", "records", "init", "plan"),
     "Run": ("run", "watch", "status", "audit", "demo"),
     "Read": ("query", "fragility", "atlas", "constrain", "magnitudes", "check", "replay", "report"),
     "Study": ("pulse", "ramp", "accuracy", "study", "validate"),
 }
-"""Verbs as the help lists them."""
+"""Verbs as the help lists them: each is the command of its name in the module of its name in orchestrator/verbs."""
+
+VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 
 _ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
@@ -64,7 +39,7 @@ class _LazyGroup(Verbs):
     """A group whose commands are imported when they are called, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
-        """Verbs in the order of a campaign."""
+        """Verbs as the help lists them."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
@@ -94,7 +69,14 @@ class _LazyGroup(Verbs):
         """List the verbs, each with its line."""
         for title, verbs in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(verb, VERBS[verb]) for verb in verbs], col_max=12)
+                formatter.write_dl([(verb, _first_line(verb)) for verb in verbs], col_max=12)
+
+
+def _first_line(verb: str) -> str:
+    """Of a verb's help, without importing what the verb needs."""
+    module = ast.parse((Path(__file__).parent / "verbs" / f"{verb}.py").read_text(encoding="utf-8"))
+    (called,) = (node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == verb)
+    return str(ast.get_docstring(called)).partition("\n")[0]
 
 
 @click.group(

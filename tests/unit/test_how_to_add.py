@@ -114,7 +114,7 @@ ADDED = {
     "verb": {
         "orchestrator/verbs/hello.py": VERB,
         "orchestrator/cli.py": (
-            ("VERBS = {\n", 'VERBS = {\n    "hello": "Say hello.",\n'), ('"Prepare": (', '"Prepare": ("hello", '),
+            ('"Prepare": (', '"Prepare": ("hello", '),
         ),
     },
     "engine": {

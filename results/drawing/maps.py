@@ -100,7 +100,7 @@ def direction_figure(
         *_reference_text(reference),
     ]
     if width_in < FULL_WIDTH_IN:
-        caption = [part for line in caption for part in wrap(line, _NARROW_LETTERS)]
+        caption = [part for line in caption for part in wrap(line, _NARROW_LETTERS, break_on_hyphens=False)]
     with style():
         height = 0.9 + 2.1 * lines + _LINE_IN * (len(caption) + bool(title))
         figure = Figure(figsize=(width_in, height))

@@ -5,7 +5,6 @@ from functools import partial
 from importlib.metadata import version
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from toppling.models.files.digest import check
 from toppling.models.hidden_base.intervals import base_sentences
@@ -16,7 +15,6 @@ from toppling.results.analysis.directions import least_sector, sector_share, top
 from toppling.results.analysis.fragility import (
     PLANES,
     DirectionCells,
-    Plane,
     planes_of,
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
@@ -36,6 +34,7 @@ from toppling.results.drawing.scene_figures import scene_picture
 from toppling.results.drawing.style import (
     HALF_WIDTH_IN,
     digits,
+    png_bytes,
     printed_unit,
     short_name,
     with_superscripts,
@@ -145,10 +144,12 @@ def _maps_of(content: Content, contact: Contact, document: Document) -> str:
     single, split = [], []
     for plane in planes:
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
-        single.append(document.figure(partial(_map, jobs, plane, words), caption, HALF_WIDTH_IN))
+        drawn = png_bytes(map_figure(jobs, plane, words), document.remark)
+        single.append(document.picture(drawn, caption, width_in=HALF_WIDTH_IN))
     for plane in (plane for plane in planes if plane.by_direction):
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label}, by direction of shaking ({words})."
-        split.append(document.figure(partial(_map_by_direction, contact, plane), caption))
+        draw = partial(direction_figure, DirectionCells.of(jobs, plane), words, None)
+        split.append(document.figure(draw, caption))
     within = least_sector(content.run.quasi_static())
     sector = sector_share(jobs, *within) if within else None
     rose = document.figure(
@@ -157,14 +158,6 @@ def _maps_of(content: Content, contact: Contact, document: Document) -> str:
     )
     title = heading(words, 3) if len(content.contacts) > 1 else ""
     return "".join([title, *(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), *split, rose])
-
-
-def _map(jobs: pd.DataFrame, plane: Plane, words: str, _: float) -> Figure:
-    return map_figure(jobs, plane, words)
-
-
-def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure:
-    return direction_figure(DirectionCells.of(contact.jobs, plane), contact.words, width_in=width_in)
 
 
 def _friction_section(content: Content, document: Document) -> str:

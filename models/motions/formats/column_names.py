@@ -38,6 +38,8 @@ _DERIVED = re.compile(
 _OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|volts?|%", re.IGNORECASE)
 _QUOTIENT = re.compile(r"(.+?)\s+/\s+(.+)")
 """A quantity over its unit: a_E / m s^-2."""
+_BEFORE_UNIT = re.compile(r"(\S+(?: \S+)??)\s+(?:in\s+)?(\S*/\S+)")
+"""A quantity before its unit, without brackets: NS cm/s/s."""
 _FILLING = {
     "ACC", "ACCEL", "ACCELERATION", "A", "COMP", "COMPONENT", "CHANNEL", "CHAN", "CH", "DIR", "DIRECTION", "LINEAR",
     "BESCHLEUNIGUNG", "ACELERACION", "ACELERACIÓN", "ACCÉLÉRATION", "ACCELERAZIONE",
@@ -83,6 +85,8 @@ def column_of(part: str) -> Column:
     match = _BRACKETS.search(part)
     name, unit = _BRACKETS.sub("", part).strip(" \"'_:."), match[1].strip() if match else ""
     if not unit and (found := _QUOTIENT.fullmatch(name)) and is_unit(found[2]):
+        return Column(found[1], found[2])
+    if not unit and (found := _BEFORE_UNIT.fullmatch(name)) and unit_of(found[2]):
         return Column(found[1], found[2])
     if not unit and (ending := _ENDING.fullmatch(name)):
         timed = ending[2].lower() in UNITS_S

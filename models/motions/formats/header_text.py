@@ -61,7 +61,8 @@ def stated_unit(lines: Sequence[str]) -> float | None:
     found = set()
     for line in lines[:_MOST_LINES]:
         for match in _UNIT.finditer(line[:_LONGEST]):
-            if _OF_INSTRUMENT.search(line[: match.start(match.lastindex or 0)]):
+            clause = re.split("[;,|]", line[: match.start(match.lastindex or 0)])[-1]
+            if _OF_INSTRUMENT.search(clause):
                 continue
             text = next(filter(None, match.groups())).strip()
             ways = (

@@ -206,6 +206,8 @@ def rows_of(motion: np.ndarray, before=lambda number: "", after: str = "") -> st
         ("s,m/s2,m/s2,m/s2\ntime,east,north,up\n", lambda n: f"{n * STEP_S:.2f},"),
         ("Time,Acc_EW,Acc_NS,Acc_UD\n(s),(m/s2),(m/s2),(m/s2)\n", lambda n: f"{n * STEP_S:.2f},"),
         ("# field_unit: UTC, m/s**2\nTime,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
+        ("Time,EW m/s/s,NS in m/s2,Acc. UD m/s^2\n", lambda n: f"{n * STEP_S:.2f},"),
+        ("# full scale 4 g; units: m/s2\nTime,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
         ("# Aceleracion en m/s^2\nTime,EW,NS,UD\n", lambda n: f"{n * STEP_S:.2f},"),
         (
             "INTERVALO DE MUESTREO, C1-C3 (s) : /.01/.01/.01\nUNIDAD : m/s2\nEW,NS,UD\n",

@@ -1,8 +1,8 @@
 """The statement: survival and rejection for some rocks under some hazard branches."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -145,23 +145,6 @@ def _branch_table(update: Update) -> pd.DataFrame:
     return table.join(factors.drop(columns="name"))
 
 
-def _interval(
-    rocks: Sequence[Standing], statement: Callable[[Sequence[Standing]], float]
-) -> tuple[float, float]:
-    """Interval (95 %) of what is told of some rocks, as their records are resampled (`analysis.fits.bootstrap`)."""
-    drawn = [rock.drawn for rock in rocks]
-    if not all(drawn):
-        return (math.nan, math.nan)
-    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
-    fewest = min(known, key=lambda one: one.records)
-    values = [
-        statement([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
-        for curves in zip(*drawn, strict=True)
-    ]
-    low, high = fewest.interval(np.array(values))
-    return float(low), float(high)
-
-
 def _bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
     """Annual rate of exceedance above which each intensity is rejected, where a rock may topple.
 
@@ -187,17 +170,22 @@ def _bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
 def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
     """State the intensity that no single event exceeded, at a confidence: without age and hazard.
 
-    Returns dict: measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; None
-    where a curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
+    Returns dict: measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; not
+    finite where a curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
     """
     curves = [rock.curve for rock in rocks]
-    low, high = _interval(rocks, lambda drawn: unexceeded([rock.curve for rock in drawn], confidence))
+    drawn = [rock.drawn for rock in rocks]
+    low = high = math.nan
+    if all(drawn):
+        fewest = min((one.resampled for one in curves if one.resampled), key=lambda one: one.records)
+        values = [unexceeded(together, confidence) for together in zip(*drawn, strict=True)]
+        low, high = fewest.interval(np.array(values))
     return {
         "measure": curves[0].measure,
         "confidence": confidence,
         "unexceeded": unexceeded(curves, confidence),
-        "unexceeded_low": low if math.isfinite(low) else None,
-        "unexceeded_high": high if math.isfinite(high) else None,
+        "unexceeded_low": low,
+        "unexceeded_high": high,
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})

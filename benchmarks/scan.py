@@ -81,13 +81,26 @@ def hour_glass() -> virtual.Truth:
     )
 
 
+def rock_in_a_crevice(seed: int) -> virtual.Truth:
+    """Boulder between two walls that reach to half its height."""
+    rock = virtual_shapes.boulder(3.0, 2.0, 1.5, seed, bumps=0.03)
+    pedestal = virtual_shapes.ground(9.0, 1.0, seed, bumps_m=0.15)
+    wall, faces = virtual_shapes.lathe(
+        np.full((12, 4), 0.9), np.linspace(-0.2, 1.4, 12), np.zeros((12, 2)), 4
+    )
+    walls = [
+        virtual.Body(wall * [1.0, 3.0, 1.0] + [x, 0.0, 0.0], faces, virtual.PEDESTAL) for x in (-2.1, 2.1)
+    ]
+    return virtual.on_slope(rock, pedestal, 4.0, 120.0, *walls)
+
+
 SHAPES: dict[str, Callable[[], virtual.Truth]] = {
     "Echo Cliffs": lambda: virtual.echo_cliffs_like(0),
     "stump": stump,
     "block": block,
     "leaning boulder": leaning,
     "hour-glass": hour_glass,
-    "in a crevice": lambda: virtual.rock_in_a_crevice(4),
+    "in a crevice": lambda: rock_in_a_crevice(4),
     "one of two": lambda: virtual.two_rocks_side_by_side(2),
 }
 CAUSES_OF = ("Echo Cliffs", "echo_like")

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.frames import plane_axes
 from toppling.models.hidden_base.observed import PLACES_ACROSS
 from toppling.models.hidden_base.underside import CELLS_PER_HEIGHT
 from toppling.models.scan.interface import Interface, Planes, Sheet, reweighted_plane
@@ -144,7 +143,7 @@ def _plane_of(points: Array, area: Array) -> Interface:
     centre, normal, _, _ = reweighted_plane(
         points, area, lambda height, weight: float(np.sqrt(np.average(height**2, weights=weight)))
     )
-    return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), 0.0)
+    return Interface.through(centre, normal)
 
 
 def _inside(ring: Array, cell_m: float) -> Array:

@@ -18,7 +18,6 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
-from toppling.models.frames import plane_axes
 from toppling.models.scan.doubt import middle, sectors
 from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.segment import PEDESTAL, ROCK
@@ -270,7 +269,7 @@ class NearRim:
             ),
         )
         roughness = float(np.sqrt(np.average(height**2, weights=weight)))
-        return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
+        return Interface.through(centre, normal, roughness)
 
 
 def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:

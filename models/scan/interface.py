@@ -193,6 +193,11 @@ class Interface:
     sheet: Sheet | None = None  # the pedestal's surface below the rock, where one plane does not describe it
     edge: Edge | None = None  # where the pedestal ends below the rock, a part of which hangs beside it
 
+    @classmethod
+    def through(cls, point_m: Array, normal: Array, roughness_m: float = 0.0) -> Interface:
+        """Plane through a point (3,) by its upward normal (3,)."""
+        return cls(point_m, normal, np.column_stack([*plane_axes(normal), normal]), roughness_m)
+
     def flat(self, points_m: Array) -> Array:
         """Coordinates (n, 3) u, v along the plane and height h over it."""
         return shifted_and_turned(points_m, self.point_m, self.axes)
@@ -327,7 +332,4 @@ def fitted_plane(points: Array) -> Interface:
         points, np.ones(len(points)), lambda height, _: 1.4826 * float(np.median(np.abs(height)))
     )
     kept = weight > 0.05
-    u, v = plane_axes(normal)
-    return Interface(
-        centre, normal, np.column_stack([u, v, normal]), float(np.sqrt((height[kept] ** 2).mean()))
-    )
+    return Interface.through(centre, normal, float(np.sqrt((height[kept] ** 2).mean())))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
-from toppling.models.frames import plane_axes, plane_normal, slope_of_normal
+from toppling.models.frames import plane_normal, slope_of_normal
 from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.header import TEXT, named_columns
 from toppling.models.scan.hints_file import outside_cloud
@@ -56,9 +56,8 @@ class InterfaceHint:
                 remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)",
             )
         point = np.asarray(point_m, float)
-        return cls(
-            _interface(point, plane_normal(slope_deg, downhill_azimuth_deg), 0.0), point[None], False, "plane"
-        )
+        plane = Interface.through(point, plane_normal(slope_deg, downhill_azimuth_deg))
+        return cls(plane, point[None], False, "plane")
 
     @classmethod
     def points(cls, points_m: ArrayLike, kind: str = "points") -> "InterfaceHint":
@@ -82,7 +81,7 @@ class InterfaceHint:
         if steep > _STEEPEST_DEG:
             raise _unusable(f"the plane through the points slopes by {steep:.0f} degrees", where)
         misfit = float(np.sqrt((((points - centre) @ normal) ** 2).mean()))
-        return cls(_interface(centre, normal, misfit), points, kind == "outline", kind)
+        return cls(Interface.through(centre, normal, misfit), points, kind == "outline", kind)
 
     @classmethod
     def outline(cls, path: str | Path) -> "InterfaceHint":
@@ -170,10 +169,6 @@ def check_near(hint: InterfaceHint, bounds_m: Array) -> None:
     beyond = ((hint.anchors_m < low_m) | (hint.anchors_m > high_m)).any(axis=1)
     if beyond.any():
         raise outside_cloud(hint.anchors_m[beyond][0], low_m, high_m, f"the interface's {hint.kind}")
-
-
-def _interface(point: Array, normal: Array, misfit_m: float) -> Interface:
-    return Interface(point, normal, np.column_stack([*plane_axes(normal), normal]), misfit_m)
 
 
 OFF_PER_HEIGHT = 0.015

@@ -107,19 +107,9 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
         raise _not_understood(f"keys that state the unit of heights alone ({up} m)", where)
     if up is None and 0 < values.get(_VERTICAL_CODE, 0) < _USER_DEFINED:
         up = _vertical(int(values[_VERTICAL_CODE]))
-    note = (
-        ""
-        if up is not None or stated == 1.0
-        else "the unit of heights is not stated: taken as that of the plane"
+    return _reference(
+        plane["name"] if plane else "GeoTIFF keys", plane["epsg"] if plane else None, stated, up
     )
-    name = plane["name"] if plane else "GeoTIFF keys"
-    return {
-        "name": name,
-        "epsg": plane["epsg"] if plane else None,
-        "metres_per_unit": [stated, up or stated],
-        "unit": _unit_name(stated, up or stated),
-        "note": note,
-    }
 
 
 def of_text_head(path: Path) -> tuple[Reference | None, list]:
@@ -174,18 +164,20 @@ def _of_crs(crs: Any, where: str) -> Reference:
         raise _not_understood(f"{crs.name}, with no two horizontal axes of a length", where)
     if level[0] != level[1]:
         raise _not_understood(f"{crs.name}, with axes in two units", where)
-    up = lengths[2] if len(lengths) > 2 else level[0]
-    note = (
-        ""
-        if len(lengths) > 2 or up == 1.0
-        else "the unit of heights is not stated: taken as that of the plane"
-    )
+    up = lengths[2] if len(lengths) > 2 else None
+    return _reference(crs.name, crs.to_epsg() or plane.to_epsg(), level[0], up)
+
+
+def _reference(name: str, epsg: int | None, across: float, up: float | None) -> Reference:
+    """Metres of a unit across and upward; where nobody states that of heights, it is that of the plane."""
+    surmised = up is None and across != 1.0
+    up = across if up is None else up
     return {
-        "name": crs.name,
-        "epsg": crs.to_epsg() or plane.to_epsg(),
-        "metres_per_unit": [level[0], up],
-        "unit": _unit_name(level[0], up),
-        "note": note,
+        "name": name,
+        "epsg": epsg,
+        "metres_per_unit": [across, up],
+        "unit": _unit_name(across, up),
+        "note": "the unit of heights is not stated: taken as that of the plane" if surmised else "",
     }
 
 

@@ -13,7 +13,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
-from toppling.models.scan.virtual_shapes import Mesh, boulder, ground, lathe
+from toppling.models.scan.virtual_shapes import Mesh, boulder, ground
 
 DEMO_ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
 _MIXED_SHARE = 0.3
@@ -192,15 +192,6 @@ def two_rocks_side_by_side(seed: int) -> Truth:
     vertices, faces = boulder(1.9, 1.2, 1.0, seed + 1, bumps=0.02)
     pedestal = ground(6.0, 3.0, seed, bumps_m=0.1)
     return on_slope(rock, pedestal, 3.0, 40.0, Body(vertices + np.array([2.0, 0.0, 0.0]), faces, NEITHER))
-
-
-def rock_in_a_crevice(seed: int) -> Truth:
-    """Boulder between two walls that reach to half its height."""
-    rock = boulder(3.0, 2.0, 1.5, seed, bumps=0.03)
-    pedestal = ground(9.0, 1.0, seed, bumps_m=0.15)
-    wall, faces = lathe(np.full((12, 4), 0.9), np.linspace(-0.2, 1.4, 12), np.zeros((12, 2)), 4)
-    walls = [Body(wall * [1.0, 3.0, 1.0] + [x, 0.0, 0.0], faces, PEDESTAL) for x in (-2.1, 2.1)]
-    return on_slope(rock, pedestal, 4.0, 120.0, *walls)
 
 
 def echo_cliffs_like(seed: int) -> Truth:

@@ -22,7 +22,7 @@ from toppling.models.frames import (
 )
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.pedestal import Pedestal
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2, support_polygon_m
 
@@ -79,7 +79,7 @@ def _drawn(kind: str, random: np.random.Generator) -> virtual.Truth | None:
     points, faces = superellipsoid(random, height)
     base_m = 1.02 * float(np.hypot(*points[points[:, 2] == 0.0][:, :2].T).max())
     slope_deg, downhill_deg = random.uniform(0.0, 6.0), random.uniform(0.0, 360.0)
-    ground = virtual_shapes.ground(
+    ground = virtual.ground(
         height * random.uniform(2.0, 3.0),
         base_m,
         int(random.integers(1000)),

@@ -9,7 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 
 HEIGHTS_M = (0.7, 1.5, 3.0, 6.0, 12.0)
 PEDESTALS = ("uneven ground", "cliff", "neck")
@@ -35,7 +35,7 @@ def blind_rock(seed: int) -> tuple[virtual.Truth, str, list[virtual.Station]]:
         },
         "neck": {"neck_drop_m": height * random.uniform(0.2, 0.5)},
     }[kind]
-    pedestal = virtual_shapes.ground(
+    pedestal = virtual.ground(
         height * random.uniform(2.0, 3.5),
         base,
         int(random.integers(1000)),
@@ -54,7 +54,7 @@ def blind_rock(seed: int) -> tuple[virtual.Truth, str, list[virtual.Station]]:
     return truth, kind, stations
 
 
-def superellipsoid(random: np.random.Generator, height_m: float) -> virtual_shapes.Mesh:
+def superellipsoid(random: np.random.Generator, height_m: float) -> virtual.Mesh:
     """Between ball and box, rough, leaning and turned, its foot flattened to a base at height 0."""
     sphere = trimesh.creation.icosphere(subdivisions=6)
     up, round_ = random.uniform(0.35, 1.0, 2)

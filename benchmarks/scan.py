@@ -39,7 +39,7 @@ from toppling.models.frames import plane_normal, rotation_between
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
@@ -57,37 +57,33 @@ LIMIT_S, LIMIT_GB = 70.0, 2.5
 
 def block() -> virtual.Truth:
     """Upright block of rough sides on a slope."""
-    rock = virtual_shapes.boulder(2.0, 1.1, 0.9, 11, bumps=0.015, squareness=0.8)
-    return virtual.on_slope(rock, virtual_shapes.ground(5.0, 0.7, 11, bumps_m=0.08), 4.0, 300.0)
+    rock = virtual.boulder(2.0, 1.1, 0.9, 11, bumps=0.015, squareness=0.8)
+    return virtual.on_slope(rock, virtual.ground(5.0, 0.7, 11, bumps_m=0.08), 4.0, 300.0)
 
 
 def stump() -> virtual.Truth:
     """Boulder on a broad base."""
-    rock = virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02)
-    return virtual.on_slope(rock, virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0)
+    rock = virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02)
+    return virtual.on_slope(rock, virtual.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0)
 
 
 def leaning() -> virtual.Truth:
     """Boulder with a nose, whose narrow base lies in the shadow of its belly."""
-    rock = virtual_shapes.boulder(3.0, 1.9, 1.0, 7, bumps=0.03, nose=0.25, nose_azimuth_deg=70.0)
-    return virtual.on_slope(rock, virtual_shapes.ground(8.0, 0.8, 7, bumps_m=0.15), 8.0, 70.0)
+    rock = virtual.boulder(3.0, 1.9, 1.0, 7, bumps=0.03, nose=0.25, nose_azimuth_deg=70.0)
+    return virtual.on_slope(rock, virtual.ground(8.0, 0.8, 7, bumps_m=0.15), 8.0, 70.0)
 
 
 def hour_glass() -> virtual.Truth:
     """Boulder on a neck of its own width."""
-    rock = virtual_shapes.boulder(2.0, 1.5, 0.8, 5, bumps=0.02)
-    return virtual.on_slope(
-        rock, virtual_shapes.ground(5.0, 0.42, 5, neck_drop_m=0.8, bumps_m=0.05), 3.0, 10.0
-    )
+    rock = virtual.boulder(2.0, 1.5, 0.8, 5, bumps=0.02)
+    return virtual.on_slope(rock, virtual.ground(5.0, 0.42, 5, neck_drop_m=0.8, bumps_m=0.05), 3.0, 10.0)
 
 
 def rock_in_a_crevice(seed: int) -> virtual.Truth:
     """Boulder between two walls that reach to half its height."""
-    rock = virtual_shapes.boulder(3.0, 2.0, 1.5, seed, bumps=0.03)
-    pedestal = virtual_shapes.ground(9.0, 1.0, seed, bumps_m=0.15)
-    wall, faces = virtual_shapes.lathe(
-        np.full((12, 4), 0.9), np.linspace(-0.2, 1.4, 12), np.zeros((12, 2)), 4
-    )
+    rock = virtual.boulder(3.0, 2.0, 1.5, seed, bumps=0.03)
+    pedestal = virtual.ground(9.0, 1.0, seed, bumps_m=0.15)
+    wall, faces = virtual.lathe(np.full((12, 4), 0.9), np.linspace(-0.2, 1.4, 12), np.zeros((12, 2)), 4)
     walls = [
         virtual.Body(wall * [1.0, 3.0, 1.0] + [x, 0.0, 0.0], faces, virtual.PEDESTAL) for x in (-2.1, 2.1)
     ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.frames import horizontal_unit_vector
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.segment import NEITHER, PEDESTAL
 
 SLENDERNESS = (0.7, 4.0)
@@ -70,7 +70,7 @@ def member(seed: int, resolution_per_height: float | None = None) -> Member:
         "drop_m": height * random.uniform(0.3, 1.0),
     }
     shelf = {"neck_drop_m": height * random.uniform(0.1, 0.4)}
-    ground, faces = virtual_shapes.ground(
+    ground, faces = virtual.ground(
         max(2.2 * height, 2.2 * widest),
         rim if kind != "shelf" else random.uniform(1.0, 1.15) * (rim + depth),
         int(random.integers(1000)),
@@ -104,7 +104,7 @@ PLAN_REACH = 1.12
 """Farthest point of a base's rim over half of its width."""
 
 
-def _boulder(random: np.random.Generator, height: float, base: float, depth: float) -> virtual_shapes.Mesh:
+def _boulder(random: np.random.Generator, height: float, base: float, depth: float) -> virtual.Mesh:
     """Rough rock on a flat base at height 0: a crevice around the base, sides that bulge, a domed or flat top."""
     sides, rings = 144, 120
     opening = min(depth * random.uniform(0.4, 1.5), 0.25 * height)
@@ -130,7 +130,7 @@ def _boulder(random: np.random.Generator, height: float, base: float, depth: flo
     rough = rough * random.uniform(0.01, 0.03) * np.minimum(share / 0.1, 1.0)[:, None]
     outline = np.maximum(radius[:, None] * plan[None, :] * (1 + rough), 0.003 * height)
     lean = 0.08 * base * random.normal(size=2)
-    return virtual_shapes.lathe(outline, z, np.sin(0.5 * np.pi * share)[:, None] * lean, sides)
+    return virtual.lathe(outline, z, np.sin(0.5 * np.pi * share)[:, None] * lean, sides)
 
 
 def _soil(
@@ -154,7 +154,7 @@ def _soil(
 def _fallen_block(random: np.random.Generator, height: float, widest: float) -> virtual.Body:
     """A small boulder near by, no rock that is meant."""
     size = height * random.uniform(0.15, 0.4)
-    vertices, faces = virtual_shapes.boulder(size, size * 1.2, size * 0.9, int(random.integers(1000)))
+    vertices, faces = virtual.boulder(size, size * 1.2, size * 0.9, int(random.integers(1000)))
     place = (widest + random.uniform(0.8, 2.0) * size) * horizontal_unit_vector(random.uniform(0.0, 360.0))
     return virtual.Body(vertices + place - [0.0, 0.0, 0.05 * size], faces, NEITHER)
 

@@ -25,8 +25,7 @@ from toppling.models.given_meshes import on_surface, rock_of, seated
 from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
-from toppling.models.rounded.rolling_body import RollingBody
+from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 

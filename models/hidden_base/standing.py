@@ -1,4 +1,4 @@
-"""The base of a scanned rock: draws on which it stands as scanned, the closing that goes with them, their intervals."""
+"""The base of a scanned rock: draws on which it stands as scanned, that on which the scene stands, their intervals."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array
-from toppling.models.hidden_base.draws import UnseenBase
+from toppling.models.arrays import Array, Indices
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.ground.body import GroundedBody
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.evidence import Pulls, fits
 from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -20,21 +25,177 @@ from toppling.models.hidden_base.from_scan import (
 )
 from toppling.models.hidden_base.gap import encloses
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.nominal import (
-    FLAT_MARGIN,
-    bases_on_surface,
-    nominal_draw,
-    smooth_fits_inspection,
-    smooth_is_likely,
-)
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
-from toppling.models.hidden_base.statics import hooked_m_s2
-from toppling.models.hidden_base.underside import Base, Underside, hidden_base
+from toppling.models.hidden_base.statics import FRICTION, carried, hooked_m_s2
+from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base, Underside, hidden_base
+from toppling.models.kept import kept
+from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.half_samples import bias_floors
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, between_nodes, lattice
 from toppling.models.scan.measure import ObservedRock, toppling
+from toppling.models.statics import equilibrium_possible
+
+_AROUND_LATTICES = 12.0
+"""Distance beyond the rim over which a rock is tipped on the surface."""
+
+_ROUNDING = 1e-6
+"""Share of the height within which a vertex lies in the base that closed the rock."""
+
+
+def _bases_on_surface(
+    drawn: DrawnBases, rock: Rock, base: Base, interface: Interface, height_m: float, as_closed: bool
+) -> tuple[Rock, UnseenBase, int | None]:
+    """The rock, closed with a base, on the draw nearest to the draws' median, all draws for it, and which one that is.
+
+    as_closed: the rock stays as it was closed.
+    Returns None as number where it does, also because it is at rest on none of the draws.
+    """
+    numbers = _base_vertices(rock, base, interface, height_m)
+    places = [_moved(rock.vertices_m[numbers], drawn, gap.gap_m, interface) for gap in drawn.gaps]
+    nominal = None
+    likeliest = np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist()
+    for number in [] if as_closed else likeliest:
+        vertices = rock.vertices_m.copy()
+        vertices[numbers] = interface.scene(places[number])
+        standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")
+        ground = surface_of(interface)
+        body = GroundedBody.of(standing, ground, STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))
+        if body.stands(body.touching(body.pose)):
+            rock, nominal = standing, number
+            break
+    draws = [
+        BaseDraw(interface.support(interface.scene(place)), com_m - rock.com_m)
+        for place, com_m in zip(places, drawn.com_m, strict=True)
+    ]
+    return rock, UnseenBase(0.0, tuple(draws), vertices=numbers), nominal
+
+
+def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float) -> Indices:
+    """Numbers of the rock's vertices that lie in the hidden part of its base."""
+    over = interface.over(rock.vertices_m)
+    closed = between_nodes(
+        over[:, :2], interface.lattice_m, lambda nodes: np.asarray(base.grid.at(base.height_m, nodes))
+    )
+    hidden = base.hidden.ravel()[base.grid.index(over)]
+    return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < _ROUNDING * height_m))
+
+
+def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interface) -> Array:
+    """Vertices of the base as u, v and height over the plane, with the gap of a draw."""
+    flat, places = interface.flat(vertices_m), drawn.part.observed.places_m
+    gap = LinearNDInterpolator(places, gap_m)(flat[:, :2])
+    gap = np.where(np.isfinite(gap), gap, NearestNDInterpolator(places, gap_m)(flat[:, :2]))
+    touching = np.flatnonzero(gap_m <= 0.0)
+    gap[cKDTree(flat[:, :2]).query(places[touching])[1]] = 0.0
+    moved = np.column_stack([flat[:, :2], gap])
+    return moved + interface.rise(moved)
+
+
+@kept
+def surface_of(interface: Interface) -> Pedestal:
+    """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
+    sheet = interface.sheet
+    if sheet is None:
+        return Pedestal(interface.point_m, interface.normal)
+    reach = _AROUND_LATTICES * sheet.lattice_m
+    nodes = lattice(sheet, sheet.ring_m.min(axis=0) - reach, sheet.ring_m.max(axis=0) + reach)
+    flat = np.column_stack([nodes.reshape(-1, 2), sheet.at(nodes).ravel()])
+    return Pedestal(
+        interface.point_m, interface.normal, interface.scene(flat), grid_triangles(nodes.shape[:2])
+    )
+
+
+_FRICTION = 0.8
+"""With which the nominal rock must stand as scanned."""
+_SMOOTH_IS_LIKELY = 0.25
+"""Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
+_NEARLY_ALL = 0.75
+"""Share of the azimuths at which the nominal scene topples within the interval."""
+_FLAT_MARGIN = 0.1
+"""Share of the median by which a smooth closing may exceed the interval, but for the least azimuths, where no hint says
+otherwise: on known flat bases, to which it is true, the draws topple too easily by 5 to 12 %."""
+
+
+def _nominal_draw(
+    drawn: DrawnBases,
+    unseen: UnseenBase,
+    rock: Rock,
+    interface: Interface,
+    smooth_m_s2: Array,
+    smooth_fits: bool | None = None,
+    pulls: Pulls = (),
+) -> tuple[int | None, bool]:
+    """Draw on whose feet the scene stands, and whether the rock is at rest there; None for the smooth closing's feet.
+
+    The smooth closing is nearest to the truth of a flat base, whereas on one that bulges the rock stands too broadly:
+    it is taken where its toppling acceleration toward AZIMUTHS_DEG (`smooth_m_s2`) is one that the draws give too, the
+    least one included, and where it fits what was seen by inspection (`smooth_fits`; None where nothing was).
+    Otherwise the draw nearest to the draws' median is taken, of those on which the rock, with its own centre of mass,
+    topples within their interval; if there is none, the nearest one.
+    """
+    plane = Pedestal(interface.point_m, interface.normal)
+    rock = carried(rock, interface)
+
+    def at_rest(standing: Rock) -> bool:
+        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, _FRICTION, np.zeros(3))[0])
+
+    if _is_likely(drawn, smooth_m_s2, smooth_fits) and smooth_fits is not False and at_rest(rock):
+        return None, True
+    second: int | None = None
+    for number in np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist():
+        standing = unseen.on_feet_of(rock, plane, number)
+        if not at_rest(standing):
+            continue
+        if _within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
+            pulls, _borne_ratios(standing, interface, pulls)
+        ):
+            return number, True
+        second = number if second is None else second
+    return second, second is not None
+
+
+def _is_likely(drawn: DrawnBases, smooth_m_s2: Array, agrees: bool | None) -> bool:
+    """Whether a smooth closing's toppling acceleration is one that the draws give too, as inspection tells of it."""
+    near = bool(drawn.apart(smooth_m_s2) < _SMOOTH_IS_LIKELY)
+    return near and _within_interval(drawn, smooth_m_s2, _FLAT_MARGIN if agrees is None else 0.0)
+
+
+def _within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
+    """Whether toppling accelerations (azimuths,) lie within the draws' interval nearly everywhere.
+
+    At the azimuth at which least topples, of the draws and of what is asked, they must; elsewhere they may exceed it by
+    a margin, as share of the median.
+    """
+    low, median, high = drawn.interval_m_s2()
+    within = (low <= toppling_m_s2) & (toppling_m_s2 <= high)
+    nearly = (low <= toppling_m_s2) & (toppling_m_s2 <= high + margin * median)
+    least = [median.argmin(), toppling_m_s2.argmin()]
+    return bool(nearly.mean() >= _NEARLY_ALL and within[least].all())
+
+
+def _borne_ratios(rock: Rock, interface: Interface, pulls: Pulls) -> Array:
+    """Largest forces over the weight (pulls,) that a rock bears toward the azimuths of pulls."""
+    toward = np.array([(azimuth + 180.0) % 360.0 for azimuth, _ in pulls])
+    return toppling(rock, interface, toward) / STANDARD_GRAVITY_M_S2 if len(toward) else toward
+
+
+def _smooth_fits_inspection(
+    rock: Rock, base: Base, interface: Interface, inspection: Inspection, height_m: float
+) -> bool:
+    """Whether a smooth closing touches where rock and pedestal do, is open where light passes, and bears the pulls."""
+    touch_m, open_m = (
+        base.grid.at(base.height_m, interface.over(places)[:, :2])
+        for places in (inspection.touching_m, inspection.open_m)
+    )
+    least_m = 0.5 * LEAST_GAP_PER_HEIGHT * height_m
+    return bool(
+        (touch_m < least_m).all()
+        and (open_m >= least_m).all()
+        and fits(inspection.pulls, _borne_ratios(rock, interface, inspection.pulls))
+    )
 
 
 def base_unseen(
@@ -48,106 +209,54 @@ def base_unseen(
 ) -> tuple[Rock, UnseenBase, dict[str, Any]]:
     """Draw the base, and choose the draw on which the scene itself stands.
 
-    Parameters
-    ----------
-    observed, interface, closed
-        The rock as it was closed smoothly, whatever stands on it.
-    core : float
-        Of the feet of that closing.
-    com_std_m : list of float or None
-        Spread of the centre of mass over half samples, if they were drawn.
-    inspection, unaided : Inspection, optional list of dict
-        In the scene's frame; the intervals without it, if they are known.
-
-    Returns
-    -------
-    Rock, UnseenBase, dict
-        The rock as it was closed, over a surface with the base on which the scene stands; the draws; what they say.
-
-    Raises
-    ------
-    InputError
-        If the inspection's places are none of the base, a pull is none that a base bears, or what was seen leaves no
-        base on which the rock stands as it was scanned.
+    core: of the feet of the smooth closing.
+    com_std_m: spread of the centre of mass over half samples, if they were drawn.
+    inspection, unaided: in the scene's frame, and the intervals without it, if they are known.
+    Returns the rock as it was closed, over a surface with the base on which the scene stands; the draws; what they say.
+    Raises InputError if the inspection's places are none of the base, no base bears a pull, or what was seen
+    leaves no base on which the rock stands as it was scanned.
     """
     smooth = hidden_base(observed.near(interface), core, observed.hint, interface=interface)
     least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
-    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
-    report |= intervals(drawn, interface)
-    report["toppling"] = _or_hooked(report["toppling"], hooked_m_s2(closed.rock, interface, AZIMUTHS_DEG))
-    if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
-        report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
-    parts = (drawn, observed, interface, closed.rock, smooth, central, inspection)
-    if interface.sheet is not None:
-        rock, unseen, nominal = _over_surface(*parts)
-        return rock, unseen, report | nominal
-    unseen, at_rest = _over_plane(*parts)
-    return closed.rock, unseen, report | {"nominal_draw": unseen.nominal, "nominal_at_rest": at_rest}
-
-
-def _or_hooked(rows: list[dict[str, float]], hooked_m_s2: Array) -> list[dict[str, float]]:
-    """Intervals that reach to what a rock bears that hooks the cliff which a part of it hangs over."""
-    most = hooked_m_s2 * (1.0 + 1.645 * OTHER_ERRORS_SHARE)
-    return [
-        {**row, "high_m_s2": max(row["high_m_s2"], float(high))} for row, high in zip(rows, most, strict=True)
-    ]
-
-
-def _over_surface(
-    drawn: DrawnBases,
-    observed: ObservedRock,
-    interface: Interface,
-    rock: Rock,
-    smooth: Base,
-    central_m_s2: Array,
-    inspection: Inspection,
-) -> tuple[Rock, UnseenBase, dict[str, Any]]:
-    """The rock on the base on which the scene stands, the bases over the surface, and what the report says of them.
-
-    Over the plane as a surface it may stand as it was closed.
-    """
-    says_nothing = inspection.says_nothing
-    as_closed = interface.is_plane and (
-        (observed.hint is not None and observed.hint.encloses and says_nothing)
-        or smooth_is_likely(drawn, central_m_s2, FLAT_MARGIN if says_nothing else 0.0)
+    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()} | intervals(
+        drawn, interface
     )
-    if as_closed and not says_nothing:
-        as_closed = smooth_fits_inspection(rock, smooth, interface, drawn.part.inspection, observed.height_m)
-    parts = (drawn, rock, smooth, interface, observed.height_m)
-    rock, unseen, number = bases_on_surface(*parts, as_closed=as_closed)
-    nominal = central_m_s2 if as_closed else None if number is None else drawn.toppling_m_s2[number]
+    hooked = hooked_m_s2(closed.rock, interface, AZIMUTHS_DEG) * (1.0 + 1.645 * OTHER_ERRORS_SHARE)
+    for row, most in zip(report["toppling"], hooked.tolist(), strict=True):
+        row["high_m_s2"] = max(row["high_m_s2"], most)
+    outlined = observed.hint is not None and observed.hint.encloses
+    if outlined or not inspection.says_nothing:
+        report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
+    rock, outlined, agrees = closed.rock, outlined and inspection.says_nothing, None
+    if not inspection.says_nothing:
+        known = drawn.part.inspection
+        agrees = _smooth_fits_inspection(rock, smooth, interface, known, observed.height_m)
+    if interface.sheet is None:
+        unseen = unseen_base(drawn, rock, interface, observed.height_m)
+        number, at_rest = None, True  # as the user says where it rests: flat, within the outline
+        if not outlined:
+            number, at_rest = _nominal_draw(drawn, unseen, rock, interface, central, agrees, inspection.pulls)
+        unseen = dataclasses.replace(unseen, nominal=number)
+        return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": at_rest}
+    # Over the plane as a surface it may stand as it was closed.
+    as_closed = (
+        interface.is_plane and agrees is not False and (outlined or _is_likely(drawn, central, agrees))
+    )
+    rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_closed)
+    nominal = central if as_closed else None if number is None else drawn.toppling_m_s2[number]
     return (
         rock,
         unseen,
-        {
+        report
+        | {
             "nominal_draw": number,
             "nominal_at_rest": nominal is not None,
             "nominal_m_s2": None if nominal is None else nominal.tolist(),
         },
     )
-
-
-def _over_plane(
-    drawn: DrawnBases,
-    observed: ObservedRock,
-    interface: Interface,
-    rock: Rock,
-    smooth: Base,
-    central_m_s2: Array,
-    inspection: Inspection,
-) -> tuple[UnseenBase, bool]:
-    """Bases over the interface plane with the one on which the scene stands, and whether it is at rest there."""
-    unseen = unseen_base(drawn, rock, interface, observed.height_m)
-    number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-    if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:
-        agrees = None
-        if not inspection.says_nothing:
-            agrees = smooth_fits_inspection(rock, smooth, interface, drawn.part.inspection, observed.height_m)
-        number, at_rest = nominal_draw(drawn, unseen, rock, interface, central_m_s2, agrees, inspection.pulls)
-    return dataclasses.replace(unseen, nominal=number), at_rest
 
 
 def _unaided(

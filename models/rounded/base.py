@@ -1,20 +1,181 @@
-"""What is stated of a rounded base: by how much finer patches or triangles change what topples it."""
+"""A rounded base: where a rock that rolls on it rests and what topples it slowly, and what is stated of it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from toppling.models.arrays import Array
-from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector, plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.rounded.patches import Patches, patches_of, patches_of_mesh, smooth_mesh_of
-from toppling.models.rounded.rolling_body import RollingBody
 from toppling.models.rounded.smooth_mesh import SmoothMesh
 from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.support import TOPPLED_FALL, TOPPLED_TILT_DEG
+
+_TILTS = 21
+"""At which an equilibrium is looked for, and again between the neighbours of the one that stands most."""
+
+_ZOOMS = 3
+
+_ASIDE_DEG = (1.0, 3.0, 8.0, 20.0)
+"""By which a rock that tips may have to roll aside, until its centre of mass is over its contact."""
+
+_HALVINGS = 6
+
+_ROLLS, _ROLL_STEP_DEG = 30, 2.0
+"""Of a rock that is let down."""
+
+_NUDGE_RAD, _SMALL_RAD, _LARGEST_STEP_RAD = 1e-3, 1e-6, 0.05
+
+_BALANCED = 1e-9
+"""Sine of the angle to the plumb line of the way to the contact of a rock that rests."""
+
+
+class RollingBody:
+    """A rock on a plane that it touches with patches and points.
+
+    com_m: (3,).
+    normal: (3,), of the plane, upward.
+    """
+
+    def __init__(self, patches: Patches, com_m: Array, normal: Array, gravity_m_s2: float) -> None:
+        self._patches, self._com_m, self._normal, self._gravity_m_s2 = patches, com_m, normal, gravity_m_s2
+
+    def arms_m(self, turns: Rotation) -> Array:
+        """From the centre of mass to the contact (n, 3), scene axes, of the rock turned from its pose."""
+        down = np.atleast_2d(turns.inv().apply(-self._normal))
+        return np.atleast_2d(turns.apply(self._patches.farthest_m(down) - self._com_m))
+
+    def resting_turn(self) -> Rotation | None:
+        """The turn that lets the rock down to where it rests, without gathering speed; None if it falls."""
+        # Turned a little, for one that would fall may be balanced.
+        turn = Rotation.from_rotvec(_NUDGE_RAD * np.cross(self._normal, [1.0, 0.0, 0.0]))
+        for _ in range(_ROLLS):
+            arm = self.arms_m(turn)[0]
+            axis = self._moment(arm)
+            size = float(np.linalg.norm(axis))
+            if size <= _BALANCED * float(np.linalg.norm(arm)):
+                return turn
+            near = self._newton(turn, axis)
+            if np.linalg.norm(self._moment(self.arms_m(near)[0])) < 0.5 * size:
+                turn = near
+                continue
+            rolled = self._rolled(turn, axis / size)
+            if rolled is None:
+                return None
+            turn = rolled
+        return turn
+
+    def _newton(self, turn: Rotation, moment: Array) -> Rotation:
+        """The rock rolled to where its weight has no moment, were that linear; only where it is stable."""
+        axes = np.column_stack(plane_axes(self._normal))
+        moments = [
+            self._moment(self.arms_m(Rotation.from_rotvec(_SMALL_RAD * axis) * turn)[0]) for axis in axes.T
+        ]
+        slope = ((np.array(moments) - moment) @ axes).T / _SMALL_RAD
+        if not (slope[0, 0] < 0.0 and slope[1, 1] < 0.0 and np.linalg.det(slope) > 0.0):
+            return turn
+        step = -np.linalg.solve(slope, moment @ axes)
+        return (
+            Rotation.from_rotvec(axes @ (step * min(1.0, _LARGEST_STEP_RAD / float(np.linalg.norm(step)))))
+            * turn
+        )
+
+    def _moment(self, arm_m: Array) -> Array:
+        """Moment of gravity about a contact over the weight, in the plane: about it the rock rolls."""
+        moment = np.cross(np.array([0.0, 0.0, -1.0]), arm_m)
+        return moment - (moment @ self._normal) * self._normal
+
+    def _rolled(self, turn: Rotation, axis: Array) -> Rotation | None:
+        """The rock rolled about an axis until its weight rolls it no farther."""
+        low, high = 0.0, np.radians(_ROLL_STEP_DEG)
+
+        def goes_on(angle_rad: float) -> bool:
+            return bool(
+                self._moment(self.arms_m(Rotation.from_rotvec(angle_rad * axis) * turn)[0]) @ axis > 0.0
+            )
+
+        while goes_on(high):
+            low, high = high, high + np.radians(_ROLL_STEP_DEG)
+            if high > np.radians(TOPPLED_TILT_DEG):
+                return None
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if goes_on(middle) else (low, middle)
+        return Rotation.from_rotvec(0.5 * (low + high) * axis) * turn
+
+    def toppling_m_s2(self, azimuths_deg: ArrayLike) -> Array:
+        """Largest constant ground acceleration (n,) with an equilibrium, by azimuth; 0 where gravity topples alone."""
+        azimuths_deg = np.asarray(azimuths_deg, float)
+        rest = self.resting_turn()
+        if rest is None:
+            return np.zeros(len(azimuths_deg))
+        low, high = np.full(len(azimuths_deg), 1e-7), np.full(len(azimuths_deg), np.radians(TOPPLED_TILT_DEG))
+        best = np.zeros(len(azimuths_deg))
+        height_m = -float(self.arms_m(rest)[0] @ self._normal)
+        for _ in range(_ZOOMS):
+            tilts = np.linspace(low, high, _TILTS, axis=1)
+            held = self._held_m_s2(rest, np.repeat(azimuths_deg, _TILTS), tilts.ravel(), height_m)
+            held = held.reshape(-1, _TILTS)
+            at, rows = held.argmax(axis=1), np.arange(len(held))
+            best = np.maximum(best, held[rows, at])
+            low, high = tilts[rows, np.maximum(at - 1, 0)], tilts[rows, np.minimum(at + 1, _TILTS - 1)]
+        return best
+
+    def _held_m_s2(self, rest: Rotation, azimuths_deg: Array, tilts_rad: Array, height_m: float) -> Array:
+        """Acceleration (n,) at which a rock tilted away from it is in equilibrium; minus infinity where none is."""
+        away = -horizontal_unit_vector(azimuths_deg)
+        across = np.cross([0.0, 0.0, 1.0], away)
+
+        def arms(rows: Indices, aside_rad: Array) -> Array:
+            way = tilts_rad[rows, None] * away[rows] + aside_rad[:, None] * across[rows]
+            return self.arms_m(Rotation.from_rotvec(np.cross(self._normal, way)) * rest)
+
+        arm, found = _balanced_aside(arms, across)
+        down = -arm[:, 2]
+        stands = found & (down > 0.0) & (-arm @ self._normal >= (1.0 - TOPPLED_FALL) * height_m)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(stands, self._gravity_m_s2 * (arm * away).sum(axis=1) / down, -np.inf)
+
+
+def _balanced_aside(arms: Callable[[Indices, Array], Array], across: Array) -> tuple[Array, Flags]:
+    """Arms (n, 3) without a part across, of bodies that roll aside by an angle; and which have one.
+
+    across: (n, 3).
+    """
+    count = len(across)
+    rows = np.arange(count)
+    near, far = np.zeros(count), np.zeros(count)
+    at_near = arms(rows, near)
+    miss = (at_near * across).sum(axis=1)
+    at_far, found = at_near.copy(), np.abs(miss) <= _BALANCED * np.linalg.norm(at_near, axis=1)
+    left = rows[~found]
+    for aside_deg in _ASIDE_DEG:
+        far[left] = -np.sign(miss[left]) * np.radians(aside_deg)
+        at_far[left] = arms(left, far[left])
+        crosses = (at_far[left] * across[left]).sum(axis=1) * miss[left] <= 0.0
+        found[left[crosses]] = True
+        stays = left[~crosses]
+        near[stays], at_near[stays] = far[stays], at_far[stays]
+        left = stays
+    open_rows = rows[found & (near != far)]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (near[open_rows] + far[open_rows])
+        there = arms(open_rows, middle)
+        same = (there * across[open_rows]).sum(axis=1) * miss[open_rows] > 0.0
+        near[open_rows[same]], at_near[open_rows[same]] = middle[same], there[same]
+        far[open_rows[~same]], at_far[open_rows[~same]] = middle[~same], there[~same]
+    one, other = ((each * across).sum(axis=1) for each in (at_near, at_far))
+    share = np.where(one != other, one / np.where(one != other, one - other, 1.0), 0.0)[:, None]
+    return (1.0 - share) * at_near + share * at_far, found
+
 
 _CHANGE_SHARE = 0.02
 """By which one refinement may change the least toppling acceleration of any azimuth."""

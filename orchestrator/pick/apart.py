@@ -24,7 +24,7 @@ from toppling.models.scan.survey import work_out
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.interrupt import kept_from_children
-from toppling.orchestrator.pick.shown import View, view_of
+from toppling.orchestrator.pick.page import View, view_of
 from toppling.orchestrator.safe_path import without_working_folder
 
 

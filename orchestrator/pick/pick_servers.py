@@ -14,9 +14,9 @@ from toppling.models.scan.read import read_clouds
 from toppling.models.scan.survey import Survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
+from toppling.orchestrator.pick.page import UserHints
 from toppling.orchestrator.pick.picking import Answer, Picking, Placed
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.pick.user_hints import UserHints
 from toppling.orchestrator.public.making import Scanned, written
 from toppling.orchestrator.public.scan_again import written_again
 from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud

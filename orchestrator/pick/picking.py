@@ -24,8 +24,7 @@ from toppling.models.scan.view import picked
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick.apart import Apart, EndedError
-from toppling.orchestrator.pick.shown import answer_shown, detail, tops, view_of
-from toppling.orchestrator.pick.user_hints import UserHints
+from toppling.orchestrator.pick.page import UserHints, answer_shown, detail, tops, view_of
 
 _Read = Callable[[UserHints], "Placed"]
 _Write = Callable[[Survey, UserHints], None]

@@ -12,8 +12,8 @@ import numpy as np
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
+from toppling.orchestrator.pick.page import UserHints
 from toppling.orchestrator.pick.picking import Picking
-from toppling.orchestrator.pick.user_hints import UserHints
 
 _LARGEST_BODY = 1 << 18
 """Bytes; hints of a thousand places take a fifth."""

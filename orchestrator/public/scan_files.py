@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from toppling.models.scan.placement import Placement
     from toppling.models.scan.read import Cloud
     from toppling.models.scan.reference import Reference
-    from toppling.models.scan.separated_meshes import SeparatedMeshes
+    from toppling.models.scan.survey import SeparatedMeshes
 
 
 def check_hints(hints: Mapping[str, object]) -> None:
@@ -56,7 +56,7 @@ def brought_apart(files: Sequence[Path], hints: CloudHints, cloud: "Cloud") -> "
     cloud: of the files, as :func:`placed_cloud` read them.
     """
     from toppling.models.scan.parts import files_with, parts_of
-    from toppling.models.scan.separated_meshes import SeparatedMeshes
+    from toppling.models.scan.survey import SeparatedMeshes
 
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)

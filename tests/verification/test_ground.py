@@ -18,7 +18,7 @@ from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.ground.kind import GroundKind
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
-from toppling.models.scan.separated_meshes import SeparatedMeshes
+from toppling.models.scan.survey import SeparatedMeshes
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2

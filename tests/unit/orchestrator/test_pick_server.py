@@ -7,9 +7,8 @@ import threading
 
 import pytest
 
+from toppling.orchestrator.pick.page import UserHints, View
 from toppling.orchestrator.pick.server import _FILES, _LARGEST_BODY, PickServer
-from toppling.orchestrator.pick.shown import View
-from toppling.orchestrator.pick.user_hints import UserHints
 
 POLL_S = 0.01
 """How soon the server sees that it is to end."""

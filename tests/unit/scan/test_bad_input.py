@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud, read_clouds
@@ -21,16 +21,14 @@ SEED = 1
 
 def scanned(rock, downhill_deg, spacing):
     """Coarse scan of a rock on a slope: points of each station and their true labels."""
-    truth = virtual.on_slope(
-        rock, virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80), 6.0, downhill_deg
-    )
+    truth = virtual.on_slope(rock, virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80), 6.0, downhill_deg)
     seen = virtual.scan_around(truth, SEED, stations=4, resolution_per_height=spacing, clutter=False)
     return [station.points_m for station in seen], [station.label for station in seen]
 
 
 @pytest.fixture(scope="module")
 def stump():
-    return scanned(virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48), 250.0, 0.025)
+    return scanned(virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48), 250.0, 0.025)
 
 
 def write(path, survey_points):
@@ -88,22 +86,20 @@ def foot_hidden(stump):
 
 def leaning(_):
     """A boulder whose belly hangs 0.9 m beside a base of 0.5 m."""
-    rock = virtual_shapes.boulder(2.0, 1.0, 0.5, 3, bumps=0.02, sides=48, lean_m=(0.9, 0.0))
+    rock = virtual.boulder(2.0, 1.0, 0.5, 3, bumps=0.02, sides=48, lean_m=(0.9, 0.0))
     return [np.concatenate(scanned(rock, 0.0, 0.02)[0])]
 
 
 def lip(_):
     """A boulder whose side hangs 0.3 m below its base, over the edge of a cliff whose face nobody saw."""
-    body = virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48)
-    side, faces = virtual_shapes.lathe(
-        np.full((30, 4), 0.35), np.linspace(-0.3, 0.9, 30), np.zeros((30, 2)), 4
-    )
+    body = virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48)
+    side, faces = virtual.lathe(np.full((30, 4), 0.35), np.linspace(-0.3, 0.9, 30), np.zeros((30, 2)), 4)
     parts = [
         manifold3d.Manifold(manifold3d.Mesh64(v, f.astype(np.uint64)))
         for v, f in (body, (side + np.array([0.9, 0.0, 0.0]), faces))
     ]
     rock = (parts[0] + parts[1]).to_mesh64()
-    cliff = virtual_shapes.ground(5.0, 0.52, 3, cliff_m=0.53, drop_m=3.0, bumps_m=0.05, cells=80)
+    cliff = virtual.ground(5.0, 0.52, 3, cliff_m=0.53, drop_m=3.0, bumps_m=0.05, cells=80)
     truth = virtual.on_slope(
         (np.array(rock.vert_properties), np.array(rock.tri_verts, np.int64)), cliff, 0.0, 0.0
     )

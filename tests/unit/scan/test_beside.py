@@ -8,7 +8,7 @@ import pytest
 from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.beside import (
     CELL_PER_HEIGHT,
     TILTS_DEG,
@@ -146,7 +146,7 @@ def test_the_rocks_own_foot_is_nothing_that_stands_beside_it():
 def beside_a_wall(gap_m):
     """A block beside a rock face, and the same as a scene of the true meshes."""
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HEIGHT_M / 2).moved(np.eye(3), (0.0, 0.0, HEIGHT_M / 2))
-    ground = virtual_shapes.ground(4.0, 1.0, 3, bumps_m=0.05)
+    ground = virtual.ground(4.0, 1.0, 3, bumps_m=0.05)
     thick = box(0.5, 1.5, WALL_M / 2 + 0.1)  # no station stands in it
     wall = thick.moved(np.eye(3), (HALF_WIDTH_M + gap_m + 0.5, 0.0, WALL_M / 2 - 0.1))
     truth = virtual.Truth(

@@ -12,7 +12,7 @@ from toppling.models.ground.equilibrium import farthest_load, wrenches
 from toppling.models.hidden_base.statics import on_surface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
@@ -50,7 +50,7 @@ def laid_on(rock, height_at):
 
 
 def truth_on(height_at, seed=3):
-    rock = laid_on(virtual_shapes.boulder(HEIGHT_M, 1.0, BASE_M, seed, bumps=0.02), height_at)
+    rock = laid_on(virtual.boulder(HEIGHT_M, 1.0, BASE_M, seed, bumps=0.02), height_at)
     ground = ground_of(height_at, 2.5 * HEIGHT_M)
     return virtual.Truth(
         Rock.from_triangles(*rock), Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground)

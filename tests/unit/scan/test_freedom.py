@@ -10,7 +10,7 @@ import pytest
 
 from toppling.models import shapes
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.candidates import Candidate
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.foot import check_not_sunk, creased_share, embedded
@@ -339,9 +339,9 @@ def test_a_dome_is_refused_unless_the_user_says_where_it_ends(centre_m, given, r
 
 def scanned(sunk_m, flat_m):
     """A boulder of 2.5 m, widest at 1 m, that lies free or is sunk, as the virtual scanner sees it."""
-    vertices, faces = virtual_shapes.boulder(2.5, 3.0, 2.0, 5, bumps=0.03, sides=64)
+    vertices, faces = virtual.boulder(2.5, 3.0, 2.0, 5, bumps=0.03, sides=64)
     rock = (vertices - np.array([0.0, 0.0, sunk_m]), faces)
-    truth = virtual.on_slope(rock, virtual_shapes.ground(5.0, flat_m, 3, bumps_m=0.03), 4.0, 120.0)
+    truth = virtual.on_slope(rock, virtual.ground(5.0, flat_m, 3, bumps_m=0.03), 4.0, 120.0)
     seen = virtual.scan_around(truth, seed=1, stations=6, resolution_per_height=0.015)
     return virtual.cloud_of(seen, virtual.DEMO_ORIGIN_M)[0]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from toppling.models.relief import contact_feet_m
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.candidates import surfels_of
 from toppling.models.scan.hanging import hanging
 from toppling.models.scan.interface import Interface, up_to_edge
@@ -71,7 +71,7 @@ def area_m2(vertices, faces):
 
 
 def test_a_mesh_cut_at_an_edge_is_parted_without_loss():
-    surface, faces = virtual_shapes.ground(2.0, 0.5, 3, bumps_m=0.2, cells=30)
+    surface, faces = virtual.ground(2.0, 0.5, 3, bumps_m=0.2, cells=30)
     outside = surface @ np.array([0.8, 0.6, 0.0]) - 0.37
     parts = [up_to_edge(surface, faces, sign * outside) for sign in (1.0, -1.0)]
     assert sum(area_m2(*part) for part in parts) == pytest.approx(area_m2(surface, faces), rel=1e-12)
@@ -84,7 +84,7 @@ def over_an_edge(body, edge_m, drop_m):
     beside = manifold3d.Manifold.cube([5.0, 10.0, 5.0]).translate([edge_m + 0.02 - 5.0, -5.0, -5.0])
     mesh = (body - beside).to_mesh64()
     rock = np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, np.int64)
-    ground = virtual_shapes.ground(5.0, 0.6, 4, cliff_m=edge_m, drop_m=drop_m, bumps_m=0.05, cells=120)
+    ground = virtual.ground(5.0, 0.6, 4, cliff_m=edge_m, drop_m=drop_m, bumps_m=0.05, cells=120)
     return virtual.on_slope(rock, ground, 0.0, 0.0), edge_m
 
 
@@ -94,14 +94,14 @@ def solid(mesh):
 
 def toe():
     """A boulder of 2.3 m whose foot hangs 0.3 m below its seat."""
-    body = solid(virtual_shapes.boulder(2.3, 1.5, 1.2, 4, bumps=0.02))
+    body = solid(virtual.boulder(2.3, 1.5, 1.2, 4, bumps=0.02))
     return over_an_edge(body.translate([0.15, 0.0, -0.3]), 0.38, 3.0)
 
 
 def belly():
     """An ellipsoid whose flank hangs 0.14 m below its seat."""
     rise = np.linspace(-0.5 * np.pi + 0.02, 0.5 * np.pi - 0.02, 65)
-    vertices, faces = virtual_shapes.lathe(
+    vertices, faces = virtual.lathe(
         np.repeat(np.cos(rise)[:, None], 64, axis=1), np.sin(rise), np.zeros((65, 2)), 64
     )
     return over_an_edge(solid((vertices * [0.95, 0.75, 0.9], faces)).translate([0.25, 0.0, 0.75]), 0.35, 2.5)

@@ -15,9 +15,13 @@ from toppling.models.hidden_base.evidence import check_joint, check_spanned, fit
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
 from toppling.models.hidden_base.gap import GapDraw, _way_out
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.nominal import _within_interval, nominal_draw, smooth_fits_inspection
 from toppling.models.hidden_base.observed import reliefs
-from toppling.models.hidden_base.standing import check_inspection
+from toppling.models.hidden_base.standing import (
+    _nominal_draw,
+    _smooth_fits_inspection,
+    _within_interval,
+    check_inspection,
+)
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
@@ -132,13 +136,13 @@ def on_bases(halves):
 
 def test_a_smooth_closing_within_the_interval_is_the_nominal_scene():
     base, drawn = on_bases([0.27, 0.29, 0.31])
-    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
+    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
 
 
 def test_a_smooth_closing_outside_of_the_interval_is_not_the_nominal_scene():
     """By a sixth, which the mean over azimuths alone let pass."""
     base, drawn = on_bases([0.24, 0.25, 0.26])
-    number, at_rest = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
+    number, at_rest = _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
     assert (number, at_rest) == (1, True)
 
 
@@ -157,13 +161,13 @@ def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nomin
     lower[:, SMOOTH / SMOOTH.min() > 1.05] *= 0.93
     drawn = dataclasses.replace(drawn, toppling_m_s2=lower)
     assert not _within_interval(drawn, SMOOTH)
-    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
-    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
+    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
+    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
 
 
 def test_a_smooth_closing_that_contradicts_the_inspection_is_not_the_nominal_scene():
     base, drawn = on_bases([0.27, 0.29, 0.31])
-    number, _ = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
+    number, _ = _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
     assert number is not None
 
 
@@ -174,7 +178,7 @@ def test_a_smooth_closing_fits_what_was_seen_where_it_touches_is_open_and_bears_
     ratio = float(toppling(rock, LEVEL, np.array([0.0]))[0]) / 9.80665
 
     def fitting(**known):
-        return smooth_fits_inspection(rock, base, LEVEL, Inspection(**known), HEIGHT_M)
+        return _smooth_fits_inspection(rock, base, LEVEL, Inspection(**known), HEIGHT_M)
 
     assert fitting()
     assert fitting(touching_m=middle)

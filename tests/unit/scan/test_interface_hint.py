@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import register
@@ -23,8 +23,8 @@ SLOPE_DEG, DOWNHILL_DEG = 6.0, 250.0
 @pytest.fixture(scope="module")
 def stump():
     truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1),
+        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
+        virtual.ground(5.0, 0.7, 3, bumps_m=0.1),
         SLOPE_DEG,
         DOWNHILL_DEG,
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.half_samples import _adds_nothing, _cap_share, bias_floors, invention_warning
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
@@ -77,8 +77,8 @@ def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatc
 def one_sided():
     """A leaning rock seen by three of six stations around it: truth, and what the survey made of it."""
     truth = virtual.on_slope(
-        virtual_shapes.boulder(2.5, 1.4, 0.9, 7, bumps=0.04, sides=64, lean_m=(0.15, 0.1)),
-        virtual_shapes.ground(6.0, 0.7, 7, bumps_m=0.1, cells=80),
+        virtual.boulder(2.5, 1.4, 0.9, 7, bumps=0.04, sides=64, lean_m=(0.15, 0.1)),
+        virtual.ground(6.0, 0.7, 7, bumps_m=0.1, cells=80),
         8.0,
         120.0,
     )

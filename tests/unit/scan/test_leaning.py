@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.leaning import leaning, leans, upright_split
 from toppling.models.scan.one_block import _weakest_joint
 from toppling.models.scan.segment import PEDESTAL, segment
@@ -139,8 +139,8 @@ def test_uneven_ground_about_a_pillar_that_grows_out_of_it_is_no_cliff():
     foot = 0.24 * (1.0 - np.sqrt(1.0 - np.clip(1.0 - rise / 0.24, 0.0, 1.0) ** 2))
     crown = np.sqrt(np.clip(1.0 - np.clip((rise - 1.6) / 0.401, 0.0, None) ** 2, 0.0, 1.0))
     radius = np.repeat(((0.5 + foot) * crown)[:, None], 64, axis=1)
-    pillar = virtual_shapes.lathe(radius, rise, np.zeros((60, 2)), 64)
-    truth = virtual.on_slope(pillar, virtual_shapes.ground(5.0, 0.8, 3, bumps_m=0.1), 4.0, 250.0)
+    pillar = virtual.lathe(radius, rise, np.zeros((60, 2)), 64)
+    truth = virtual.on_slope(pillar, virtual.ground(5.0, 0.8, 3, bumps_m=0.1), 4.0, 250.0)
     stations = virtual.scan_around(truth, 1, stations=4, resolution_per_height=0.015)
     with pytest.raises(InputError, match="nothing in the cloud stands on anything") as found:
         segment(np.vstack([station.points_m for station in stations]), np.zeros(3))
@@ -167,13 +167,13 @@ def scanned_m(lean_deg, holder, gap_m=0.0):
         wall = box(0.5, 2.0, 0.8).moved(np.eye(3), (at_m + 0.5, 0.0, 0.7))
         other = wall.vertices_m, wall.faces
     else:
-        vertices, faces = virtual_shapes.boulder(1.0, 1.2, 0.96, 7, bumps=0.03, sides=64)
+        vertices, faces = virtual.boulder(1.0, 1.2, 0.96, 7, bumps=0.03, sides=64)
         out = turn.apply([1.0, 0.0, 0.0])
         beside = np.abs(vertices[:, 1]) < HALF_WIDTH_M
         other = vertices - [(vertices[beside] @ out).min() / out[0] - gap_m, 0.0, 0.0], faces
     truth = virtual.Truth(
         Rock.from_triangles(rock.vertices_m, rock.faces),
-        Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *virtual_shapes.ground(4.0, 2.0, 3, bumps_m=0.05)),
+        Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *virtual.ground(4.0, 2.0, 3, bumps_m=0.05)),
         (virtual.Body(*other, PEDESTAL),),
     )
     seen = virtual.scan_around(truth, 1, resolution_per_height=0.014, clutter=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.segment import PEDESTAL, ROCK, segment
 
 SEEDS = {1: "squat, on a shelf", 9: "squat, deep crevice, at a cliff"}
@@ -52,8 +52,8 @@ def test_a_cloud_without_a_peak_is_refused_with_its_own_numbers():
 
 @pytest.mark.thorough
 def test_a_rock_that_is_small_in_its_cloud_is_found_where_the_user_points():
-    rock = virtual_shapes.boulder(1.0, 0.8, 0.6, 3, bumps=0.02, sides=64)
-    truth = virtual.on_slope(rock, virtual_shapes.ground(3.0, 0.4, 3, bumps_m=0.03), 3.0, 40.0)
+    rock = virtual.boulder(1.0, 0.8, 0.6, 3, bumps=0.02, sides=64)
+    truth = virtual.on_slope(rock, virtual.ground(3.0, 0.4, 3, bumps_m=0.03), 3.0, 40.0)
     cloud, label = virtual.cloud_of(
         virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02), virtual.DEMO_ORIGIN_M
     )

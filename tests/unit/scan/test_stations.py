@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import _check_fit, register
@@ -19,8 +19,8 @@ from toppling.results.drawing.scene_figures import numbers_of
 @pytest.fixture(scope="module")
 def cloud():
     truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
+        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
+        virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
         6.0,
         250.0,
     )

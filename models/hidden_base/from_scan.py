@@ -65,8 +65,7 @@ class DrawnBases:
     part: HiddenPart
     gaps: list[GapDraw]
     com_m: Array  # (n, 3): centre of mass with each, scene frame
-    # (n, azimuths): quasi-static toppling acceleration with each, for ground accelerations toward
-    # AZIMUTHS_DEG.
+    # (n, azimuths): quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
     toppling_m_s2: Array
     # (3,): standard deviation of the centre of mass before anything was measured on the base.
     com_std_m: Array

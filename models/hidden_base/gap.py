@@ -50,8 +50,7 @@ class Relief:
     # The same of its roughness.
     rough_m: float
     rough_length_m: float
-    # Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a
-    # whole.
+    # Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a whole.
     curvature_per_m: float = 0.0
     # Standard deviation of what a base rises from its middle to its outline, as each of these powers of the
     # way there: a base that is round within its own outline, however long that is.
@@ -89,8 +88,7 @@ class BaseObservation:
     group: Indices  # (m,)
     floor_m: Array  # (n,): least gap; above 0 where rock and pedestal cannot touch
     touching: Indices  # (k,): places where they are known to touch
-    # (draws, n): how far each place lies beyond the rim of the draws on each line of the weight, where nobody
-    # saw it.
+    # (draws, n): how far each place lies beyond the rim of the draws on each line of the weight, where nobody saw it.
     beyond_m: Array | None = None
 
     def on_base(self, number: int) -> Flags:
@@ -107,8 +105,7 @@ class GapDraw:
     """One field of gaps on which the rock stands."""
 
     gap_m: Array  # (n,)
-    # Logarithm of its weight among those of its kind: the likelihood of what was seen, and its misfit with
-    # standing.
+    # Logarithm of its weight among those of its kind: the likelihood of what was seen, and its misfit with standing.
     log_weight: float
     number: int  # which line of the weight it has
     kind: str = "rough"

@@ -58,7 +58,7 @@ class SmoothMesh:
         mesh = cls(rock.vertices_m, faces, none, none)
         normals, areas = mesh.normals
         _, sides = mesh.edges
-        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        angle = mesh.angle_deg
         patch = _flat_parts(sides[angle < _COPLANAR_DEG], normals)
         size, area = np.bincount(patch), np.bincount(patch, areas)
         smooth = (angle >= _COPLANAR_DEG) & (angle < _CREASE_DEG)
@@ -108,8 +108,9 @@ class SmoothMesh:
         """
         _, sides = self.edges
         normals, areas = self.normals
-        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
-        part = joined_parts(sides[(angle < _CREASE_DEG) & self.rounded[sides].all(axis=1)], len(self.faces))
+        part = joined_parts(
+            sides[(self.angle_deg < _CREASE_DEG) & self.rounded[sides].all(axis=1)], len(self.faces)
+        )
         spread = np.zeros((part.max() + 1, 3, 3))
         np.add.at(spread, part, areas[:, None, None] * normals[:, :, None] * normals[:, None, :])
         least, middle, _ = np.linalg.eigvalsh(spread).T
@@ -131,31 +132,34 @@ class SmoothMesh:
         return half[order[::2]], (order // 3).reshape(-1, 2)
 
     @property
+    def angle_deg(self) -> Array:
+        """Angles (e,) between the two faces beside each edge."""
+        normals, _ = self.normals
+        _, sides = self.edges
+        return _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+
+    @property
     def inner(self) -> Flags:
         """Vertices at which all faces are rounded ones that go over into each other: points of the smooth surface."""
         count, corners = len(self.vertices_m), self.faces[self.rounded]
-        ends, sides = self.edges
-        normals, _ = self.normals
+        ends, _ = self.edges
         inner: Flags = np.bincount(corners.ravel(), minlength=count) == np.bincount(
             self.faces.ravel(), minlength=count
         )
-        inner[ends[_angle_deg(normals[sides[:, 0]], normals[sides[:, 1]]) >= _CREASE_DEG].ravel()] = False
+        inner[ends[self.angle_deg >= _CREASE_DEG].ravel()] = False
         return inner
 
     @property
     def largest_turn_deg(self) -> float:
         """Largest angle between two faces of a rounded part that go over into each other."""
-        normals, _ = self.normals
         _, sides = self.edges
-        sides = sides[self.rounded[sides].all(axis=1)]
-        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        angle = self.angle_deg[self.rounded[sides].all(axis=1)]
         return float(angle[angle < _CREASE_DEG].max(initial=0.0))
 
     def middles(self) -> tuple[Array, Flags, Flags]:
         """Middles (e, 3) of all edges on the surface, which of them are cut by halving, and which are creases."""
         ends, sides = self.edges
-        normals, _ = self.normals
-        angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
+        angle = self.angle_deg
         cut: Flags = self.rounded[sides[:, 0]] | self.rounded[sides[:, 1]]
         crease = angle >= _CREASE_DEG
         middle = 0.5 * self.vertices_m[ends].sum(axis=1)

@@ -214,25 +214,11 @@ def _edges(nodes: Array, surface: Array, lost: Flags) -> list[Array]:
         surface, ((line - nodes[0, 0]) / cell).T, order=1, mode="nearest"
     )
     edges = []
-    for line in map(np.asarray, lines):
-        if len(line) < 5:
-            continue
-        straight = _straightened(line, 0.6 * cell)
-        edges.append(
-            np.column_stack([_left_kept(straight, smooth, nodes[0, 0], cell), np.zeros(len(straight))])
-        )
-        edges[-1][:, 2] = height(edges[-1][:, :2])
+    for line in map(np.asarray, lines):  # contourpy has what is larger, kept, on the left
+        if len(line) >= 5:
+            straight = _straightened(line, 0.6 * cell)
+            edges.append(np.column_stack([straight, height(straight)]))
     return edges
-
-
-def _left_kept(line: Array, kept: Array, first: Array, cell: float) -> Array:
-    step = np.diff(line, axis=0)
-    longest = int(np.argmax(np.linalg.norm(step, axis=1)))
-    left = np.array([-step[longest, 1], step[longest, 0]]) / np.linalg.norm(step[longest])
-    middle = 0.5 * (line[longest] + line[longest + 1])
-    sides = np.stack([middle + 2 * cell * left, middle - 2 * cell * left])
-    value = ndimage.map_coordinates(kept, ((sides - first) / cell).T, order=1, mode="nearest")
-    return line if value[0] > value[1] else line[::-1]
 
 
 def _straightened(line: Array, tolerance: float) -> Array:

@@ -24,16 +24,14 @@ class Sheet:
 
     planes: Planes  # (k, 3): facets as h = a + b u + c v; of a curve the one plane from which it bends
     # How facets meet: "hollow" (the highest counts), "ridge" (the lowest), "steps" (the one that is named by
-    # `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands
-    # beside.
+    # `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands beside.
     how: str
     # (k, 3): of steps: the facet whose value a + b u + c v is the largest is there. Of a curve its bend (uu,
     # uv, vv) as the only row: h = ... + (uu u^2 + 2 uv u v + vv v^2) / 2 about `middle_m`.
     sides: Array
     middle_m: Array  # (2,)
     reach_m: float  # beyond this distance from the middle a curve goes on as at it
-    # Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same
-    # triangles.
+    # Between its nodes it is linear, so that a rock's base and the pedestal's mesh are made of the same triangles.
     lattice_m: float = 0.0
     # (k, 2): convex outline of the rock's foot, u and v.
     ring_m: Array = field(default_factory=lambda: np.zeros((0, 2)))

@@ -6,7 +6,7 @@ import numpy as np
 import open3d as o3d
 from scipy.spatial import cKDTree
 
-from toppling.models.arrays import Array, Flags, Indices, at_most
+from toppling.models.arrays import Array, Flags, Indices, at_most, inside_box
 
 SHOWN_POINTS = 200_000
 """As many as the graphics of a laptop turn without a pause."""
@@ -16,7 +16,6 @@ _LEAST_SHARE = 0.75
 """Of the number of points that may be shown, so many are."""
 _SPACINGS, _COVERED_SHARE = 5000, 0.8
 """Points of which spacings are taken, and the share of them that is no farther apart."""
-_CHUNK = 1 << 18
 _NEIGHBOURS = 12
 """Points by whose plane one is shaded."""
 LIGHT = np.array([-0.45, -0.6, 0.66])
@@ -74,12 +73,7 @@ def _one_per_voxel(points_m: Array, voxel_m: float) -> Indices:
 
 def around(points_m: Array, centre_m: Array, reach_m: float) -> Indices:
     """Rows of the points (n, 3) in a cube about a place."""
-    found = [np.zeros(0, np.intp)]
-    for start in range(0, len(points_m), _CHUNK):  # in pieces that the processor's cache holds
-        near = np.abs(points_m[start : start + _CHUNK, 0] - centre_m[0]) < reach_m
-        rows = start + np.flatnonzero(near)
-        found.append(rows[(np.abs(points_m[rows, 1:] - centre_m[1:]) < reach_m).all(axis=1)])
-    return np.concatenate(found)
+    return np.flatnonzero(inside_box(points_m, centre_m - reach_m, centre_m + reach_m))
 
 
 def shade(points_m: Array, rock: Flags | None = None) -> Array:

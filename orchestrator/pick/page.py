@@ -71,7 +71,7 @@ class UserHints:
             if value is None and name in (*_ONE, *_WORDS, "length"):
                 continue
             if name in _ONE:
-                values[name] = _numbers(value, _ONE[name], name)
+                values[name] = numbers(value, _ONE[name], name)
             elif name == "length":
                 values[name] = _length(value)
             elif name == "touch_only" and isinstance(value, bool):
@@ -81,7 +81,7 @@ class UserHints:
             elif name in _MANY:
                 if not isinstance(value, list) or len(value) > _MOST_PLACES:
                     raise _unusable(f"{name} is {shown(value)}", "the page")
-                values[name] = tuple(_numbers(each, _MANY[name], name) for each in value)
+                values[name] = tuple(numbers(each, _MANY[name], name) for each in value)
             else:
                 raise _unusable(f"{shown(name)} is no hint", "the page")
         return cls(**values)
@@ -138,11 +138,12 @@ def _word(value: Any, among: tuple[str, ...], name: str) -> str:
 def _length(value: Any) -> tuple[_Place, _Place, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise _unusable(f"length is {shown(value)}", "the page")
-    start, end = (_numbers(each, 3, "length") for each in value[:2])
-    return start, end, _numbers(value[2:], 1, "length")[0]
+    start, end = (numbers(each, 3, "length") for each in value[:2])
+    return start, end, numbers(value[2:], 1, "length")[0]
 
 
-def _numbers(value: Any, count: int, name: str) -> _Place:
+def numbers(value: Any, count: int, name: str) -> _Place:
+    """So many finite numbers of a list; InputError if it holds others."""
     good = isinstance(value, list) and len(value) == count
     if not good or not all(type(each) in (int, float) and math.isfinite(each) for each in value):
         raise _unusable(f"{name} is {shown(value)}", "the page")

@@ -12,7 +12,7 @@ import numpy as np
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
-from toppling.orchestrator.pick.page import UserHints
+from toppling.orchestrator.pick.page import UserHints, numbers
 from toppling.orchestrator.pick.picking import Picking
 
 _LARGEST_BODY = 1 << 18
@@ -92,7 +92,7 @@ class _Answers(Answers):
             content = self._content()
             if asked == "detail":
                 spacing, points = self.server.picking.detail(
-                    _place(content, "at_m"), float(_finite(content, "reach_m", ()))
+                    _place(content, "at_m"), numbers([content.get("reach_m")], 1, "reach_m")[0]
                 )
                 self.send(struct.pack("<f", spacing) + points, _BYTES)
             else:
@@ -131,18 +131,7 @@ class _Answers(Answers):
 
 def _place(content: Any, name: str) -> Array:
     """Three coordinates of a table."""
-    return _finite(content, name, (3,))
-
-
-def _finite(content: Any, name: str, shape: tuple[int, ...]) -> Array:
-    value = content.get(name) if isinstance(content, dict) else None
-    try:
-        found = np.array(value, float)
-    except (TypeError, ValueError, OverflowError):
-        found = np.full(shape, np.nan)
-    if found.shape != shape or not np.isfinite(found).all():
-        raise _refused(f"has no {name} of {shape or 'one number'}")
-    return found
+    return np.array(numbers(content.get(name) if isinstance(content, dict) else None, 3, name))
 
 
 def _refused(what: str) -> InputError:

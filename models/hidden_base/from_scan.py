@@ -132,7 +132,6 @@ def draw_bases(
     base: Base,
     com_std_m: Array,
     inspection: Inspection | None = None,
-    draws: int = DRAWS,
 ) -> DrawnBases:
     """Draw bases that agree with rim, crevice, standing and inspection (scene frame).
 
@@ -155,7 +154,7 @@ def draw_bases(
     found, shares, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface, inspection)
-    kept = [found[number] for number in resampled(weight, draws, random)]
+    kept = [found[number] for number in resampled(weight, DRAWS, random)]
     lift_off, toppling = _accelerations(kept, statics)
     return DrawnBases(
         part,

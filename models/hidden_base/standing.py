@@ -33,9 +33,8 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.half_samples import bias_floors
 from toppling.models.scan.interface import Interface, between_nodes, lattice
-from toppling.models.scan.measure import ObservedRock, toppling
+from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
 from toppling.models.statics import equilibrium_possible
 
 _AROUND_LATTICES = 12.0

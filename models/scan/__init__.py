@@ -3,7 +3,7 @@
 from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
-    "candidates", "close", "crevice", "doubt", "half_samples", "hints_file", "interface",
+    "candidates", "close", "crevice", "doubt", "hints_file", "interface",
     "interface_hint", "measure", "parts", "placement", "read", "reference", "register", "segment",
     "survey", "view", "virtual", "worked_out",
 ]  # fmt: skip

@@ -1,18 +1,24 @@
-"""What the scan knows about its own result: the standing rock, how sure the split is, and how slender it is."""
+"""What was seen of a rock, the closing on which it stands, how slender and how sure it is, how its numbers spread."""
 
-from dataclasses import dataclass
-from functools import cached_property
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags
+from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.rock import Rock
-from toppling.models.scan.close import ClosedRock, close_rock
+from toppling.models.scan.close import COARSE_DEPTH, ClosedRock, close_rock
+from toppling.models.scan.crevice import NearRim
 from toppling.models.scan.doubt import SECTORS, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
@@ -151,3 +157,242 @@ def confidence(
         "undisputed_share": 1.0 - float(alone.mean()),
         "runner_up": max((other[3] for other in parts.others), default=0.0) / height_m,
     }
+
+
+_BESIDE_BAND_PER_HEIGHT = 0.1
+"""Points of the rock so near to the interface tell its middle."""
+
+_BIAS = {
+    "com_per_height": 0.001,
+    "volume_share": 0.003,
+    "inertia_share": 0.003,
+    "toppling_share": 0.02,
+    "height_share": 0.006,  # a rock's lowest place is part of its hidden base
+}
+"""What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
+base. Errors against known rocks bound it (benchmarks/reports/scan.md)."""
+
+# What no station saw, no half sample knows either. A smooth closing can miss, or add, as much as a cap with the
+# invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume.
+_INVENTED_COM_PER_HEIGHT = 0.2
+"""Shift of the centre of mass in each coordinate over height and such a cap's share."""
+_LEAST_CLOSED = 3
+"""Fewer half samples give no spread."""
+_ENOUGH = 4
+"""So many half samples are enough where their spreads add next to nothing to the floors."""
+_ADDS_NOTHING = 1.0 / 3.0
+"""A spread of this share of its floor: joined they are 1.05 of it."""
+_MUCH_INVENTED = 0.15
+"""From this share of the surface on, volume and centre of mass are guesses."""
+
+
+def _cap_share(surface_share: float) -> float:
+    """Share of a ball's volume in a cap with a share of its surface."""
+    return surface_share**2 * (3.0 - 2.0 * surface_share)
+
+
+def bias_floors(invented_share: float) -> dict[str, float]:
+    """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
+    cap = _cap_share(invented_share)
+    grown = {"com_per_height": _INVENTED_COM_PER_HEIGHT * cap, "volume_share": cap, "inertia_share": cap}
+    return {name: float(np.hypot(least, grown.get(name, 0.0))) for name, least in _BIAS.items()}
+
+
+def uncertainty(
+    observed: ObservedRock,
+    interface: Interface,
+    core: float,
+    invented_share: float,
+    realisations: int,
+    each: Callable[[], None],
+) -> dict[str, Any]:
+    """Spread of the numbers over half samples of what was seen (McCarthy 1969).
+
+    Each realisation keeps half of the points (noise and density), half of the directions around the contact for the
+    interface's fit (its choice), and draws how wide the feet are in their holes. The spread of an estimate over half
+    samples is that of the estimate itself. Where those of four tell next to nothing beside the floors, no more are
+    drawn.
+
+    Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor. The floors grow
+    with what is invented (`_cap_share`): by that share of volume and inertia, by a fifth of it of the height in the
+    centre of mass, and by what this shift does to the toppling. An invented top counts in the height by as much as it
+    rises above what was seen.
+
+    core: of the feet on which the rock stands.
+    invented_share: of the rock's surface: neither seen nor closed at the interface.
+    realisations: at most; 0 for none, which gives nothing.
+    each: called after each.
+    Returns standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
+    than three realisations close, and none of an interface that is given, ends below the rock or carries a surface: its
+    error nobody drew.
+    """
+    if not realisations:
+        return {}
+    draw = partial(_HalfSample.drawn, observed, core, _half_fits(observed, interface))
+    spreads = partial(_spreads, observed, invented_share)
+    closed, tried = _half_samples(draw, spreads, realisations, each)
+    given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
+    found: dict[str, Any] = {"method": f"half samples{given}", "realisations": tried, "closed": len(closed)}
+    if len(closed) < _LEAST_CLOSED:
+        return found
+    return found | _told(closed, spreads(closed), invented_share)
+
+
+@dataclass(frozen=True, eq=False)
+class _HalfSample:
+    """A rock closed from half of what was seen, its interface, and what topples it by azimuth (`AZIMUTHS_DEG`)."""
+
+    rock: Rock
+    interface: Interface
+    limits_m_s2: Array
+
+    @classmethod
+    def drawn(
+        cls, observed: ObservedRock, core: float, half_fitted: "_HalfFit", rng: np.random.Generator
+    ) -> "_HalfSample":
+        """Close a half sample; InputError if it leaves too little."""
+        plane = half_fitted(rng)
+        drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
+        near = observed.near(plane)
+        near = replace(near, low=_half(near.low, rng), lit=_half(near.lit, rng))
+        base = hidden_base(near, drawn, observed.hint, rng, plane)
+        kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
+        rock = close_rock(observed.surfels, kept, base, plane, COARSE_DEPTH).rock
+        return cls(rock, plane, toppling(rock, plane, AZIMUTHS_DEG))
+
+
+_HalfFit = Callable[[np.random.Generator], Interface]
+
+
+def _half_fits(observed: ObservedRock, interface: Interface) -> _HalfFit:
+    """What fits the interface through the pedestal in half of the directions around the contact."""
+    if observed.hint is not None or not interface.is_bare:
+        return lambda _: interface
+    points = np.concatenate([observed.rock_m, observed.pedestal_m])
+    label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
+    rim = NearRim.of(points, label, interface, observed.height_m)
+    low = interface.flat(observed.rock_m)
+    low = low[np.abs(low[:, 2]) < _BESIDE_BAND_PER_HEIGHT * observed.height_m]
+    sector = sectors(interface.flat(rim.points_m)[:, :2] - middle(low))
+
+    def half_fitted(rng: np.random.Generator) -> Interface:
+        return rim.fitted(np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False)))
+
+    return half_fitted
+
+
+Spreads = dict[str, tuple[Array, Array]]
+"""By a number's name in the report: its standard deviation over half samples, and the floor of what they share."""
+
+
+def _half_samples(
+    draw: Callable[[np.random.Generator], _HalfSample],
+    spreads: Callable[[list[_HalfSample]], Spreads],
+    realisations: int,
+    each: Callable[[], None],
+) -> tuple[list[_HalfSample], int]:
+    """Half samples that closed, and how many were tried: fewer where more would tell nothing."""
+    closed: list[_HalfSample] = []
+    for number in range(realisations):
+        if len(closed) >= _ENOUGH and _adds_nothing(spreads(closed)):
+            for _ in range(number, realisations):
+                each()
+            return closed, number
+        rng = np.random.default_rng([2017, number])
+        with contextlib.suppress(InputError):  # counted: a half sample may leave too little
+            closed.append(draw(rng))
+        each()
+    return closed, realisations
+
+
+def _adds_nothing(spreads: Spreads) -> bool:
+    """Whether each number's spread over half samples, rms of its parts, is small beside its floor."""
+    norms = ((np.linalg.norm(spread), np.linalg.norm(floor)) for spread, floor in spreads.values())
+    return all(bool(spread <= _ADDS_NOTHING * floor) for spread, floor in norms)
+
+
+def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSample]) -> Spreads:
+    rocks, floor = [each.rock for each in closed], bias_floors(invented_share)
+    height = float(np.mean([rock.height_m for rock in rocks]))
+    volume = np.array([rock.volume_m3 for rock in rocks])
+    inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
+    radius = np.sqrt(np.diag(inertia.mean(axis=0)))
+    seen = observed.surfels
+    highest = float(seen.points_m[observed.patches, 2].max()) + seen.voxel_m
+    top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
+    tipped = _tipped(closed, invented_share)
+    limits = np.array([each.limits_m_s2 for each in closed])
+    finite = np.where(np.isfinite(limits), limits, np.nan)
+    alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
+    # tan(alpha) = a / g: d alpha = sin(alpha) cos(alpha) da / a = cos(alpha)^2 da / g
+    angle = np.deg2rad(alpha.mean(axis=0))
+    return {
+        "volume_std_m3": (_std(volume), np.asarray(floor["volume_share"] * volume.mean())),
+        "com_std_m": (_std([rock.com_m for rock in rocks]), np.full(3, floor["com_per_height"] * height)),
+        "inertia_per_mass_std_m2": (_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
+        "height_std_m": (
+            _std([rock.height_m for rock in rocks]),
+            np.hypot(floor["height_share"] * height, max(top - highest, 0.0)),
+        ),
+        "quasi_static_toppling_m_s2": (
+            np.nanstd(finite, axis=0, ddof=1),
+            np.hypot(floor["toppling_share"] * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped),
+        ),
+        "slenderness": (
+            _std(alpha),
+            np.rad2deg(
+                np.hypot(0.5 * floor["toppling_share"] * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
+            ),
+        ),
+    }
+
+
+def _tipped(closed: list[_HalfSample], invented_share: float) -> float:
+    """Part of the error of a / g that comes from what is invented.
+
+    a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
+    """
+    height = float(np.mean([each.rock.height_m for each in closed]))
+    raised = [each.interface.flat(each.rock.com_m[None])[0, 2] for each in closed]
+    return _INVENTED_COM_PER_HEIGHT * _cap_share(invented_share) * height / float(np.mean(raised))
+
+
+def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) -> dict[str, Any]:
+    """Standard deviations joined with their floors, as the report has them."""
+    planes = [each.interface for each in closed]
+    normals = np.array([plane.normal for plane in planes])
+    tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
+    tilt_std = float(np.sqrt((tilt**2).sum() / (len(tilt) - 1)))
+    joined = {name: np.hypot(spread, floor).tolist() for name, (spread, floor) in spreads.items()}
+    limits, angles = joined.pop("quasi_static_toppling_m_s2"), joined.pop("slenderness")
+    return {
+        "bias": bias_floors(invented_share) | {"toppling_over_gravity": _tipped(closed, invented_share)},
+        **joined,
+        **({"interface_normal_std_deg": tilt_std} if len(set(planes)) > 1 else {}),
+        "quasi_static_toppling_m_s2": [
+            {"azimuth_deg": float(a), "std": std} for a, std in zip(AZIMUTHS_DEG, limits, strict=True)
+        ],
+        "slenderness": [
+            {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": std}
+            for a, std in zip(AZIMUTHS_DEG, angles, strict=True)
+        ],
+    }
+
+
+def invention_warning(scene: Scene) -> str | None:
+    """Say that much of the rock was not seen, if so, and what follows; nothing for a rock that was seen."""
+    share = scene.report.get("surface", {}).get("invented_share", 0.0)
+    if share <= _MUCH_INVENTED:
+        return None
+    return (
+        f"warning: {share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and "
+        f"inertia are guesses, the volume by about ±{_cap_share(share):.0%}: scan the rock from the other sides"
+    )
+
+
+def _half(points: Array, rng: np.random.Generator) -> Array:
+    return points[rng.random(len(points)) < 0.5]
+
+
+def _std(values: Any) -> Array:
+    return np.std(np.asarray(values, float), axis=0, ddof=1)

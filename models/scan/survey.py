@@ -28,13 +28,12 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.freedom import checked_doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
-from toppling.models.scan.half_samples import uncertainty
 from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
 from toppling.models.scan.leaning import check_upright, upright_split
-from toppling.models.scan.measure import ObservedRock, close_standing, confidence
+from toppling.models.scan.measure import ObservedRock, close_standing, confidence, uncertainty
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud, Mesh

@@ -103,8 +103,8 @@ def written(
     replaces: bool = False,
 ) -> list[str]:
     """Write what a scan became, with its pictures and the hints that it was given; what is said of it."""
-    from toppling.models.scan.half_samples import invention_warning
     from toppling.models.scan.hints_file import HINTS, write_hints
+    from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.survey import save_survey
     from toppling.orchestrator.public.scan_files import pictured
 

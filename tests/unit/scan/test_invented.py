@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual
-from toppling.models.scan.half_samples import _adds_nothing, _cap_share, bias_floors, invention_warning
+from toppling.models.scan.measure import _adds_nothing, _cap_share, bias_floors, invention_warning
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan

@@ -27,8 +27,8 @@ _RIM_CELLS = 8.0
 _RIM_WINDOW, _RIM_RISES_PER_CELL = 13, 0.8
 """The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
 _STD_PER_SPACING, _STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
-"""Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour: of five known
-rocks .16 to .22; where the side may go down to the pedestal, it ends anywhere within a spacing."""
+"""Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour; where the side
+may go down to the pedestal, it ends anywhere within a spacing."""
 _LEAST_STD_PER_SPACING = 0.05
 """Of the gap below a level underside, which does not go on downward."""
 _SPACING_OVER = 15
@@ -37,8 +37,7 @@ _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
 """A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in
-(looked for to so many gaps and twice this share of the height, this share to the sides). Of known rocks whose side goes
-on it is 1.1 gaps at most, of nine tenths of such as end 1.5 and more."""
+(looked for to so many gaps and twice this share of the height, this share to the sides)."""
 _STEEP, _HIGH = 0.7, 2.0
 """Horizontal part of a side's normal from which it may go on down, as a level underside does not, and how many spacings
 of its points it hangs at least."""

@@ -115,7 +115,7 @@ _NEARLY_ALL = 0.75
 """Share of the azimuths at which the nominal scene topples within the interval."""
 _FLAT_MARGIN = 0.1
 """Share of the median by which a smooth closing may exceed the interval, but for the least azimuths, where no hint says
-otherwise: on known flat bases, to which it is true, the draws topple too easily by 5 to 12 %."""
+otherwise: on flat bases, to which it is true, the draws topple too easily."""
 
 
 def _nominal_draw(

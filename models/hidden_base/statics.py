@@ -29,7 +29,7 @@ FRICTION = ContactProperties().friction_static
 BAND_PER_HEIGHT = 0.06
 FEET_PER_HEIGHT, _HIGHER_FEET_PER_HEIGHT = 1e-4, 3e-4
 """Feet are left out while the hull of the others stays within this share of the height: below the band, above it. With
-ten times as many a rounded base is a polygon, on which a slender rock topples up to a fifth too late."""
+larger ones a rounded base is a polygon, on which a slender rock topples too late."""
 _ABOVE_THE_RIM_PER_HEIGHT = 0.002
 """The rock's side starts so far above its rim."""
 _HIGH_FEET_PER_HEIGHT = 0.3

@@ -206,7 +206,7 @@ _PLANTS = 0.15
 """Share of the patches that are thick: at most 0.1 without plants, 0.2 to 0.7 where grass stands all around a rock."""
 _OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
 """All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
-and this share of the cloud's extent: of noise alone the farthest of a million lies 5 off."""
+and this share of the cloud's extent."""
 
 
 def with_reason(error: InputError, points_m: Array) -> InputError:

@@ -84,9 +84,8 @@ POISSON_DEPTH, COARSE_DEPTH = 7, 6
 _POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
 _BULGES_PER_WIDTH = 0.2
-"""What was not seen of a rock whose rim shows nearly all around stays so near to its outline: a square's corner that is
-cut off by a line over the widest range of directions that may be missing lies .29 of the side beyond it, the arc of a
-circle .09 of the diameter."""
+"""What was not seen of a rock whose rim shows nearly all around stays so near to its outline: less than the corner of a
+square that is cut off over the widest range of directions that may be missing."""
 _SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 _BASE_SHARE_OF_HEIGHT = 0.0003

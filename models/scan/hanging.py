@@ -15,8 +15,7 @@ from toppling.models.scan.surfels import Surfels
 
 _PER_HEIGHT = 0.03
 _SHARE = 0.002
-"""More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
-rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
+"""More than this share of the rock's patches so far below the interface are a part of it, not strays."""
 _SHARE_AT_EDGE, _AT_EDGE_PER_HEIGHT = 0.0005, 0.012
 """The same where they lie beyond an edge of the pedestal."""
 _FACE_PER_HEIGHT = (0.02, 0.3)

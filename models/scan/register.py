@@ -104,12 +104,10 @@ _NEARBY_VOXELS = 10.0
 """Points of a station this near to another's should show places that it shows too."""
 _OFF = ((0.25, 3.0), (0.7, 10.0))
 """A station does not fit the others where its paired share is below the first, and its residual above the second, of
-these times theirs. Known ones that do fit have 0.6 of the others' share and their residual; such as are off by two
-voxels or more, 0.15 of it and 30 times theirs; such as are turned by 30 to 180 degrees, 0.15 to 0.55 and 25 to 80."""
+these times theirs: where it is off by two voxels and more, or turned."""
 _TWO_OFF = (0.35, 3.5)
 """Two stations do not fit each other where the residual of both is above the first of a voxel, and above the second
-times what each leaves by itself. Known ones that fit leave at most 0.13 and 2.3; such as are turned by 30 to 180
-degrees 0.66 and 5 at least."""
+times what each leaves by itself."""
 _WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 

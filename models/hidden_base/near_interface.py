@@ -99,7 +99,9 @@ class SidesSeen:
             if span_m < _LEAST_SPAN * depth_m:
                 continue
             farther_m = (self.radii_m[:, sector] - mean_m)[own[:_FITTED]]
-            away_m = mean_m[level] + _led(self.levels_m[own[:_FITTED]], farther_m, min(depth_m, span_m))
+            lowest_m = self.levels_m[own[:_FITTED]]
+            slope, foot_m = np.polyfit(lowest_m - lowest_m[0], farther_m, 1)
+            away_m = mean_m[level] + foot_m - slope * min(depth_m, span_m)
             turn = (sector + 0.5) * 2.0 * np.pi / SECTORS - np.pi
             way = np.array([np.cos(turn), np.sin(turn)])
             places.append(np.append(self.middle_m + max(away_m, 0.0) * way, _SPREAD * depth_m))
@@ -111,9 +113,3 @@ class SidesSeen:
         known = [np.flatnonzero(np.isfinite(self.radii_m[:, k])) for k in shown]
         each = [np.interp(at, own, self.radii_m[own, k]) for k, own in zip(shown, known, strict=True)]
         return np.asarray(np.mean(each, axis=0))
-
-
-def _led(heights_m: Array, farther_m: Array, depth_m: float) -> float:
-    """How much farther a side lies (values (n,) at heights, the lowest first) so deep below the lowest of them."""
-    slope, foot_m = np.polyfit(heights_m - heights_m[0], farther_m, 1)
-    return float(foot_m - slope * depth_m)

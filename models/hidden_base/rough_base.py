@@ -19,8 +19,6 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError, check_positive
 from toppling.models.frames import plane_axes
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, feet_above_m, least_feet
-from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
 
@@ -174,8 +172,13 @@ def _stood(scene: Scene, base: UnseenBase, standing: Standing, chance: float) ->
     draw = base.draws[0]
     if chance > np.exp(-0.5 * (draw.tilt_deg / standing.attitude_std_deg) ** 2):
         return False
-    rock = base.realised(scene.rock, scene.pedestal, 0)
-    return _bears(rock, scene.pedestal, scene.gravity_m_s2, standing.least_toppling_m_s2)
+    rock, least_m_s2 = base.realised(scene.rock, scene.pedestal, 0), standing.least_toppling_m_s2
+    azimuths = np.arange(0.0, 360.0, 15.0) if least_m_s2 > 0.0 else (0.0,)
+    # One after the other: most bases that fail do so toward the first few azimuths.
+    return all(
+        quasi_static_toppling_m_s2(rock, scene.pedestal, scene.gravity_m_s2, (azimuth,))[0][1] > least_m_s2
+        for azimuth in azimuths
+    )
 
 
 def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: int) -> InputError:
@@ -185,15 +188,6 @@ def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: i
         expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
         remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
         "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
-    )
-
-
-def _bears(rock: Rock, pedestal: Pedestal, gravity_m_s2: float, least_m_s2: float) -> bool:
-    azimuths = np.arange(0.0, 360.0, 15.0) if least_m_s2 > 0.0 else (0.0,)
-    # One after the other: most bases that fail do so toward the first few azimuths.
-    return all(
-        quasi_static_toppling_m_s2(rock, pedestal, gravity_m_s2, (azimuth,))[0][1] > least_m_s2
-        for azimuth in azimuths
     )
 
 

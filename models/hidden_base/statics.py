@@ -86,18 +86,14 @@ def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: f
 def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
     """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
     places = np.column_stack([part.observed.places_m, gap.gap_m])
-    side = _on_outline(part, gap.number, side)
+    unseen = part.under.side
+    if unseen is not None:  # without what would lie below the side of a draw whose rim ends sooner
+        side = side[side[:, 2] >= SIDE_TANGENT * unseen.beyond_m(side, gap.number)]
     rim = places[part.inner :]
     if not len(rim) or not len(side):
         return places
     starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + _ABOVE_THE_RIM_PER_HEIGHT * height_m
     return np.vstack([places, side[side[:, 2] > starts]])
-
-
-def _on_outline(part: HiddenPart, number: int, side: Array) -> Array:
-    """The rock's side, without what would lie below the side of a draw whose rim ends sooner."""
-    unseen = part.under.side
-    return side if unseen is None else side[side[:, 2] >= SIDE_TANGENT * unseen.beyond_m(side, number)]
 
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:

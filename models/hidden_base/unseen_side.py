@@ -103,13 +103,9 @@ class UnseenSide:
     def in_range(self, places_m: Array) -> Flags:
         """Whether places (..., 2 or 3) lie in the unseen range, as seen from the middle."""
         offset = places_m[..., :2] - self.middle_m
-        into, wide = self._into(np.arctan2(offset[..., 1], offset[..., 0]))
-        return np.asarray(into < wide)
-
-    def _into(self, turn: Array) -> tuple[Array, float]:
-        """How far directions lie beyond the unseen range's begin, and how wide it is, radians."""
         first, last = np.arctan2(*(self.ends_m - self.middle_m).T[::-1])
-        return np.mod(turn - first, 2.0 * np.pi), float(np.mod(last - first, 2.0 * np.pi))
+        into = np.mod(np.arctan2(offset[..., 1], offset[..., 0]) - first, 2.0 * np.pi)
+        return np.asarray(into < np.mod(last - first, 2.0 * np.pi))
 
     @property
     def reach_m(self) -> Array:
@@ -160,7 +156,7 @@ class _Rim:
     @property
     def places_m(self) -> Array:
         """Places (k, 2)."""
-        return self.middle_m + self.away_m[:, None] * _directions(self.turn)
+        return self.middle_m + self.away_m[:, None] * np.column_stack([np.cos(self.turn), np.sin(self.turn)])
 
     @property
     def unknown_deg(self) -> tuple[float, float]:
@@ -185,10 +181,6 @@ def _rim_seen(low: Array, middle_m: Array) -> tuple[Indices, Array]:
         foot = low[own, 2] <= np.quantile(low[own, 2], _LOWEST_SHARE)
         radii.append(float(np.median(away[own][foot])))
     return shown, np.array(radii)
-
-
-def _directions(turn: Array) -> Array:
-    return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def _along_and_back(ends_m: Array) -> tuple[Array, Array]:

@@ -317,10 +317,7 @@ def _refine(
         surfels,
         surfel_label,
         concave_share,
-        [
-            (float(other.top_m[0]), float(other.top_m[1]), float(other.top_m[2]), other.height_m)
-            for other in others
-        ],
+        [(*other.top_m.tolist(), other.height_m) for other in others],
     )
 
 

@@ -16,8 +16,8 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 from toppling.models.scan.beside import Beside, few_triangles, is_ground
-from toppling.models.scan.crevice import grid_laplacian, grid_triangles
-from toppling.models.scan.interface import Interface, lattice, up_to_edge
+from toppling.models.scan.crevice import Grid, grid_laplacian, grid_triangles
+from toppling.models.scan.interface import Interface, up_to_edge
 from toppling.models.scan.surfels import Surfels
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
@@ -73,12 +73,11 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     outline = interface.flat(outline_m)[:, :2]
     margin = _REACH_HEIGHTS * height
     low, high = flat_rock[:, :2].min(axis=0) - margin, flat_rock[:, :2].max(axis=0) + margin
-    if interface.sheet is None:
-        cell = height / _CELLS_PER_HEIGHT
-        shape = tuple(np.ceil((high - low) / cell).astype(int) + 1)
-        nodes = np.stack(np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij"), axis=-1) + low
-    else:
-        cell, nodes = interface.lattice_m, lattice(interface.sheet, low, high)
+    cell = interface.lattice_m or height / _CELLS_PER_HEIGHT
+    if interface.sheet is not None:  # on the nodes on which it is known
+        low, high = np.floor(low / cell) * cell, np.ceil(high / cell) * cell
+    grid = Grid.over(low, high - 1e-9 * cell, cell)
+    nodes = grid.nodes_m
     flat = interface.over(surfels.points_m[pedestal])
     top = is_ground(flat, surfels.normals[pedestal], interface, height)
     # Strays between rock and pedestal make spikes.
@@ -93,8 +92,8 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
-    surface = _surface(flat[top], nodes, cell, seat)
-    surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, rock.faces, nodes, cell)))
+    surface = _surface(flat[top], grid, seat)
+    surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, rock.faces, grid)))
     if interface.sheet is not None:
         surface = surface + interface.sheet.at(nodes)
     vertices, faces = _triangles(nodes, surface, ~lost)
@@ -169,29 +168,23 @@ def _lost(flat: Array, top: Flags, nodes: Array, cell: float, standing: Flags) -
     return labels != np.bincount(labels[standing]).argmax()
 
 
-def _surface(top: Array, nodes: Array, cell: float, standing: Flags) -> Array:
+def _surface(top: Array, grid: Grid, standing: Flags) -> Array:
     """Heights at the nodes: the mean of what was seen, zero where the rock stands, a membrane elsewhere."""
-    shape = nodes.shape[:2]
-    index = np.rint((top[:, :2] - nodes[0, 0]) / cell).astype(int)
-    index = np.clip(index, 0, np.array(shape) - 1)
-    flat_index = index[:, 0] * shape[1] + index[:, 1]
-    count = np.bincount(flat_index, minlength=shape[0] * shape[1])
-    total = np.bincount(flat_index, top[:, 2], minlength=shape[0] * shape[1])
+    index = grid.index(top)
+    count = np.bincount(index, minlength=standing.size)
+    total = np.bincount(index, top[:, 2], minlength=standing.size)
     weight = np.where(standing.ravel(), 1e6, np.minimum(count, 4.0))
     target = np.where(standing.ravel(), 0.0, total / np.maximum(count, 1))
-    system = diags(weight) + 0.1 * grid_laplacian(shape)
-    return spsolve(system.tocsc(), weight * target).reshape(shape)
+    system = diags(weight) + 0.1 * grid_laplacian(grid.shape)
+    return spsolve(system.tocsc(), weight * target).reshape(grid.shape)
 
 
-def _underside(flat_rock: Array, faces: Indices, nodes: Array, cell: float) -> Array:
+def _underside(flat_rock: Array, faces: Indices, grid: Grid) -> Array:
     """Lowest of the rock's vertices near each node and of its faces over it, huge beside it: no pedestal reaches in."""
-    shape = nodes.shape[:2]
-    low = np.full(shape, np.inf)
-    index = np.rint((flat_rock[:, :2] - nodes[0, 0]) / cell).astype(int)
-    np.minimum.at(low, (index[:, 0], index[:, 1]), flat_rock[:, 2])
-    low = ndimage.grey_erosion(np.where(np.isfinite(low), low, 1e30), size=3)
-    over = height_below(nodes.reshape(-1, 2), flat_rock, faces, highest=False).reshape(shape)
-    return np.fmin(low, over)
+    low = np.full(grid.shape, 1e30)
+    np.minimum.at(low.ravel(), grid.index(flat_rock), flat_rock[:, 2])
+    over = height_below(grid.nodes_m.reshape(-1, 2), flat_rock, faces, highest=False).reshape(grid.shape)
+    return np.fmin(ndimage.grey_erosion(low, size=3), over)
 
 
 def _triangles(nodes: Array, surface: Array, kept: Flags) -> tuple[Array, Indices]:

@@ -223,7 +223,7 @@ class Scene:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
 
         On one plane without slip (:mod:`toppling.models.statics`, of a rounded base
-        :mod:`toppling.models.rounded.rolling_body`); on a surface the largest with an equilibrium of
+        :mod:`toppling.models.rounded.base`); on a surface the largest with an equilibrium of
         friction cones, in the pose in which the rock rests or one that it tips into without gathering speed. 0 where
         the rock does not stand by itself.
 

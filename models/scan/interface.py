@@ -288,7 +288,7 @@ def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
     points = surfels.points_m[lining]
     plane, off = fitted_plane(points), _least_median_m(points)
     if _DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):
-        return fitted_plane(points[off < _STRAY * np.median(off)])
+        return fitted_plane(points[off <= _STRAY * np.median(off)])
     return plane
 
 

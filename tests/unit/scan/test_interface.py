@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.interface import reweighted_plane
+from toppling.models.frames import plane_normal, rotation_between
+from toppling.models.scan.interface import fit_interface, reweighted_plane
+from toppling.models.scan.surfels import Surfels
 
 
 def test_points_of_a_drawn_plane_that_are_off_by_nothing_have_it():
@@ -14,3 +16,20 @@ def test_points_of_a_drawn_plane_that_are_off_by_nothing_have_it():
         assert normal == pytest.approx([0.0, 0.0, 1.0])
         assert weight.min() == 1.0
         assert abs(centre[2]) + np.abs(height).max() == 0.0
+
+
+def test_a_drawn_pedestal_that_is_exactly_a_plane_has_it():
+    normal = plane_normal(6.0, 250.0)
+    turn = rotation_between((0.0, 0.0, 1.0), normal)
+    u, v = (axis.ravel() for axis in np.meshgrid(*[np.arange(-1.0, 1.0, 0.02)] * 2))
+    around = (np.hypot(u, v) > 0.5) & (np.hypot(u, v) < 0.6)
+    ground = np.column_stack([u, v, np.zeros(len(u))])[around]
+    way = np.arange(0.0, 2.0 * np.pi, 0.02)
+    side = np.vstack(
+        [0.5 * np.column_stack([np.cos(way), np.sin(way), np.full(len(way), z)]) for z in (0.02, 0.06, 0.1)]
+    )
+    points = np.vstack([ground, side]) @ turn.T + [0.3, 0.2, 0.4]
+    patches = Surfels(points, np.broadcast_to(normal, points.shape), np.zeros(len(points)), 0.02)
+    assert fit_interface(patches, np.arange(len(points)) >= len(ground)).normal == pytest.approx(
+        normal, abs=1e-9
+    )

@@ -33,7 +33,16 @@ _PASSED = 0.9
 _PRECISION = 2e-4
 """Share to which the largest acceleration is found."""
 
-_MOST_POSES = 1500
+_COARSELY = 0.001
+"""Of g: to this an acceleration is found that is less than the largest so far."""
+
+_MOST_POSES = 4000
+
+_BEYOND = 100.0
+"""Of what counts as still: by so much more than it holds a rock is pushed, so that it moves at all."""
+
+_GATHERED = 3e-3
+"""Of g R: energy that is no speed yet, as much as a rough base gathers from one of its corners to the next."""
 
 _SETTLED_IN = 30
 """Short steps after a long one, which close its gaps: over an open one a rock rolls aside, as if it were held."""
@@ -60,26 +69,35 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
 def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: float) -> float:
     """Largest constant acceleration of the ground, against a unit push (3,), that a rock at rest stands.
 
-    In its first pose, or in one that it tips into from there without gathering speed: until it has tilted so far, or
-    stands so much less after a way of `followed_m`, that nothing larger follows. Infinite from `most_m_s2` on.
+    In its first pose, or in one that it tips into from there and comes to rest in: until it has tilted so far, or
+    stands so much less after a way of `followed_m`, that nothing larger follows. Where a pose stands less than the
+    best so far, the rock gathers energy, the difference times the way; it is at rest again once poses that stand
+    more have taken as much. Infinite from `most_m_s2` on.
     """
     pose, start = sim.pose[0].copy(), sim.pose[0].copy()
-    still = _still_m_s2(sim)
-    peak, trial = pose.copy(), pose.copy()
-    best = 0.0
+    still, most_j_kg = _still_m_s2(sim), _GATHERED * sim.size_m * math.sqrt(square(sim.gravity_m_s2))
+    peak, trial, last = pose.copy(), pose.copy(), pose.copy()
+    best = held_before = gathered_j_kg = 0.0
     least_cosine = math.cos(0.5 * _TIPPED_RAD)
     for _ in range(_MOST_POSES):
         if _gives_way(sim, pose, push, (1.0 + _PRECISION) * best) < still:
-            best = _held_m_s2(sim, pose, push, best, most_m_s2)
+            held = _held_m_s2(sim, pose, push, best, most_m_s2)
+        else:
+            held = _held_below_m_s2(sim, pose, push, best)
+            if held < _PASSED * best and moved_m(peak, pose, sim.lists.farthest_m) > followed_m:
+                return best
+        if held > most_m_s2:
+            return np.inf
+        way_m = 0.0
+        for k in range(3):
+            way_m += (pose[k] - last[k]) * push[k]
+        gathered_j_kg = max(gathered_j_kg + (best - 0.5 * (held + held_before)) * way_m, 0.0)
+        if held > best and gathered_j_kg <= most_j_kg:
+            best, gathered_j_kg = held, 0.0
             copy(pose, peak)
-            if best > most_m_s2:
-                return np.inf
-        elif (
-            moved_m(peak, pose, sim.lists.farthest_m) > followed_m
-            and _gives_way(sim, pose, push, _PASSED * best) >= still
-        ):
-            return best
-        pushed = 1.02 * best + 500.0 * still
+        copy(pose, last)
+        held_before = held
+        pushed = 1.02 * max(best, held) + _BEYOND * still
         _tip(sim, pose, trial, push, pushed, best)
         for _ in range(_SETTLED_IN):
             _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
@@ -127,6 +145,20 @@ def _held_m_s2(sim: Grounded, pose: Array, push: Array, least: float, most: floa
         if low > most:
             return low
     while high - low > _PRECISION * high:
+        middle = 0.5 * (low + high)
+        if _gives_way(sim, pose, push, middle) < still:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inner
+def _held_below_m_s2(sim: Grounded, pose: Array, push: Array, high: float) -> float:
+    """Largest acceleration along a push that a pose stands, which stands less than `high`; negative if it falls."""
+    still, low = _still_m_s2(sim), -math.sqrt(square(sim.gravity_m_s2))
+    within = -_COARSELY * low
+    while high - low > within:
         middle = 0.5 * (low + high)
         if _gives_way(sim, pose, push, middle) < still:
             low = middle

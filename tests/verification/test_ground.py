@@ -596,6 +596,21 @@ def test_a_slowly_growing_acceleration_topples_by_the_second_engine_where_the_co
     assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.03)
 
 
+def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
+    """The outrigger would hold more than the base, but meets the ground once the rock has fallen by 12 degrees."""
+    ring = [(-0.1, 0.0), (0.1, 0.0), (0.1, 0.3), (0.3, 0.0425), (0.3, 0.5), (0.1, 1.2), (-0.1, 1.2)]
+    rock = prism(ring, [(0, 1, 2), (0, 2, 6), (2, 5, 6), (2, 3, 4), (2, 4, 5)])
+    scene = as_surface(Scene.from_mesh(rock, pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]), friction=0.8))
+    (tipped,) = [each for _, each in scene.quasi_static_toppling_m_s2([180.0])]
+    over_m = scene.rock.com_m - scene.rock.vertices_m.min(axis=0)
+    assert tipped == pytest.approx(G * (0.2 - over_m[0]) / over_m[2], rel=0.005)
+    time_s = np.arange(0.0, 20.0, 0.01)
+    ramp_m_s2 = tipped * np.interp(time_s, [0.0, 4.0, 20.0], [0.0, 0.9, 1.1])
+    shaken = shake(scene, Motion(np.outer(ramp_m_s2, [-1.0, 0.0, 0.0]), 0.01), "fast")
+    assert shaken.toppled
+    assert np.interp(shaken.topple_time_s, time_s, ramp_m_s2) == pytest.approx(tipped, rel=0.03)
+
+
 def test_a_wall_holds_a_block_that_falls_without_it_by_either_engine():
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
     push = pulse(-6.0, 0.5, after_s=4.0)

@@ -144,21 +144,23 @@ def _held_m_s2(sim: Grounded, pose: Array, push: Array, least: float, most: floa
         low, high = high, 1.5 * high
         if low > most:
             return low
-    while high - low > _PRECISION * high:
-        middle = 0.5 * (low + high)
-        if _gives_way(sim, pose, push, middle) < still:
-            low = middle
-        else:
-            high = middle
-    return low
+    return _bisected_m_s2(sim, pose, push, (low, high), 0.0)
 
 
 @inner
 def _held_below_m_s2(sim: Grounded, pose: Array, push: Array, high: float) -> float:
     """Largest acceleration along a push that a pose stands, which stands less than `high`; negative if it falls."""
-    still, low = _still_m_s2(sim), -math.sqrt(square(sim.gravity_m_s2))
-    within = -_COARSELY * low
-    while high - low > within:
+    g = math.sqrt(square(sim.gravity_m_s2))
+    return _bisected_m_s2(sim, pose, push, (-g, high), _COARSELY * g)
+
+
+@inner
+def _bisected_m_s2(
+    sim: Grounded, pose: Array, push: Array, limits: tuple[float, float], within: float
+) -> float:
+    """Largest acceleration along a push that a pose stands, between one that it does and one that it does not."""
+    still, (low, high) = _still_m_s2(sim), limits
+    while high - low > within + _PRECISION * abs(high):
         middle = 0.5 * (low + high)
         if _gives_way(sim, pose, push, middle) < still:
             low = middle

@@ -606,9 +606,10 @@ def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
     assert tipped == pytest.approx(G * (0.2 - over_m[0]) / over_m[2], rel=0.005)
     time_s = np.arange(0.0, 20.0, 0.01)
     ramp_m_s2 = tipped * np.interp(time_s, [0.0, 4.0, 20.0], [0.0, 0.9, 1.1])
+    # It leaves its base slowly, and topples two and a half seconds later: the ramp has grown by 3 %.
     shaken = shake(scene, Motion(np.outer(ramp_m_s2, [-1.0, 0.0, 0.0]), 0.01), "fast")
     assert shaken.toppled
-    assert np.interp(shaken.topple_time_s, time_s, ramp_m_s2) == pytest.approx(tipped, rel=0.03)
+    assert np.interp(shaken.topple_time_s, time_s, ramp_m_s2) == pytest.approx(tipped, rel=0.04)
 
 
 def test_a_wall_holds_a_block_that_falls_without_it_by_either_engine():

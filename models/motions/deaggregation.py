@@ -89,7 +89,11 @@ def _bins(file: TextFile) -> list[Bin]:
         (at, {_plain(name): cell.strip() for name, cell in row.items()}, row)
         for at, row in file.rows(separator_of("".join(file.lines[start : start + 1])), start)
     ]
-    known = list(rows[0][1]) if rows else []
+    if not rows:
+        file.refuse(
+            start, "no bin below the names of columns", "a row for each bin", "export the table again"
+        )
+    known = list(rows[0][1])
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
     by_centre = all(roles) and not set(edges) <= set(known)

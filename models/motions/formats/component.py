@@ -103,7 +103,7 @@ def _named(text: str) -> float | str | None:
     if text in words:
         return words[text]
     quadrant = _QUADRANT.fullmatch(text)
-    if quadrant:
+    if quadrant and float(quadrant[2]) <= 90.0:
         east = float(quadrant[2]) * (1.0 if quadrant[3] == "E" else -1.0)
         return (east if quadrant[1] == "N" else 180.0 - east) % 360.0
     return None

@@ -130,6 +130,8 @@ def test_a_persons_bins_may_be_edges_or_centres_and_are_the_same(tmp_path, text)
         ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "not a bin"),
         ("magnitude,distance_km,contribution\n5.5,5,1\n", "one bin of distance or magnitude"),
         ("magnitude,site,contribution\n5.5,5,1\n", "not a bin"),
+        ("magnitude,distance_km,contribution\n", "no bin below the names"),
+        ("", "no bin below the names"),
     ],
 )
 def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, said):

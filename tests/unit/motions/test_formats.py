@@ -173,6 +173,7 @@ def test_counts_without_a_response_are_refused(tmp_path):
         ("", None),
         ("400", None),
         ("-400", None),
+        ("N120E", None),
     ],
 )
 def test_bearings_are_read_as_they_are_written(label, direction):

@@ -39,7 +39,7 @@ _COARSELY = 0.001
 _MOST_POSES = 4000
 
 _BEYOND = 100.0
-"""Of what counts as still: by so much more than it holds a rock is pushed, so that it moves at all."""
+"""Of what counts as still: by so much more than it holds a rock is pushed. By .05 g it tips where it slides."""
 
 _GATHERED = 3e-3
 """Of g R: energy that is no speed yet, as much as a rough base gathers from one of its corners to the next."""

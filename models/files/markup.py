@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterable
 _LOOKED_AT = 20_000
 """Characters of a text among which the signs of a table are looked for."""
 _HTML = re.compile(r"<t[dh]\b", re.IGNORECASE)
-_HTML_UNSEEN = re.compile(r"<!--.*?-->|<(script|style)\b.*?</\1\s*>", re.IGNORECASE | re.DOTALL)
-_HTML_ROW = re.compile(r"</?(?:tr|table|caption|p|div|h\d|br|li)\b[^>]*>", re.IGNORECASE)
+_HTML_UNSEEN = re.compile(r"<!--.*?(?:-->|\Z)|<(script|style)\b.*?(?:</\1\s*>|\Z)", re.IGNORECASE | re.DOTALL)
+"""What is left open goes to the end, as in a browser: each place of a damaged file is looked at once."""
+_HTML_ROW = re.compile(r"</?(?:tr|table|caption|p|div|h\d|br|li)\b[^<>]*>", re.IGNORECASE)
 _LATEX = re.compile(r"\\begin\{(?:long)?tab[a-z]*\*?\}|\\begin\{array\}")
 _BRACES = r"\{(?:[^{}]|\{[^{}]*\})*\}"
 _LATEX_BREAK = re.compile(
-    rf"\\begin\{{[^}}]*\}}(?:\[[^\]]*\])?(?:{_BRACES})*|\\end\{{[^}}]*\}}|\\\\(?:\[[^\]]*\])?"
+    rf"\\begin\{{[^{{}}]*\}}(?:\[[^][]*\])?(?:{_BRACES})*|\\end\{{[^{{}}]*\}}|\\\\(?:\[[^][]*\])?"
 )
-_LATEX_RULE = re.compile(rf"\\(?:c?mid|top|bottom|h|c)(?:rule|line)(?:\([^)]*\))?(?:{_BRACES})?|(?<!\\)%.*")
+_LATEX_RULE = re.compile(rf"\\(?:c?mid|top|bottom|h|c)(?:rule|line)(?:\([^()]*\))?(?:{_BRACES})?|(?<!\\)%.*")
 _LATEX_SIGNS = (
     (r"\times", "×"),
     (r"\cdot", "·"),
@@ -27,10 +28,12 @@ _LATEX_SIGNS = (
 _LATEX_WRAP = re.compile(
     r"\\multicolumn\{[^{}]*\}\{[^{}]*\}\{([^{}]*)\}|\\[a-zA-Z]+\{([^{}]*)\}|\{([^{}]*)\}"
 )
-_WIKI = re.compile(r"^\s*\{\|.*$\n", re.MULTILINE)
-_WIKI_ROW = re.compile(r"^\s*\|(?:-.*|\+.*|\})$", re.MULTILINE)
-_WIKI_CELL = re.compile(r"(?:^\s*[|!]|\|\||!!)(?:[^|\n]*=\s*\"[^|\n]*\|(?!\|))?\s*", re.MULTILINE)
-"""Of MediaWiki: what opens a table, parts its rows, and begins a cell, perhaps with how it is to look."""
+_WIKI = re.compile(r"^[ \t]*\{\|.*$\n", re.MULTILINE)
+_WIKI_ROW = re.compile(r"^[ \t]*\|(?:-.*|\+.*|\})$", re.MULTILINE)
+_WIKI_CELL = re.compile(r"^[ \t]*[|!]|\|\||!!", re.MULTILINE)
+"""Of MediaWiki: what opens a table, parts its rows, and begins a cell."""
+_WIKI_LOOK = re.compile(r"=\s*\"")
+"""Before the bar in a cell: how it is to look."""
 _PIPE_RULE = re.compile(r"(?=.*[|+])[\s|+:]*(?:--|==)[\s|+:=-]*")
 """Of a table with pipes, below the names or between rows."""
 _BLANK_RULE = re.compile(r"\s*={2,}(?:\s+={2,})+\s*")
@@ -65,9 +68,9 @@ def table_text(text: str) -> str:
 
 def _of_html(text: str) -> str:
     text = re.sub(r"\s+", " ", _HTML_UNSEEN.sub("", text))
-    text = re.sub(r"<sup\b[^>]*>", "^", _HTML_ROW.sub("\n", text), flags=re.IGNORECASE)
-    text = re.sub(r" *<t[dh]\b[^>]*> *", "\t", text, flags=re.IGNORECASE)
-    text = html.unescape(re.sub(r"<[^>]*>", "", text)).replace("\u00a0", " ")
+    text = re.sub(r"<sup\b[^<>]*>", "^", _HTML_ROW.sub("\n", text), flags=re.IGNORECASE)
+    text = re.sub(r" *<t[dh]\b[^<>]*> *", "\t", text, flags=re.IGNORECASE)
+    text = html.unescape(re.sub(r"<[^<>]*>", "", text)).replace("\u00a0", " ")
     return _joined(text.split("\n"), lambda line: line.strip(" ").removeprefix("\t").split("\t"))
 
 
@@ -83,7 +86,12 @@ def _of_latex(text: str) -> str:
 
 
 def _wiki_row(row: str) -> str:
-    return "\t".join(cell.strip().strip("'") for cell in _WIKI_CELL.split(row)[1:])
+    return "\t".join(_wiki_cell(cell).strip().strip("'") for cell in _WIKI_CELL.split(row)[1:])
+
+
+def _wiki_cell(cell: str) -> str:
+    look, bar, seen = cell.partition("|")
+    return seen if bar and "\n" not in look and _WIKI_LOOK.search(look) else cell
 
 
 def _pipe_cells(line: str) -> list[str]:

@@ -1,7 +1,7 @@
 """What a page says of a scan, checked value by value as it may come from anywhere, and what it is shown."""
 
 import dataclasses
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -145,7 +145,8 @@ def _length(value: Any) -> tuple[_Place, _Place, float]:
 def numbers(value: Any, count: int, name: str) -> _Place:
     """So many finite numbers of a list; InputError if it holds others."""
     good = isinstance(value, list) and len(value) == count
-    if not good or not all(type(each) in (int, float) and math.isfinite(each) for each in value):
+    # NaN compares as false, and a whole number of any length compares without becoming a float.
+    if not good or not all(type(each) in (int, float) and abs(each) <= sys.float_info.max for each in value):
         raise _unusable(f"{name} is {shown(value)}", "the page")
     return tuple(float(each) for each in value)
 

@@ -166,8 +166,11 @@ def test_what_is_too_long_or_has_no_length_is_not_read(server):
 
 @pytest.mark.parametrize(
     "content",
-    ["{}", "[]", '{"at_m": [0, 0]}', '{"at_m": [0, 0, "a"], "eye_m": [0, 0, 0]}', '{"at_m": [0, 0, NaN]}'],
-)
+    [
+        "{}", "[]", '{"at_m": [0, 0]}', '{"at_m": [0, 0, "a"], "eye_m": [0, 0, 0]}', '{"at_m": [0, 0, NaN]}',
+        '{"at_m": [0, 0, -Infinity]}', '{"at_m": [0, 0, 1' + "0" * 400 + "]}",
+    ],
+)  # fmt: skip
 def test_a_click_without_its_places_is_refused(server, content):
     assert told(server, "pick", content)[0] == 400
     assert told(server, "detail", content)[0] == 400

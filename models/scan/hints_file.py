@@ -63,15 +63,22 @@ RIVALS = (
 
 
 def outside_cloud(
-    place_m: Iterable[float], low_m: Iterable[float], high_m: Iterable[float], where: str
+    place_m: Iterable[float],
+    low_m: Iterable[float],
+    high_m: Iterable[float],
+    where: str,
+    asked: str = "places",
 ) -> InputError:
-    """Refusal of a place of the user's that a cloud of these bounds does not show, survey coordinates."""
+    """Refusal of a place of the user's that a cloud of these bounds does not show, survey coordinates.
+
+    asked: what to give in its place.
+    """
     place, low, high = (", ".join(f"{each:.2f}" for each in places) for places in (place_m, low_m, high_m))
     return InputError(
         f"{place} lies outside the cloud",
         where=where,
         expected=f"survey coordinates from {low} to {high}",
-        remedy="give places in the coordinates of the clouds, in metres",
+        remedy=f"give {asked} in the coordinates of the clouds, in metres",
     )
 
 

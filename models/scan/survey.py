@@ -34,9 +34,10 @@ from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
 from toppling.models.scan.leaning import check_upright, upright_split
 from toppling.models.scan.measure import ObservedRock, close_standing, confidence, uncertainty
+from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
-from toppling.models.scan.read import Cloud, Mesh
+from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels
 from toppling.models.scan.worked_out import WorkedOut
@@ -166,7 +167,7 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
     """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
     near, (low, high) = np.asarray(near_m, float), cloud.bounds_m[:, :2]
     if not ((near >= low) & (near <= high)).all():
-        raise outside_cloud(near_m, low, high, "--near")
+        raise outside_cloud(near_m, low, high, "--near", "x and y of the rock's top")
     return near - cloud.origin_m[:2]
 
 

@@ -273,8 +273,9 @@ def test_a_place_beside_which_nothing_stands_names_no_rock(twins):
 
 def test_a_place_outside_the_cloud_names_no_rock(twins):
     cloud = Cloud(twins, virtual.DEMO_ORIGIN_M, np.zeros(len(twins), np.int32), (("twins", len(twins)),))
-    with pytest.raises(InputError, match=r"3\.00, 0\.00 lies outside the cloud"):
+    with pytest.raises(InputError, match=r"3\.00, 0\.00 lies outside the cloud") as error:
         survey(cloud, near_m=(3.0, 0.0))
+    assert "give x and y of the rock's top" in error.value.remedy
 
 
 def views(*points):

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -265,17 +265,19 @@ _HalfFit = Callable[[np.random.Generator], Interface]
 
 
 def _half_fits(observed: ObservedRock, interface: Interface) -> _HalfFit:
-    """What fits the interface through the pedestal in half of the directions around the contact."""
+    """What fits the interface in half of the directions around the contact; it refuses, not this, what has no rim."""
     if observed.hint is not None or not interface.is_bare:
         return lambda _: interface
+
     points = np.concatenate([observed.rock_m, observed.pedestal_m])
     label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
-    rim = NearRim.of(points, label, interface, observed.height_m)
+    rim_seen = cache(lambda: NearRim.of(points, label, interface, observed.height_m))
     low = interface.flat(observed.rock_m)
     low = low[np.abs(low[:, 2]) < _BESIDE_BAND_PER_HEIGHT * observed.height_m]
-    sector = sectors(interface.flat(rim.points_m)[:, :2] - middle(low))
 
     def half_fitted(rng: np.random.Generator) -> Interface:
+        rim = rim_seen()
+        sector = sectors(interface.flat(rim.points_m)[:, :2] - middle(low))
         return rim.fitted(np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False)))
 
     return half_fitted

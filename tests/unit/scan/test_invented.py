@@ -8,7 +8,15 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual
-from toppling.models.scan.measure import _adds_nothing, _cap_share, bias_floors, invention_warning
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import (
+    ObservedRock,
+    _adds_nothing,
+    _cap_share,
+    bias_floors,
+    invention_warning,
+    uncertainty,
+)
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -23,6 +31,16 @@ def with_invented(share):
 def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
     # Of a ball of radius 1, a cap of height h has the surface 2 pi h and the volume pi h^2 (3 - h) / 3.
     assert _cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
+
+
+def test_a_rock_without_a_rim_is_told_that_no_half_sample_closed():
+    aloft = np.random.default_rng(1).uniform([-0.3, -0.3, 0.5], [0.3, 0.3, 0.9], (500, 3))
+    aloft[0, 2] = 0.05
+    floor = aloft * [1.0, 1.0, 0.0]
+    observed = ObservedRock(aloft, floor, aloft, floor, None, None, 1.0, None)
+    level = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    found = uncertainty(observed, level, 0.5, 0.0, realisations=3, each=lambda: None)
+    assert (found["realisations"], found["closed"]) == (3, 0)
 
 
 def test_a_rock_that_was_seen_is_told_without_a_warning():

@@ -89,7 +89,9 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
 
 def _rounded_share(observed: ObservedRock, interface: Interface) -> float:
     """Share of the directions in which the rock's foot bends outward like a fillet; 0 where too little was seen."""
-    (below, foot_deg), (above, side_deg) = (_dips_deg(observed, interface, *band) for band in (_FOOT, _SIDE))
+    (below, foot_deg), (above, side_deg) = (
+        _dips_deg(observed, interface, band, about=_FOOT) for band in (_FOOT, _SIDE)
+    )
     seen, of_foot, of_side = np.intersect1d(below, above, return_indices=True)
     if len(seen) < _LEAST_SEEN * SECTORS or observed.patches_apart > SPARSE:
         return 0.0
@@ -97,15 +99,26 @@ def _rounded_share(observed: ObservedRock, interface: Interface) -> float:
     return float(rounded.mean())
 
 
-def _dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> tuple[Indices, Array]:
-    """Directions (k,), and the median angle of the normals over the plane in each, between two shares of the height."""
+def _dips_deg(
+    observed: ObservedRock,
+    interface: Interface,
+    band: tuple[float, float],
+    about: tuple[float, float] | None = None,
+) -> tuple[Indices, Array]:
+    """Directions (k,), and the median angle of the normals over the plane in each, between two shares of the height.
+
+    about: band about whose middle the directions are counted; None for the same.
+    """
     surfels, own = observed.surfels, observed.patches
     over = interface.over(surfels.points_m[own])
-    inside = (over[:, 2] > low * observed.height_m) & (over[:, 2] < high * observed.height_m)
-    if not inside.any():
+    inside, around = (
+        (over[:, 2] > low * observed.height_m) & (over[:, 2] < high * observed.height_m)
+        for low, high in (band, about or band)
+    )
+    if not inside.any() or not around.any():
         return np.zeros(0, np.int64), np.zeros(0)
     dip = np.rad2deg(np.arcsin(np.clip(surfels.normals[own][inside] @ interface.normal, -1.0, 1.0)))
-    return median_by_sector(dip, over[inside, :2] - middle(over[inside]))
+    return median_by_sector(dip, over[inside, :2] - middle(over[around]))
 
 
 _GROWN_PER_HEIGHT, _GROWN_BAND_PER_HEIGHT = (0.02, 0.15), 0.1
@@ -280,7 +293,7 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
 
 def _sunk(observed: ObservedRock, interface: Interface) -> tuple[Doubt | None, bool]:
     """The doubt that a rock is embedded, and whether its widest part surely lies below the ground."""
-    foot, waist = (_dips_deg(observed, interface, *band)[1] for band in (_FLARE, _WAIST))
+    foot, waist = (_dips_deg(observed, interface, band)[1] for band in (_FLARE, _WAIST))
     if len(foot) < 0.5 * SECTORS:
         return None, False
     share = float((foot > _FLARE_DEG).mean())

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from toppling.models.compiled import Indices
+from toppling.models.arrays import Indices
 
 
 def joined_parts(pairs: Indices, count: int) -> Indices:

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
@@ -230,6 +232,12 @@ def test_records_know_nothing_of_clouds():
         if any(name.startswith("toppling.models.scan") for name in imported(path))
     ]
     assert not offences
+
+
+def test_a_scene_is_read_without_numba():
+    """It takes a second to load, which every verb would wait for."""
+    asked = "import sys, toppling.models.scene; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
 
 
 def test_nothing_read_from_disk_can_be_unpickled():

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import llvmlite.binding
+import numpy as np
 import scipy.linalg  # noqa: F401  (loads SciPy's own BLAS, whose threads are counted too)
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -50,10 +51,9 @@ def one_blas_thread() -> None:
 
 def _blas_kernel() -> str:
     """Kernel that NumPy's OpenBLAS has chosen; where NumPy has another library, that library's name."""
-    numpys = [
-        one for one in threadpool_info() if one["user_api"] == "blas" and "numpy.libs" in one["filepath"]
-    ]
-    for one in numpys or threadpool_info():
-        if one["user_api"] == "blas":
-            return str(one.get("architecture") or one["internal_api"])
+    loaded = [one for one in threadpool_info() if one["user_api"] == "blas"]
+    for one in sorted(loaded, key=lambda one: "numpy.libs" not in one["filepath"]):
+        return str(one.get("architecture") or one["internal_api"])
+    with suppress(KeyError, TypeError):  # one that threadpoolctl does not know, as Apple's
+        return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
     return "unknown"

@@ -186,7 +186,7 @@ def check(
     missing_vertical : bool
         Allow seismograms without a vertical component.
     largest : float
-        Each is also shaken from 1/N to N times as strong.
+        Each is also shaken from 1/N to N times as strong, N being this factor.
     neighbours : int
         So many weaker and as many stronger ones; 0 for none.
     preset : str
@@ -205,5 +205,5 @@ def check(
     read = read_seismograms(tuple(map(Path, seismograms)), _path(metadata), missing_vertical)
     factors = neighbouring_factors(largest, neighbours)
     advance(0, total=len(read.found) * len(factors))
-    verdicts = [judged(rock, one.record(), factors, preset, advance) for one in read.found]
+    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records()]
     return Checked(verdicts, read.remarks, read.notes)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -106,11 +106,11 @@ class Seismogram:
         """What it is of: its event, or else the name of its file."""
         return self.event or next((Path(name).stem for name in self.files), self.station)
 
-    def record(self) -> Record:
-        """The record, read if need be."""
+    def record(self, load: Callable[[Path], Ensemble]) -> Record:
+        """The record, if need be from its ensemble, which is loaded as told."""
         if isinstance(self.source, Record):
             return self.source
-        return _ensemble(self.source[0]).record(self.source[1])
+        return load(self.source[0]).record(self.source[1])
 
 
 def _of_ensemble(folder: Path) -> list[Seismogram]:
@@ -135,6 +135,11 @@ class Seismograms:
     remarks: list[str] = field(default_factory=list)  # what was left out or processed, and why
     # What is odd in a seismogram: its name and the oddity.
     notes: list[tuple[str, str]] = field(default_factory=list)
+
+    def records(self) -> Iterator[Record]:
+        """The records of all; each ensemble is loaded once, as it is now."""
+        load = lru_cache(maxsize=None)(Ensemble.load)
+        return (one.record(load) for one in self.found)
 
 
 def read_seismograms(
@@ -271,7 +276,7 @@ def _judged(site: Site, one: Seismogram, factors: Sequence[float], preset: str) 
     record_id = one.source[1] if isinstance(one.source, tuple) else one.source.record_id
     try:
         scene = _scene(site.scene, site.friction)
-        verdict = dataclasses.asdict(judged(scene, one.record(), factors, preset))
+        verdict = dataclasses.asdict(judged(scene, one.record(_ensemble), factors, preset))
     # A rock that does not stand, or a seismogram that cannot be read, holds up no other.
     except InputError as error:
         return {"record_id": record_id, "outcome": "failed", "message": str(error)}
@@ -286,4 +291,5 @@ def _scene(folder: Path, friction: float | None) -> Scene:
 
 @lru_cache(maxsize=2)
 def _ensemble(folder: Path) -> Ensemble:
+    """An ensemble, which a worker keeps; the user's process may see a folder written again, and must not."""
     return Ensemble.load(folder)

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,7 @@ def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: 
     names: as of click; the last is the parameter's too unless that is named.
     """
     name = parameter or names[-1].strip("-").replace("-", "_")
-    listed = str(inspect.getdoc(function)).partition("Parameters\n----------\n")[2].partition("\n\n")[0]
-    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
-    (words,) = (words for listed_names, words in entries if name in listed_names.split(", "))
-    found: dict[str, Any] = {"help": " ".join(words.replace("`", "").split())}
+    found: dict[str, Any] = {"help": _words_of(function, name)}
     default = inspect.signature(function).parameters[name].default
     if isinstance(default, bool):
         found["is_flag"] = True
@@ -63,6 +61,17 @@ def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: 
     elif default is not None:
         found["default"] = default
     return option(*names, **found | given)
+
+
+def _words_of(function: Callable[..., Any], parameter: str) -> str | None:
+    """What a docstring says of a parameter; None where Python keeps no docstrings (-OO)."""
+    text = inspect.getdoc(function)
+    if text is None or sys.flags.optimize > 1:  # a dataclass then has its signature for one
+        return None
+    listed = text.partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
+    (words,) = (words for names, words in entries if parameter in names.split(", "))
+    return " ".join(words.replace("`", "").split())
 
 
 run_argument = click.argument("run", type=PATH)

@@ -203,7 +203,7 @@ def _have_records(out: Path, records: Path | None, metadata: Path | None, count:
         read = read_seismograms([records], metadata, missing_vertical=False)
         for remark in (*read.remarks, *(f"note on {name}: {what}" for name, what in read.notes)):
             say(remark)
-        Ensemble.write(out / "ensemble", [one.record() for one in read.found])
+        Ensemble.write(out / "ensemble", list(read.records()))
 
 
 def _say_time(chosen: Any, out: Path, where: dict[str, Any], say: Any) -> None:

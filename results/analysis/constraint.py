@@ -15,6 +15,7 @@ from toppling.results.hazard.places import distance_km
 from toppling.results.hazard.survival import (
     RandomRock,
     Standing,
+    drawn_together,
     joint_survival,
     random_rock,
     rejected_rate,
@@ -174,12 +175,10 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
     finite where a curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
     """
     curves = [rock.curve for rock in rocks]
-    drawn = [rock.drawn for rock in rocks]
     low = high = math.nan
-    if all(drawn):
-        fewest = min((one.resampled for one in curves if one.resampled), key=lambda one: one.records)
-        values = [unexceeded(together, confidence) for together in zip(*drawn, strict=True)]
-        low, high = fewest.interval(np.array(values))
+    if shared := drawn_together(rocks):
+        together, fewest = shared
+        low, high = fewest.interval(np.array([unexceeded(drawn, confidence) for drawn in together]))
     return {
         "measure": curves[0].measure,
         "confidence": confidence,
@@ -189,8 +188,12 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})
-            | ({"samples": len(drawn.fitted), "samples_without_fit": drawn.without_fit} if drawn else {})
+            | (
+                {"samples": len(samples.fitted), "samples_without_fit": samples.without_fit}
+                if samples
+                else {}
+            )
             for rock in rocks
-            for drawn in (rock.curve.resampled,)
+            for samples in (rock.curve.resampled,)
         ],
     }

@@ -175,24 +175,31 @@ class Draws:
         return ends(values)
 
 
+def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Lognormal]], Resampled] | None:
+    """Curves of all rocks in each resample, as many as every rock has, and the bootstrap with the fewest records.
+
+    None unless all rocks' fragilities are known to vary.
+    """
+    drawn = [rock.drawn for rock in rocks]
+    if not all(drawn):
+        return None
+    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
+    together = [list(curves) for curves in zip(*drawn, strict=False)]
+    return together, min(known, key=lambda one: one.records)
+
+
 def draws_of(rocks: Sequence[Standing]) -> Draws | None:
     """Draws of rocks' fragilities and ages; None where neither is known to vary.
 
     Fragilities vary if all rocks' do; a sample without a fit is a rock that no shaking topples.
     """
-    drawn = [rock.drawn for rock in rocks]
-    vary = all(drawn)
+    known = drawn_together(rocks)
     old = any(len(rock.years) > 1 for rock in rocks)
-    if not (vary or old) or any(np.isnan(rock.years).any() for rock in rocks):
+    if not (known or old) or any(np.isnan(rock.years).any() for rock in rocks):
         return None
-    count = min(map(len, drawn)) if vary else SAMPLES
-    by_rock = [each[:count] for each in drawn] if vary else [[rock.curve] * count for rock in rocks]
-    carries = ("fragility",) * vary + ("age",) * old
-    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
-    fewest = min(known, key=lambda one: one.records) if vary else None
-    return Draws(
-        [list(curves) for curves in zip(*by_rock, strict=True)], _drawn_ages(rocks, count), carries, fewest
-    )
+    curves, fewest = known or ([[rock.curve for rock in rocks]] * SAMPLES, None)
+    carries = ("fragility",) * (known is not None) + ("age",) * old
+    return Draws(curves, _drawn_ages(rocks, len(curves)), carries, fewest)
 
 
 def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:

@@ -169,12 +169,13 @@ def _changes(statement: dict[str, Any], document: Document) -> str:
     groups = by_site_and_measure(statement["changes"], statement["measure"])
     for (site, measure), rows in list(groups.items())[:MOST_PANELS]:
         rated = [{**row, "rate": rate_words(row["annual_rate"])} for row in rows]
+        table = _picked(rated, {"rate": "annual rate"} | names)
         caption = (
             f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
             f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after"
-            f"{removed if 'level_kept_mean' in rows[0] else ''}. Empty where the curves do not reach."
+            f"{removed if 'rejected removed' in table else ''}. Empty where the curves do not reach."
         )
-        parts.append(document.table(_picked(rated, {"rate": "annual rate"} | names), caption))
+        parts.append(document.table(table, caption))
     return "".join(parts)
 
 

@@ -33,6 +33,13 @@ def test_the_list_of_verbs_imports_none():
     assert all(line in " ".join(told.split()) for line in map(_first_line, VERBS))
 
 
+def test_verbs_are_imported_without_docstrings_and_then_have_no_words():
+    program = "import sys; from toppling.orchestrator.cli import cli; cli(['check', '--help'], prog_name='toppling')"
+    told = subprocess.run([sys.executable, "-OO", "-c", program], capture_output=True, text=True, check=True)
+    assert "--neighbours" in told.stdout
+    assert "weaker" not in told.stdout
+
+
 def test_the_help_of_a_verb_imports_no_cluster():
     program = (
         "import sys; from toppling.orchestrator.cli import cli\n"

@@ -1,6 +1,7 @@
 """Constraints agree with closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
 from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
 from toppling.results.hazard.ages import parse_age
@@ -128,6 +129,29 @@ def test_an_uncertain_age_rejects_less_than_its_greatest_and_more_than_its_least
 def test_without_an_age_a_single_event_is_bounded_at_its_confidence():
     assert unexceeded([ROCK], 0.95) == pytest.approx(ROCK.intensity(0.95))
     assert unexceeded([ROCK, ROCK], 0.95) == pytest.approx(ROCK.intensity(1 - math.sqrt(0.05)))
+
+
+def _rock_of_samples(samples):
+    """ROCK, with one curve of median 1.0 to 1.5 m/s a sample."""
+    medians = np.linspace(1.0, 1.5, samples)
+    coefficients = np.column_stack([-np.log(medians) / 0.4, np.full(samples, 2.5)])
+    drawn = Resampled(coefficients, np.full(samples, True), 30, reflected=True)
+    return Standing(
+        "rock", with_samples(lognormal_of("pgv_m_s", -math.log(1.2) / 0.4, 2.5), drawn), np.array([1e4])
+    )
+
+
+def test_rocks_with_unlike_numbers_of_samples_are_drawn_together_as_far_as_both_go():
+    few, many = _rock_of_samples(40), _rock_of_samples(100)
+    told = Constraint([many, few], 0.95).summary()
+    first = replace(many, curve=with_samples(ROCK, replace(
+        many.curve.resampled, coefficients=many.curve.resampled.coefficients[:40], fitted=np.full(40, True)
+    )))  # fmt: skip
+    alike = Constraint([first, few], 0.95).summary()
+    assert [rock["samples"] for rock in told["rocks"]] == [100, 40]
+    assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
+    for end in ("unexceeded_low", "unexceeded_high"):
+        assert told[end] == pytest.approx(alike[end], rel=1e-9)
 
 
 def test_a_hazard_curve_that_ends_too_early_says_what_it_may_miss():

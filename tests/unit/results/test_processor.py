@@ -5,11 +5,12 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 from seeded import row
 
 from toppling.models.files.tables import write_table
-from toppling.orchestrator.processor import processor, unlike
+from toppling.orchestrator.processor import _blas_kernel, processor, unlike
 from toppling.results.reader import open_run
 from toppling.results.schema import ADDED_LATER, SCHEMA, describe
 from toppling.results.store import compact, write_part
@@ -30,6 +31,11 @@ def test_another_kernel_of_blas_is_seen():
         check=True,
     )  # fmt: skip
     assert done.stdout.startswith("BLAS Haswell,")
+
+
+def test_a_blas_whose_kernel_nobody_knows_is_named_as_numpy_names_it(monkeypatch):
+    monkeypatch.setattr("toppling.orchestrator.processor.threadpool_info", list)
+    assert _blas_kernel() == np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"]
 
 
 def test_the_processor_that_code_is_made_for_is_told_rather_than_the_one_here(monkeypatch):

@@ -1,5 +1,6 @@
 """Seismograms at many sites, each shaken with the rocks that stand there."""
 
+import shutil
 from dataclasses import dataclass, replace
 
 import pandas as pd
@@ -8,6 +9,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
+from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.site_table import Site
@@ -17,6 +19,7 @@ from toppling.orchestrator.studies.seismograms import (
     check_sites,
     matrix_of,
     of_records,
+    read_seismograms,
     seismograms_of,
 )
 
@@ -103,3 +106,13 @@ def test_a_folder_named_as_a_site_stands_for_its_station(sites, records):
 def test_seismograms_of_no_site_are_refused(sites, records):
     with pytest.raises(InputError, match="none of 2 seismograms is at a site"):
         check_sites(sites[:2], of_records(records[4:]), [1.0], "fast", workers=1)
+
+
+def test_an_ensemble_that_is_written_again_is_read_again(records, tmp_path):
+    Ensemble.write(tmp_path / "quakes", records[:1])
+    (before,) = read_seismograms([tmp_path / "quakes"], None, False).records()
+    stronger = Motion(2.0 * before.motion.acceleration_m_s2, before.motion.time_step_s)
+    shutil.rmtree(tmp_path / "quakes")
+    Ensemble.write(tmp_path / "quakes", [Record.of("ECHO0", stronger, station="ECHO", event="event 0")])
+    (after,) = read_seismograms([tmp_path / "quakes"], None, False).records()
+    assert after.intensity["pga_m_s2"] == pytest.approx(2.0 * before.intensity["pga_m_s2"])

@@ -16,7 +16,7 @@ from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, 
 from toppling.results.analysis.exchange import read_curves, read_surface
 from toppling.results.analysis.fits import answered, basis_of
 from toppling.results.analysis.regression import fit
-from toppling.results.analysis.resampling import bootstrap
+from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.hazard.ages import exposure
 from toppling.results.hazard.curves import events_by_intensity
@@ -107,13 +107,11 @@ def _surface(
     """
     if jobs is None:
         surface, why = read_surface(path, measures), ": it is no run, and states no surface"
-        drawn = surface.resampled if surface else None
     else:
         frame = jobs.frame
         frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
-        fitted = fit(frame, measures) if len(frame) else None
+        fitted = sampled(frame, fit(frame, measures), advance=advance) if len(frame) else None
         surface, why = surface_of(fitted) if fitted else None, f" ({fitted.problem})" if fitted else ""
-        drawn = bootstrap(frame, fitted, advance=advance) if fitted and surface else None
         if surface:
             surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
     if surface is None:
@@ -122,7 +120,7 @@ def _surface(
             where=str(path), expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
             remedy="give the run, or one --measure",
         )  # fmt: skip
-    return surface, drawn_surfaces(drawn, measures) if drawn else []
+    return surface, drawn_surfaces(surface.resampled, measures) if surface.resampled else []
 
 
 def _placed(
@@ -240,18 +238,18 @@ def _of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
 
 def _tables(update: EventUpdate, measures: tuple[str, ...]) -> dict[str, pd.DataFrame]:
     """Tables by name, those that hold something; of each measure at each rock's site those that are of both."""
-
-    def everywhere(table: Callable[[str, int], pd.DataFrame]) -> pd.DataFrame:
-        parts = [
-            table(measure, site).assign(measure=measure, site=update.events.sites[site].name)
-            for site in dict.fromkeys(rock.site for rock in update.rocks)
-            for measure in measures
+    parts = [
+        [
+            table.assign(measure=measure, site=update.events.sites[site].name)
+            for table in update.before_and_after(measure, site)
         ]
-        return pd.concat(parts, ignore_index=True)
-
+        for site in dict.fromkeys(rock.site for rock in update.rocks)
+        for measure in measures
+    ]
+    updated, changes = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     found = {
         "branches": update.branches, "models": update.models, "left_out": update.left_out,
-        "updated": everywhere(update.updated), "changes": everywhere(update.changes),
+        "updated": updated, "changes": changes,
     }  # fmt: skip
     return {name: table for name, table in found.items() if table is not None and len(table)}
 

@@ -19,7 +19,7 @@ from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.orchestrator.recorded import Recorded, check_weighable
 from toppling.results.analysis.exchange import read_curves
-from toppling.results.analysis.fits import answered, curve_over
+from toppling.results.analysis.fits import answered, curve_over, with_measure
 from toppling.results.analysis.fragility import by_contact
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.analysis.regression import fit
@@ -51,7 +51,7 @@ def of_atlases(
     for path in rocks:
         of_atlas = open_run(path).rocks if path.is_dir() else ()
         for rock in of_atlas:
-            known = _with_measure(rock.frame(), measure)
+            known = with_measure(rock.frame(), measure)
             if len(known) and fit(known, [measure]).lognormal:
                 found.append((rock.path, rock.entry["age"]))
             else:
@@ -180,16 +180,11 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     return joined(own, also) if own else also
 
 
-def _with_measure(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Jobs with an answer whose measure is known."""
-    return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
-
-
 def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """What the motions that a rock survived say about its base, and the resulting shift of the median."""
     assert jobs.weights is not None
     summary = jobs.weights.summary(jobs.frame)
-    alike = fit(_with_measure(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
+    alike = fit(with_measure(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
     (of_contact,) = summary.pop("contacts")
     return {
         **summary,

@@ -60,6 +60,11 @@ def answered(frame: pd.DataFrame) -> pd.DataFrame:
     return frame[counts].astype({"toppled": bool}).reset_index(drop=True)
 
 
+def with_measure(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Jobs with an answer whose measure is known."""
+    return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
+
+
 def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None) -> Basis:
     """What a fit of one measure to the answers among some jobs, all of one rock and of one run, rests on."""
     known = answered(frame)
@@ -87,7 +92,7 @@ def curve_over(
     run: of the run whose jobs these are.
     advance: called before each bootstrap sample.
     """
-    known = answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
+    known = with_measure(jobs, measure)
     fitted = fit(known, [measure]) if len(known) else None
     if fitted is None or fitted.lognormal is None:
         return None
@@ -104,7 +109,7 @@ class ContactFits:
     samples: int = SAMPLES  # bootstrap samples of the fits
     run: Completeness | None = None  # of the run whose jobs these are
     words: str = ""  # what distinguishes it from others, such as "μ = 0.8"
-    told: Callable[[str], object] = lambda _: None  # of the measure before the samples of its fit
+    told: Callable[[Sequence[str]], object] = lambda _: None  # of the measures before the samples of its fit
 
     @cached_property
     def known(self) -> pd.DataFrame:
@@ -133,7 +138,7 @@ class ContactFits:
 
     def fitted(self, measures: Sequence[str], link: str = "probit") -> Fit:
         """Fit of some measures together with its samples."""
-        self.told(" and ".join(measures))
+        self.told(measures)
         return sampled(self.known, fit(self.known, measures, link), self.samples)
 
     @cached_property

@@ -186,15 +186,15 @@ def _write_contact(
     advance(0, "ranking of the measures")
     parts = 0
 
-    def told(measures: str) -> None:
-        names = " and ".join(map(short_name, measures.split(" and ")))
+    def told(measures: Sequence[str]) -> None:
+        names = " and ".join(map(short_name, measures))
         advance(FIT_PARTS / parts, f"bootstrap of the fit over {names}")
 
     contact = fits.ContactFits(jobs, samples, run, told=told)
     yield write_csv(contact.ranking, target / "measures.csv")
     both = [names for names in regression.SURFACES if set(names) <= set(contact.measures)]
     parts = len(contact.measures) + len(both) * len(regression.LINKS)
-    of_two = [contact.fitted(names, link) for names in both for link in regression.LINKS] if parts else []
+    of_two = [contact.fitted(names, link) for names in both for link in regression.LINKS]
     models = [*contact.models, *of_two]
     table = fits.summary(models)
     _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])

@@ -130,10 +130,10 @@ def survival(rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure)
     return exposure.survival(any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate)
 
 
-def toppling_rates(rocks: Sequence[FeltRock], branch: EventBranch) -> Array:
-    """Annual rate at which each event topples at least one of the rocks as they are, (m,)."""
+def toppling_probabilities(rocks: Sequence[FeltRock], branch: EventBranch) -> Array:
+    """Probability that each event topples at least one of the rocks as they are, (m,)."""
     together = np.full((1, len(rocks)), AS_NOW, np.int8)
-    return any_topples(standing_shares(rocks, branch), together)[0] * branch.rate
+    return any_topples(standing_shares(rocks, branch), together)[0]
 
 
 def _bootstrap(
@@ -207,7 +207,8 @@ def rank_branches(
     resampled = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
     for branch, prior, survivals in zip(events.branches, events.prior, resampled, strict=True):
         low, high = np.quantile(survivals, [0.025, 0.975])
-        survives, part = survival(rocks, branch, exposure), toppling_rates(rocks, branch)
+        survives = survival(rocks, branch, exposure)
+        part = toppling_probabilities(rocks, branch) * branch.rate
         lines.append({
             "name": branch.name, "model": branch.model, "events": len(branch.rate),
             "effective_events": effective_number(part) if part.sum() > 0 else 0.0,

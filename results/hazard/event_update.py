@@ -24,7 +24,7 @@ from toppling.results.hazard.event_survival import (
     rank_models,
     standing_shares,
     survival,
-    toppling_rates,
+    toppling_probabilities,
 )
 from toppling.results.hazard.surfaces import stouter
 from toppling.results.hazard.survival import greatest_rate, largest_factor
@@ -202,36 +202,33 @@ class EventUpdate:
         after = None if self.posterior is None else statistics_of(levels, rates, self.posterior)
         return rates, statistics_of(levels, rates, self.events.prior), after
 
-    def updated(self, measure: str, site: int = 0) -> pd.DataFrame:
-        """Annual rates of exceedance at a site before and after.
+    def before_and_after(self, measure: str, site: int = 0) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Annual rates of exceedance at a site before and after, and motions exceeded at some of them.
 
         Returns
         -------
         DataFrame
             level (SI), rate_prior_mean, rate_posterior_mean, and rate_prior_p05 ... rate_posterior_p95 (fractiles over
             branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
+        DataFrame
+            As `update.changes_table` states motions of curves.
         """
         found = self._hazard(measure, site)
         if found is None:
-            return pd.DataFrame()
-        _, before, after = found
-        return rates_table(before.levels, {"prior": before, "posterior": after})
-
-    def changes(self, measure: str, site: int = 0) -> pd.DataFrame:
-        """Motions exceeded at some annual rates before and after, as `update.changes_table` states them of curves."""
-        found = self._hazard(measure, site)
-        if found is None:
-            return pd.DataFrame()
+            return pd.DataFrame(), pd.DataFrame()
         rates, before, after = found
-        return changes_of(before, after, drawn_weights(self.events.prior, self.drawn) @ rates, ends)
+        means = drawn_weights(self.events.prior, self.drawn) @ rates
+        return (
+            rates_table(before.levels, {"prior": before, "posterior": after}),
+            changes_of(before, after, means, ends),
+        )
 
     def _felt(self, branch: EventBranch) -> EventBranch:
         """A branch without the events that topple nothing even a factor stronger: a large set has few others."""
         if len(branch.rate) < 2000:
             return branch
         scaled = [replace(rock, fragility=stouter(rock.fragility, 0.1)) for rock in self.rocks]
-        unit = replace(branch, rate=np.ones(len(branch.rate)))
-        some = toppling_rates(scaled, unit) > NEGLIGIBLE
+        some = toppling_probabilities(scaled, branch) > NEGLIGIBLE
         return replace(
             branch,
             rate=branch.rate[some],

@@ -20,7 +20,7 @@ from toppling.results.hazard.event_survival import (
     rank_branches,
     rank_models,
     survival,
-    toppling_rates,
+    toppling_probabilities,
 )
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
@@ -252,7 +252,7 @@ def test_a_hazard_curve_is_no_set_of_events(tmp_path):
 @sampled
 def test_openquakes_event_set_gives_its_branches_toppling_rates():
     events = read_events(SAMPLES / "oq_events")
-    rates = [toppling_rates([ROCK], branch).sum() for branch in events.branches]
+    rates = [toppling_probabilities([ROCK], branch) @ branch.rate for branch in events.branches]
     assert rates == pytest.approx([1.329e-4, 5.693e-3, 4.516e-3, 1.070e-3], rel=5e-4)
     assert events.prior @ rates == pytest.approx(2.669e-3, rel=5e-4)
     assert [len(branch.rate) for branch in events.branches] == [270, 244, 249, 267]
@@ -293,7 +293,7 @@ def test_a_cybershake_rupture_shares_its_probability_over_its_variations():
 
 def test_one_event_topples_with_its_fragility():
     one = EventBranch("one", np.array([1e-3]), {"pga_m_s2": np.array([[0.5 * G]])})
-    assert toppling_rates([ROCK], one).sum() == pytest.approx(0.5e-3)
+    assert toppling_probabilities([ROCK], one) @ one.rate == pytest.approx(0.5e-3)
     told = survival([ROCK], one, exposure(joint_ages([parse_age("2000")])))
     assert told == pytest.approx(math.exp(-1.0))
 

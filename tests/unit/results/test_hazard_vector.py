@@ -9,7 +9,7 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.event_survival import FeltRock, toppling_rates
+from toppling.results.hazard.event_survival import FeltRock, toppling_probabilities
 from toppling.results.hazard.surfaces import Surface, topples
 from toppling.results.hazard.vector import SCATTERS, joint_rate
 
@@ -37,7 +37,7 @@ def exact_rate(surface, rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv, correlat
 
 
 def rate_of(fragility, joint):
-    return toppling_rates([FeltRock("rock", fragility)], joint.events).sum()
+    return toppling_probabilities([FeltRock("rock", fragility)], joint.events) @ joint.events.rate
 
 
 def seismicity():

@@ -122,7 +122,7 @@ _SPANNED_SHARE = 0.99
 Pulls = Sequence[tuple[float, float]]
 
 
-def likelihood(pulls: Pulls, ratios: Array) -> Array:
+def pulls_likelihood(pulls: Pulls, ratios: Array) -> Array:
     """How likely (n,) draws with such ratios (n, pulls) make what was measured, the likeliest 1."""
     squares = (np.minimum(_misfits(pulls, ratios), 1e3) ** 2).sum(axis=1)
     return np.exp(-0.5 * (squares - squares.min()))

@@ -19,8 +19,8 @@ from toppling.models.hidden_base.evidence import (
     check_joint,
     check_spanned,
     flat_draws,
-    likelihood,
     mixed_weights,
+    pulls_likelihood,
     shares_by_evidence,
 )
 from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resampled
@@ -207,14 +207,14 @@ def _weighed(
         return found, shares, weight
     ratios = borne(found)
     check_spanned(pulls, ratios, weight)
-    measured = weight * likelihood(pulls, ratios)
+    measured = weight * pulls_likelihood(pulls, ratios)
     for _ in range(MORE_ROUNDS):
         if effective_number(measured) >= _ENOUGH:
             break
         more = candidates()
         found, ratios = found + more, np.vstack([ratios, borne(more)])
         weight = mixed_weights([gap for gap, _ in found], shares)
-        measured = weight * likelihood(pulls, ratios)
+        measured = weight * pulls_likelihood(pulls, ratios)
     check_joint(pulls, ratios, measured, weight)
     return found, shares, measured
 

@@ -107,8 +107,6 @@ def surface_of(interface: Interface) -> Pedestal:
     )
 
 
-_FRICTION = 0.8
-"""With which the nominal rock must stand as scanned."""
 _SMOOTH_IS_LIKELY = 0.25
 """Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
 _NEARLY_ALL = 0.75
@@ -139,7 +137,7 @@ def _nominal_draw(
     rock = carried(rock, interface)
 
     def at_rest(standing: Rock) -> bool:
-        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, _FRICTION, np.zeros(3))[0])
+        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0])
 
     if _is_likely(drawn, smooth_m_s2, smooth_fits) and smooth_fits is not False and at_rest(rock):
         return None, True
@@ -229,20 +227,20 @@ def base_unseen(
     outlined = observed.hint is not None and observed.hint.encloses
     if outlined or not inspection.says_nothing:
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
-    rock, outlined, agrees = closed.rock, outlined and inspection.says_nothing, None
-    if not inspection.says_nothing:
+    rock, outlined_alone, agrees = closed.rock, outlined and inspection.says_nothing, None
+    if interface.is_plane and not inspection.says_nothing:
         known = drawn.part.inspection
         agrees = _smooth_fits_inspection(rock, smooth, interface, known, observed.height_m)
     if interface.sheet is None:
         unseen = unseen_base(drawn, rock, interface, observed.height_m)
         number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-        if not outlined:
+        if not outlined_alone:
             number, at_rest = _nominal_draw(drawn, unseen, rock, interface, central, agrees, inspection.pulls)
         unseen = dataclasses.replace(unseen, nominal=number)
         return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": at_rest}
     # Over the plane as a surface it may stand as it was closed.
     as_closed = (
-        interface.is_plane and agrees is not False and (outlined or _is_likely(drawn, central, agrees))
+        interface.is_plane and agrees is not False and (outlined_alone or _is_likely(drawn, central, agrees))
     )
     rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_closed)
     nominal = central if as_closed else None if number is None else drawn.toppling_m_s2[number]

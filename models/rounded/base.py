@@ -41,6 +41,11 @@ _BALANCED = 1e-9
 class RollingBody:
     """A rock on a plane that it touches with patches and points.
 
+    It touches the plane where it is farthest along the plane's normal. It is in equilibrium where the way from its
+    centre of mass to that point has the direction of gravity less the ground's acceleration (for a body of revolution
+    Housner's and later Ichinose's rolling rocks). No slip, no spin about the normal, as in
+    :mod:`toppling.models.facet_path`.
+
     com_m: (3,).
     normal: (3,), of the plane, upward.
     """

@@ -8,6 +8,7 @@ curve through four of its corners (Dyn, Levin and Gregory 1987). Parts that are 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -116,7 +117,7 @@ class SmoothMesh:
         least, middle, _ = np.linalg.eigvalsh(spread).T
         return replace(self, rounded=self.rounded & (least > _ONE_WAY_SHARE * middle)[part])
 
-    @property
+    @cached_property
     def normals(self) -> tuple[Array, Array]:
         """Unit normals (m, 3) and areas (m,)."""
         corners = self.vertices_m[self.faces]
@@ -124,14 +125,14 @@ class SmoothMesh:
         size = np.linalg.norm(area, axis=1)
         return area / np.maximum(size, 1e-300)[:, None], 0.5 * size
 
-    @property
+    @cached_property
     def edges(self) -> tuple[Indices, Indices]:
         """Ends (e, 2), sorted, and the two faces beside (e, 2); a closed mesh has as many of each."""
         half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         order = np.lexsort((half[:, 1], half[:, 0]))
         return half[order[::2]], (order // 3).reshape(-1, 2)
 
-    @property
+    @cached_property
     def angle_deg(self) -> Array:
         """Angles (e,) between the two faces beside each edge."""
         normals, _ = self.normals

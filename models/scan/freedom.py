@@ -227,8 +227,8 @@ _EVEN_SHARE = 0.8
 def _tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
     """A doubt where planes beside a rock at different heights dip alike: paving, steps and plinths are made level."""
     level = ~rock & (surfels.normals[:, 2] > np.cos(np.deg2rad(_MOST_DIP_DEG)))
-    points, normals, voxel = surfels.points_m[level], surfels.normals[level], surfels.voxel_m
-    about = Surfels(points, normals, surfels.roughness[level], voxel)
+    about = surfels.only(level)
+    points, normals, voxel = about.points_m, about.normals, about.voxel_m
 
     def on(plane: Interface, voxels: float) -> Flags:
         near = np.abs((points - plane.point_m) @ plane.normal) < voxels * voxel

@@ -103,7 +103,7 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
         vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])
         vertices, faces = up_to_edge(vertices, grid_triangles(lost.shape), outside.ravel())
         lost = outside > 0.0
-    edges = _edges(nodes, surface, lost)
+    edges = _edges(grid, surface, lost)
     return Ground(
         Pedestal(interface.point_m, interface.normal, interface.scene(vertices), faces),
         outline_m,
@@ -195,22 +195,18 @@ def _triangles(nodes: Array, surface: Array, kept: Flags) -> tuple[Array, Indice
     return vertices, faces.reshape(-1, 3)
 
 
-def _edges(nodes: Array, surface: Array, lost: Flags) -> list[Array]:
+def _edges(grid: Grid, surface: Array, lost: Flags) -> list[Array]:
     """Boundary between kept and lost, smoothed and straightened, the kept side on the left."""
     if not lost.any():
         return []
     smooth = ndimage.gaussian_filter((~lost).astype(float), 1.5, mode="nearest")
-    axes_u, axes_v = nodes[:, 0, 0], nodes[0, :, 1]
-    cell = axes_u[1] - axes_u[0]
-    lines = contourpy.contour_generator(axes_u, axes_v, smooth.T).lines(0.5)
-    height = lambda line: ndimage.map_coordinates(  # noqa: E731
-        surface, ((line - nodes[0, 0]) / cell).T, order=1, mode="nearest"
-    )
+    nodes = grid.nodes_m
+    lines = contourpy.contour_generator(nodes[:, 0, 0], nodes[0, :, 1], smooth.T).lines(0.5)
     edges = []
     for line in map(np.asarray, lines):  # contourpy has what is larger, kept, on the left
         if len(line) >= 5:
-            straight = _straightened(line, 0.6 * cell)
-            edges.append(np.column_stack([straight, height(straight)]))
+            straight = _straightened(line, 0.6 * grid.cell_m)
+            edges.append(np.column_stack([straight, grid.at(surface, straight)]))
     return edges
 
 

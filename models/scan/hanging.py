@@ -73,9 +73,8 @@ def seat_of(surfels: Surfels, rock: Flags, height_m: float, interface: Interface
         return interface
     low = cKDTree(surfels.points_m[hangs]).query(surfels.points_m)[0] < _BESIDE_PER_HEIGHT * height_m
     kept = rock | ~low
-    only = Surfels(surfels.points_m[kept], surfels.normals[kept], surfels.roughness[kept], surfels.voxel_m)
     try:
-        return fit_interface(only, rock[kept])
+        return fit_interface(surfels.only(kept), rock[kept])
     except InputError:
         return interface
 

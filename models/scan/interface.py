@@ -218,9 +218,7 @@ class Interface:
 
     def support(self, points_m: Array) -> Array:
         """Coordinates (n, 3) in the support frame: along :func:`models.frames.plane_axes` and the normal."""
-        return shifted_and_turned(
-            points_m, self.point_m, np.column_stack([*plane_axes(self.normal), self.normal])
-        )
+        return Interface.through(self.point_m, self.normal).flat(points_m)
 
     def normals(self, flat_m: Array) -> Array:
         """Unit normals (n, 3) of the surface at places, along u, v and the plane's normal."""

@@ -32,10 +32,10 @@ from toppling.models.scan.choice import choose, is_near, look_around
 from toppling.models.scan.doubt import sectors
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.interface_hint import InterfaceHint
-from toppling.models.scan.surfels import Surfels, orient, roughness, thin
+from toppling.models.scan.surfels import LEVEL, Surfels, orient, roughness, thin
 
-_LEVEL, _LIKE = 0.8, 0.97
-"""Cosines: of a patch's normal to the vertical where something can stand, and between neighbours in one plane."""
+_LIKE = 0.97
+"""Cosine between the normals of neighbours in one plane."""
 _LEAST_OF_A_PLANE = 80
 """Fewer patches are no plane that carries anything."""
 _FLAT_VOXELS = 1.0
@@ -117,7 +117,7 @@ def level_planes(surfels: Surfels, edges: Indices) -> list[tuple[Flags, Interfac
 
     edges: (m, 2), of the patches' neighbourhood.
     """
-    level = surfels.normals[:, 2] > _LEVEL
+    level = surfels.normals[:, 2] > LEVEL
     alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _LIKE
     part = joined_parts(edges[level[edges].all(axis=1) & alike], len(level))
     sizes = np.bincount(part[level], minlength=part.max() + 1)
@@ -137,7 +137,7 @@ def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candid
     points, voxel = surfels.points_m, surfels.voxel_m
     flat = plane.flat(points)
     height = flat[:, 2]
-    top = (np.abs(height) < _ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > _LEVEL)
+    top = (np.abs(height) < _ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
     above = height > _ABOVE_VOXELS * voxel
     inside = edges[above[edges].all(axis=1)]
     part = joined_parts(inside, len(points))
@@ -336,9 +336,8 @@ def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> 
     high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
     around = np.flatnonzero(inside_box(points_m, low, high))
     around = around[thick[cKDTree(coarse.points_m).query(points_m[around])[1]]]
-    if (
-        len(around) > _FEWEST_OF_A_SURFACE
-    ):  # but what lies with its neighbours in a sheet, as the ground below it
+    # But not what lies with its neighbours in a sheet, as the ground below it.
+    if len(around) > _FEWEST_OF_A_SURFACE:
         means, voxel = thin(points_m[around], fine_m)
         around = around[~((voxel >= 0) & (roughness(means)[voxel] < _SHEET_ROUGHNESS))]
     clutter[around] = True

@@ -38,6 +38,10 @@ class Surfels:
     roughness: Array
     voxel_m: float
 
+    def only(self, chosen: Flags) -> "Surfels":
+        """Some of them."""
+        return Surfels(self.points_m[chosen], self.normals[chosen], self.roughness[chosen], self.voxel_m)
+
 
 def in_plants(points_m: Array, roughness: Array) -> Flags:
     """Which thinned points (n,) lie among such as are thick: a rock falls through what is there.

@@ -12,10 +12,9 @@ from toppling.models.frames import horizontal_unit_vector, plane_normal, rotatio
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
-
-Mesh = tuple[Array, Indices]
 
 
 def lathe(radius_m: Array, height_m: Array, centre_m: Array, sides: int) -> Mesh:

@@ -151,15 +151,15 @@ def constrain(
         Runs, atlases with all of their rocks, or files of fragility curves.
     age : sequence of str
         Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma), 20000*/1.2
-        (lognormal) or a CSV. One for several rocks is an independent date of each, which rejects more than one of all.
+        (lognormal) or a CSV. One for several rocks is an independent date of each; a --common-date rejects less.
     hazard : sequence of str
         Hazard: a file or folder of OpenQuake (curves, or a tree with realizations.csv), nshmp-haz or CyberShake, or two
-        columns; repeatable, each a branch with its WEIGHT, and equal weights without. Or one set of events, OpenQuake's
+        columns; repeatable: branches, PATH=WEIGHT each or PATH for equal weights. Or one set of events, OpenQuake's
         ground-motion fields with the files beside them, CyberShake's intensity measures or a table. They need ages.
     where : str or None
         Only jobs for which this SQL condition holds, such as those of one friction.
     stood : sequence of path
-        Recorded motions (files, ensembles) that the rock is known to have survived; they weight the draws of its base.
+        Recorded motions (a file or ensemble each) that the rock is known to have survived; they weigh its base's draws.
     measure : str or None
         A column of the results, or pga_m_s2+pgv_m_s, both together; unless given that of the hazard, or pgv_m_s.
     confidence : float
@@ -169,7 +169,7 @@ def constrain(
     ratio : float
         Ratio of the peak of the horizontal vector to the hazard's horizontal component.
     years : float or None
-        What the hazard's values are, where its files do not say: annual rates (0), or probabilities over some years.
+        What the hazard's values are, where its files do not say: annual rates (0), or probabilities over so many years.
 
     Raises
     ------

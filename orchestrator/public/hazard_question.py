@@ -98,7 +98,8 @@ class Dates:
     common_error : float
         Standard deviation of a relative error that the rocks' dates share, such as 0.08 of a production rate.
     fragile_since : tuple of str
-        Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.
+        Since when each rock has been as fragile as it is, AGE or AGE:FACTOR: before, it was buried, or its medians a
+        FACTOR higher.
     """
 
     common: bool = False

@@ -35,7 +35,11 @@ from toppling.orchestrator.verbs.shared_options import of, option
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
 @of(state, "--ratio", type=shared.ABOVE_0)
-@of(state, "--values", metavar="rate|YEARS", parameter="years")
+@of(
+    state, "--values", metavar="rate|YEARS", parameter="years",
+    help="What the hazard's values are, where its files do not say: annual rates (rate), or probabilities over so many "
+    "years.",
+)  # fmt: skip
 @option(
     "--out", type=shared.FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",

@@ -12,6 +12,7 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.verbs.hazard import years_of
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.drawing.constraint_words import _rock_lines
@@ -340,6 +341,13 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
     assert row["rate_posterior_mean"] == pytest.approx(-math.log1p(-mean) / 50, rel=1e-3)
     assert row["rate_posterior_mean"] < row["rate_prior_mean"]
     assert row["rate_posterior_p05"] <= row["rate_posterior_p95"]
+
+
+def test_values_of_a_hazard_are_explained_as_the_command_line_takes_them():
+    told = " ".join(constrain("--help").stdout.split("--values")[1].split("--out")[0].split())
+    assert "annual rates (rate)" in told
+    assert "(0)" not in told
+    assert years_of("rate") == 0.0
 
 
 @pytest.mark.usefixtures("empty_figures")

@@ -1,4 +1,4 @@
-"""Several rocks beside each other: of each its fragility over one measure, its statics and its place."""
+"""Several rocks beside each other: of each its fragility over one measure, statics, place and directions; GeoJSON."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

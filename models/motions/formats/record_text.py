@@ -68,8 +68,7 @@ class RecordText(TextFile):
         if values is None and all(map(_COMMA_NUMBER.match, tokens)):
             values = _floats([_FORTRAN.sub(r"\1E\2", token.replace(",", ".")) for token in tokens])
         if values is None and width is None and any(map(_GLUED.search, tokens)):
-            apart = [parted(line) for line in self.lines]
-            return replace(self, lines=apart).numbers(start, stop) if apart != self.lines else np.empty(0)
+            return replace(self, lines=[parted(line) for line in self.lines]).numbers(start, stop)
         if values is not None and np.isfinite(values).all():
             return values
         left = len(tokens)
@@ -114,10 +113,13 @@ class RecordText(TextFile):
         at: line of the count.
         width: characters to a number; None for blanks.
         channels: side by side in a row: the header counts rows.
-        Raises InputError if more than two rows are missing, a row in the middle is not whole, or the values jump
+        Raises InputError if more than two rows are missing, a row is not whole, or the values jump
         between two rows.
         """
         values, body = self.numbers(start, stop, width), self.lines[start:stop]
+        if len(values) % channels:
+            what = f"{len(values)} numbers in rows of {channels}: the file is truncated"
+            self.refuse(start + len(body) - 1, what, "whole rows")
         rows, count = count, count * channels
         surplus = len(values) - count
         if surplus == 0:

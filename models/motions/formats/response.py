@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import listed
+from toppling.models.motions.formats.component import refuse_file
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 
 _FLATNESS_BAND_HZ = (0.1, 20.0)
@@ -202,7 +203,7 @@ def _day(time: Any, otherwise: str) -> str:
 
 def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> NoReturn:
     remedy = "fetch the StationXML with level=response, or correct it"
-    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+    refuse_file(path, what, expected, remedy)
 
 
 def _input_unit(response: Any, name: str, path: Path) -> Unit:

@@ -85,8 +85,12 @@ class TextFile:
         content = path.read_bytes()
         text = text_of(content)
         if text is None or "\0" in text:
-            before = content[: content.find(0)] if text is None else text[: text.index("\0")].encode()
-            cls(path, ()).refuse(before.count(b"\n"), "a zero byte", "a CSV table", "save the table again")
+            at = (
+                content.count(b"\n", 0, content.find(0))
+                if text is None
+                else text.count("\n", 0, text.find("\0"))
+            )
+            cls(path, ()).refuse(at, "a zero byte", "a CSV table", "save the table again")
         return cls(path, text.splitlines())
 
     def where(self, at: int) -> str:
@@ -99,5 +103,6 @@ class TextFile:
 
     def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, dict[str, str]]]:
         """Rows of a table, each with the place of its line; its names stand in the line of a place."""
-        for number, row in csv_rows(self.lines[start:], self.path, separator):
+        ended = (f"{line}\n" for line in self.lines[start:])  # which a quoted cell may hold
+        for number, row in csv_rows(ended, self.path, separator):
             yield start + number - 1, row

@@ -149,15 +149,21 @@ def _records(
     reader = csv.reader(file.lines[start:])
     try:
         rows = [
-            (file.where(start + reader.line_num - 1), [cell.strip() for cell in row]) for row in reader if row
+            (file.where(start + reader.line_num - 1), [cell.strip() for cell in row])
+            for row in reader
+            if any(cell.strip() for cell in row)
         ]
     except csv.Error as error:
-        _refuse(file.path, f"is no CSV ({error})", "give the file as it was written")
+        where = file.where(start + reader.line_num - 1)
+        _refuse(where, f"is no CSV ({error})", "give the file as it was written")
     (_, header), *rows = rows or [("", [])]
     if not needed <= set(header):
         _refuse(file.path, f"has the columns {shown(header)}{lacks}", remedy)
-    if short := next((where for where, row in rows if len(row) != len(header)), None):
-        _refuse(short, f"has not the header's {len(header)} columns", "give the whole file")
+    for where, row in rows:
+        if len(row) != len(header):
+            _refuse(
+                where, f"has not the header's {len(header)} columns but {len(row)}", "give the whole file"
+            )
     return header, [(where, dict(zip(header, row, strict=True))) for where, row in rows]
 
 

@@ -1,6 +1,7 @@
 """One channel as a file gives it, and the direction that its label names."""
 
 import re
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
@@ -78,6 +79,20 @@ def check_time_step(value_s: float, where: str) -> float:
             remedy="correct the time step or its unit, or fetch the file again",
         )
     return value_s
+
+
+def check_samples(
+    values: NDArray[np.float64], of: str, where: str, largest: float = sys.float_info.max
+) -> None:
+    """Refuse samples of a channel of which one is not finite, or larger than any of a record."""
+    wrong = np.flatnonzero(~(np.abs(values) <= largest))
+    if len(wrong):
+        raise InputError(
+            f"sample {wrong[0]}{f' of {of}' if of else ''} is {values[wrong[0]]:g}",
+            where=where,
+            expected="finite samples of a record",
+            remedy="fetch the file again",
+        )
 
 
 def bearing(label: str) -> float | str | None:

@@ -62,12 +62,12 @@ def stated_unit(lines: Sequence[str]) -> float | None:
     for line in lines[:_MOST_LINES]:
         for match in _UNIT.finditer(line[:_LONGEST]):
             clause = re.split("[;,|]", line[: match.start(match.lastindex or 0)])[-1]
-            if _OF_INSTRUMENT.search(clause):
-                continue
             text = next(filter(None, match.groups())).strip()
+            if not text or _OF_INSTRUMENT.search(clause):
+                continue
             ways = (
                 text,
-                *re.split(r"[(,;]| {2,}", text)[:2],
+                *re.split(r"[(,;]| {2,}", text),
                 text.split()[0],
                 text.partition("(")[2].partition(")")[0],
             )

@@ -5,12 +5,10 @@ import re
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from toppling.models.errors import InputError
 from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from toppling.models.motions.formats.component import Component, check_time_step, refuse_file
+from toppling.models.motions.formats.component import Component, check_samples, check_time_step, refuse_file
 from toppling.models.motions.formats.key_value import cwb, esm, unam
 from toppling.models.motions.formats.record_text import RecordText
 
@@ -104,10 +102,7 @@ def _checked(components: list[Component], path: Path) -> list[Component]:
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
             component.refuse(f"{len(a)} samples", "at least two samples")
-        wrong = np.flatnonzero(~(np.abs(a) <= _LARGEST_SAMPLE))
-        if len(wrong):
-            of = f" of {component.label}" if component.label else ""
-            component.refuse(f"sample {wrong[0]}{of} is {a[wrong[0]]:g}", "finite samples of a record")
+        check_samples(a, component.label, component.where, _LARGEST_SAMPLE)
         if not math.isnan(step):
             check_time_step(step, component.where)
     if not components:

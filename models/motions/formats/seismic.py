@@ -14,7 +14,15 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.text_file import text_of
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, refuse_file
+from toppling.models.motions.formats.component import (
+    DOWN,
+    UP,
+    Component,
+    bearing,
+    check_samples,
+    check_time_step,
+    refuse_file,
+)
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.measures import STANDARD_G_M_S2
@@ -154,6 +162,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
         refuse_file(path, "no samples")
     pieces: dict[str, list[Any]] = {}
     for trace in stream:
+        check_time_step(float(trace.stats.delta), str(path))  # by which pieces and responses divide
         pieces.setdefault(trace.id, []).append(trace)
     joined = []
     for traces in pieces.values():
@@ -189,6 +198,9 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
 def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
+    check_samples(
+        values, stats.channel, str(path)
+    )  # before the removal of a response spreads what is not finite
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
         file = RecordText(path, ())

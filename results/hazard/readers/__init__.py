@@ -129,14 +129,14 @@ def _text(path: Path) -> str:
 def _is_hazard(path: Path) -> bool:
     """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as head:
-            lines = [head.readline(1_000_000).rstrip("\n") for _ in range(_MOST_HEAD_LINES)]
+        with path.open("rb") as head:
+            text = text_of(b"".join(head.readline(1_000_000) for _ in range(_MOST_HEAD_LINES)))
     except OSError:
         return False
-    if not lines[0] or any("\0" in line for line in lines):
+    if text is None or text.startswith("\n") or "\0" in text:
         return False
     whole = path.suffix in (".json", ".geojson")  # whose keys may stand anywhere
-    file = HazardFile(path, _text(path) if whole else "\n".join(lines))
+    file = HazardFile(path, _text(path) if whole else text)
     return any(dialect.matches(file) for dialect in _DIALECTS[file.kind])
 
 

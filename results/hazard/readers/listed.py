@@ -7,6 +7,7 @@ As people and services write them: `lon,lat,imt,level,annual_rate`; `lat,lon,imt
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import zip_longest
 
 import numpy as np
@@ -15,7 +16,13 @@ from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
 from toppling.results.hazard.readers.stated import HazardFile, Statement
-from toppling.results.hazard.readers.text_columns import cells_of, is_comment, upright, with_usual_unit
+from toppling.results.hazard.readers.text_columns import (
+    cells_of,
+    is_comment,
+    rows_from,
+    upright,
+    with_usual_unit,
+)
 from toppling.results.hazard.readers.value_columns import says_value, values_of
 
 _ROLES = {
@@ -47,6 +54,15 @@ class _Table:
     roles: Mapping[str, int]
     across: Mapping[int, str]  # names of columns of values, if several
     header: Sequence[str]
+
+    @cached_property
+    def with_places(self) -> list[str]:
+        """Header whose columns of places have their plain names; empty where there are none."""
+        if "lon" not in self.roles or "lat" not in self.roles:
+            return []
+        header = list(self.header)
+        header[self.roles["lon"]], header[self.roles["lat"]] = "lon", "lat"
+        return header
 
 
 def _plain(name: str) -> str:
@@ -131,8 +147,7 @@ def read(file: HazardFile) -> list[Statement]:
     lines = file.table
     at = _header_line(lines) or 0
     before = " ".join(lines[:at]).lower()
-    (_, header), *rows = file.rows([",".join(cells) for cells in cells_of(lines[at:])], at + 1)
-    header, rows = upright(header, rows)
+    header, rows = upright(*rows_from(file, at))
     table = _table(header)
     if table is None:
         file.refuse(f"has the columns {', '.join(header)[:200]}")
@@ -159,7 +174,7 @@ def _of_site(
     file: HazardFile, rows: Sequence[tuple[int, list[str]]], table: _Table
 ) -> list[tuple[int, list[str]]]:
     """Rows of the site that is wanted, all where the table has no places."""
-    header = _with_places(table)
+    header = table.with_places
     if not header:
         return file.wanted_rows(rows, table.header, None)
     name = header[table.roles["name"]] if "name" in table.roles else ""
@@ -168,15 +183,6 @@ def _of_site(
         return nearest
     place = [nearest[0][1][table.roles[axis]] for axis in ("lon", "lat")]
     return [(line, row) for line, row in rows if [row[table.roles[axis]] for axis in ("lon", "lat")] == place]
-
-
-def _with_places(table: _Table) -> list[str]:
-    """Header whose columns of places have their plain names; empty where there are none."""
-    if "lon" not in table.roles or "lat" not in table.roles:
-        return []
-    header = list(table.header)
-    header[table.roles["lon"]], header[table.roles["lat"]] = "lon", "lat"
-    return header
 
 
 def _points(
@@ -188,7 +194,7 @@ def _points(
     def cell(role: str) -> str:
         return row[roles[role]] if role in roles else ""
 
-    places = _with_places(table)
+    places = table.with_places
     site = file.place_of(line, row, places) if places else ()
     for place, name in [(roles["value"], "")] if "value" in roles else table.across.items():
         own = cell("imt") or (_imt(name) if name and not _is_kind(name) else "")

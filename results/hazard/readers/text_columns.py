@@ -62,12 +62,7 @@ def read(file: HazardFile) -> list[Statement]:
     if at is None:
         file.refuse("holds no table")
     before = " ".join(lines[:at]).lower()
-    body = [
-        _uncommented(lines[at]),
-        *("" if is_comment(line) else line.partition(" # ")[0] for line in lines[at + 1 :]),
-    ]
-    (_, header), *rows = list(file.rows([",".join(cells) for cells in cells_of(body)], at + 1)) or [(0, [])]
-    header, rows = _raised(file, *upright(*_with_units(header, rows)))
+    header, rows = _raised(file, *upright(*_with_units(*rows_from(file, at))))
     while rows and [is_numeral(cell) for cell in rows[-1][1] if cell] == [False]:
         rows.pop()  # a footnote
     rows = file.wanted_rows(rows, header, None)
@@ -298,6 +293,14 @@ def _refuse_columns(file: HazardFile, header: Sequence[str]) -> NoReturn:
         f"has the columns {', '.join(header)[:200]}",
         "give one measure and one column of its values, or several that say the same",
     )
+
+
+def rows_from(file: HazardFile, at: int) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Header in a line of a table and the rows below with their lines, without remarks."""
+    below = ("" if is_comment(line) else line.partition(" # ")[0] for line in file.table[at + 1 :])
+    lines = [_uncommented(file.table[at]), *below]
+    (_, header), *rows = list(file.rows([",".join(cells) for cells in cells_of(lines)], at + 1)) or [(0, [])]
+    return header, rows
 
 
 def cells_of(lines: Sequence[str]) -> list[list[str]]:

@@ -55,6 +55,14 @@ def test_a_deaggregation_over_one_of_both_is_refused(name):
         read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv")
 
 
+def test_a_line_of_blanks_in_a_deaggregation_is_no_row(tmp_path):
+    row = "PGA,0.2,0.1,5.5,5.0,0.1,0.0"
+    assert (
+        read_deaggregation(openquake(tmp_path, [row, "  ", " , "])).bins
+        == read_deaggregation(openquake(tmp_path, [row])).bins
+    )
+
+
 @samples
 def test_nshmps_bins_are_centres_with_per_cent_of_the_total():
     (folder,) = (SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/deagg").glob("*Site1")
@@ -87,6 +95,8 @@ def test_of_several_motions_the_strongest_is_taken_or_the_one_that_is_asked_for(
         (["PGA,0.2,0.1,5.5,5.0,1.2,0.0"], None, "states the probability '1.2'"),
         (["PGA,0.2,0.1,8.5,5.0,0.1,0.0"], None, "in none of its bins"),
         (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "has not the header's 7 columns"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "columns but 6"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0", '"' + "9" * 200_000], None, r"csv:4: is no CSV"),
         (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], f"{EDGES}, weights=[0.4, 0.5]", "sum to 0.9"),
         (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], "weights=[0.4, 0.6]", "states no mag_bin_edges"),
         ([], None, "has no row"),

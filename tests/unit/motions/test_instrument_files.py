@@ -7,6 +7,7 @@ import numpy as np
 import obspy
 import pytest
 from motion_samples import STEP_S, miniseed, peer, sac, shaking
+from obspy.core.inventory import Response
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
@@ -164,6 +165,30 @@ def test_one_damaged_station_xml_does_not_take_the_others_with_it(tmp_path):
     outcome = import_records(record_files([tmp_path]))
     assert len(outcome.records) == 1
     assert [refusal.subject for refusal in outcome.refusals] == [str(tmp_path / "other.xml")]
+
+
+def test_a_sample_that_is_not_finite_is_named_before_the_response_spreads_it(tmp_path):
+    path, *_, station = miniseed(tmp_path, shaking())
+    inventory = obspy.read_inventory(str(station))
+    for channel in inventory[0][0]:
+        channel.response = Response.from_paz(
+            [], [-20.0 + 0j], 2e5, 1.0, input_units="M/S**2", output_units="COUNTS"
+        )
+    inventory.write(str(station), format="STATIONXML")
+    (trace,) = obspy.read(str(path))
+    trace.data = np.asarray(trace.data, np.float32)
+    trace.data[200] = np.nan
+    obspy.Stream([trace]).write(str(path), format="MSEED", encoding="FLOAT32")
+    reasons = [refusal.reason.what for refusal in import_records(record_files([tmp_path])).refusals]
+    assert "sample 200 of HNE is nan" in reasons
+
+
+@pytest.mark.parametrize("pieces", [1, 2])
+def test_a_rate_of_nothing_is_refused_as_a_time_step(tmp_path, pieces):
+    head = "TIMESERIES XX_TST__HNE_R, 3 samples, 0 sps, 2020-01-01T00:00:00.000000, SLIST, INTEGER, Counts\n1 2 3\n"
+    (tmp_path / "a.txt").write_text(head * pieces)
+    with pytest.raises(InputError, match="time step is"):
+        read_file(tmp_path / "a.txt")
 
 
 KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"

@@ -202,3 +202,8 @@ def test_a_remark_among_the_rows_is_no_record(tmp_path):
     head, row = table.read_text().splitlines()
     table.write_text(f"{head}\n# of the first network\n{row}\n")
     assert len(read_table(table)) == 1
+
+
+def test_a_cell_between_quotes_keeps_its_ends_of_lines(tmp_path):
+    (tmp_path / "table.csv").write_text('h1,h2,event\na,b,"Kobe\nJapan"\n')
+    assert [entry.event for entry in read_table(tmp_path / "table.csv")] == ["Kobe\nJapan"]

@@ -9,6 +9,7 @@ from motion_samples import STEP_S, miniseed, shaking
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 from obspy.core.inventory.response import InstrumentSensitivity
 
+from toppling.models.motions.formats.header_text import stated_unit
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, counted_unit, unit_of
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 
@@ -221,3 +222,10 @@ def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
     outcome = import_records(record_files([tmp_path]))
     assert not outcome.records
     assert any("sensitivity" in r.reason.what or "StationXML" in r.reason.what for r in outcome.refusals)
+
+
+@pytest.mark.parametrize(
+    ("line", "unit"), [("units: ", None), ("accel ( )", None), ("units: raw, corrected, gal", 0.01)]
+)
+def test_every_part_of_what_a_line_says_of_units_is_looked_at(line, unit):
+    assert stated_unit([line]) == unit

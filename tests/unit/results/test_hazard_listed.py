@@ -46,6 +46,8 @@ def long(value, factor=1.0):
              "34,-117,760,PGA,mean,1,1,1"],
             Hints(SITE),
         ),
+        (["level (g),PGA,SA(1.0)", "# levels", *(f"{row} # g" for row in rows(LEVELS_G, RATES, RATES))],
+         Hints(years=0.0)),
         (["imt,agg,0.1,0.2,0.5", "PGA,mean,1e-2,1e-3,1e-4", "SA(1.0),mean,1e-2,1e-3,1e-4"], Hints(years=0.0)),
         (["level (g),PGA,SA(1.0)", *rows(LEVELS_G, RATES, RATES)], Hints(years=0.0)),
         (["Ground Motion (g),PGA (AFE),SA1P0 (AFE)", *rows(LEVELS_G, RATES, RATES)], Hints()),

@@ -523,6 +523,12 @@ def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
     assert len(read_hazard(tmp_path)) == 1
 
 
+def test_a_folder_reads_a_table_in_whatever_encoding_its_file_is_read_by_name(tmp_path):
+    (tmp_path / "site.txt").write_bytes("PGA (g)\tannual_rate\n0.1\t1e-3\n0.2\t1e-4\n".encode("utf-16"))
+    folder, by_name = read_hazard(tmp_path), read_hazard(tmp_path / "site.txt")
+    assert [list(tree.curves[0].rates) for tree in folder] == [list(by_name[0].curves[0].rates)]
+
+
 OQ = "#,,\"generated_by='OpenQuake engine 3.26.2', kind='mean', investigation_time=50.0\"\n"
 
 

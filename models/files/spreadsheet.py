@@ -15,7 +15,9 @@ _SPACED = re.compile(
     r"(?<![\w.])[1-9]\d{0,2}(?:(?:'\d{3})+|(?:\u2019\d{3})+|(?:[ \u00a0\u202f]\d{3})+)(?![\w'])"
 )
 _EXPONENT = r"(?:\^?([-+]?\d+)|([⁺⁻]?[⁰¹²³⁴-⁹]+))"
-_POWER = re.compile(rf"(?<=\d)\s*[×·]\s*10{_EXPONENT}|(?<![\w.,^])(?P<bare>10)(?=[\^⁺⁻⁰¹²³⁴-⁹]){_EXPONENT}")
+_POWER = re.compile(
+    rf"(?<=\d)\s*[×·]\s*10{_EXPONENT}|(?:(?<![\w.,^])|(?<=\bx))(?P<bare>10)(?=[\^⁺⁻⁰¹²³⁴-⁹]){_EXPONENT}"
+)
 _MINUS = re.compile(r"[\u2212\u2013](?=[\d.])")
 _RAISED = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 

@@ -40,9 +40,10 @@ _FACTORS = (1e-15, 1e6)
 """Of one count in a unit: below the least of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
 _POWER = re.compile(
-    r"[x\u00d7*]?\s*10(?:(?:\^|\*\*)\(?([-+]?\d{1,2})\)?|([-+]\d{1,2})|([\u207a\u207b]?[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+))\s*"
+    r"[x\u00d7*]?\s*1(?:e([-+]\d{1,2})\b|0(?:"
+    r"(?:\^|\*\*)\(?([-+]?\d{1,2})\)?|([-+]\d{1,2})|([\u207a\u207b]?[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+)))\s*"
 )
-"""A power of ten before a unit: 10^-2 m/s2, x10**-3 g, \u00d710\u207b\u00b3 g; 100 m/s2 begins with none."""
+"""A power of ten before a unit: 10^-2 m/s2, x10**-3 g, \u00d710\u207b\u00b3 g, 1e-3 g; 100 m/s2 begins with none."""
 _PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
 _DESCRIBED = re.compile(r"\s+-\s+[A-Za-z].*$", re.DOTALL)
 """A description behind a name: 'M/S**2 - Acceleration in Meters Per Second Per Second'."""

@@ -37,7 +37,8 @@ _TIMES = re.compile(
 )
 _MANY = {"million": 1_000_000, "thousand": 1000, "m": 1_000_000, "k": 1000}
 _SCALED = re.compile(
-    r"[ _]*[(\[]? ?(?:[x×*·] ?)?(?:10\^|10\*\*|1e)\(?(?P<power>[-+]?\d{1,2})\)?[)\]]?|[ _]+[x×*·] ?1(?P<zeros>0+)\b"
+    r"[ _]*[(\[]? ?(?:[x×*·] ?)?(?:10\^|10\*\*|1e)\(?(?P<power>[-+]?\d{1,2})\)?[)\]]?|"
+    r"[ _(\[]+[x×*·] ?1(?P<zeros>0+)\b[)\]]?"
 )
 """Of what values are multiples, (x10^-3), or by what they were multiplied, x 1000: either way they are less."""
 _YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka|anni|años|anos|ans|jahre?)[)\]]$")

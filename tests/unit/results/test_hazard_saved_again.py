@@ -193,3 +193,25 @@ def test_json_that_does_not_say_what_its_values_are_is_refused_until_told(tmp_pa
         read_hazard(path)
     (tree,) = read_hazard(path, None, Hints(years=0.0))
     np.testing.assert_allclose(tree.curves[0].annual_rate, RATES)
+
+
+@pytest.mark.parametrize(
+    ("header", "level", "rate"),
+    [
+        *(
+            (f"PGA ({power} g),annual_rate", 100.0, 1.0)
+            for power in ("10^-2", "10⁻²", "×10⁻²", "x10⁻²", "1e-2")
+        ),
+        *(
+            (f"PGA (g),annual rate ({power})", 1.0, 1e3)
+            for power in ("x10⁻³", "×10⁻³", "x10^-3", "x1000", "×1000")
+        ),
+        ("PGA (g),annual rate x 1000", 1.0, 1e3),
+    ],
+)
+def test_a_power_of_ten_is_the_same_in_every_spelling(tmp_path, header, level, rate):
+    path = tmp_path / "curve.csv"
+    path.write_text(table(header, [level * x for x in LEVELS_G], [rate * y for y in RATES]), encoding="utf-8")
+    (curve,) = read_hazard(path)[0].curves
+    np.testing.assert_allclose(curve.levels, STANDARD_G_M_S2 * np.array(LEVELS_G), rtol=1e-6)
+    np.testing.assert_allclose(curve.rates, RATES, rtol=1e-6)

@@ -102,6 +102,8 @@ class unam:  # noqa: N801
         first = next(numbered, len(lines))
         count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
         found = file.counted(first, count, first, channels=len(labels))
+        if len(found.values) % len(labels):
+            file.refuse(first, f"{len(found.values)} numbers of {len(labels)} channels", "whole rows")
         table = found.values.reshape(-1, len(labels))
         peaks = [_optional(text) for text in _slashed(header, "ACEL. MAX.(Gal), C1-C6")]
         moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))

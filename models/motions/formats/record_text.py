@@ -113,13 +113,10 @@ class RecordText(TextFile):
         at: line of the count.
         width: characters to a number; None for blanks.
         channels: side by side in a row: the header counts rows.
-        Raises InputError if more than two rows are missing, a row is not whole, or the values jump
+        Raises InputError if more than two rows are missing, a row in the middle is not whole, or the values jump
         between two rows.
         """
         values, body = self.numbers(start, stop, width), self.lines[start:stop]
-        if len(values) % channels:
-            what = f"{len(values)} numbers in rows of {channels}: the file is truncated"
-            self.refuse(start + len(body) - 1, what, "whole rows")
         rows, count = count, count * channels
         surplus = len(values) - count
         if surplus == 0:

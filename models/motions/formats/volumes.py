@@ -137,7 +137,10 @@ def _headed_by_count(file: RecordText) -> tuple[Counted, float, tuple[str, ...]]
         step = file.positive(at, float(length[1]) / max(count, 1) if length else 0.0, "time step")
         return found, round(step, 6), ()
     file = replace(file, lines=[*lines[:_HEADER_LINES], *_uncontrolled(lines[_HEADER_LINES:])])
-    found = file.counted(at, count, _HEADER_LINES, None, _PAIR_WIDTH, channels=2)
+    if len(file.numbers(_HEADER_LINES, None, _PAIR_WIDTH)) % 2:
+        what = "a time without an acceleration at the end: the file is truncated"
+        file.refuse(len(file.lines) - 1, what, "pairs of time and acceleration")
+    found = file.counted(at, 2 * count, _HEADER_LINES, None, _PAIR_WIDTH)
     pairs = found.values.reshape(-1, 2)
     values, step, notes = file.evenly(_HEADER_LINES, pairs, _PAIRS_A_LINE, _UNEVEN_STEP_S)
     return replace(found, values=values), step, notes

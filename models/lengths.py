@@ -40,6 +40,7 @@ _SAID = re.compile(
     r"|\b(?:coordinates?|points?|vertices|x y z|xyz|values?|lengths?|distances?|dimensions?|heights?|data|model|mesh|"
     r"cloud|scan(?:ned)?|scaled?|measured|given|expressed|exported|saved|stored)\b"
     r"(?: are| is| given| stored| measured| expressed| exported)* in (?P<in>[^,;]{1,40})"
+    r"|(?P<foot>\b(?:us survey|survey|us|international) (?:feet|foot)\b|\bft ?us\b|\bus ?ft\b)"
 )
 _OUTRIGHT = re.compile(
     r"\W*(?:linear|length|coordinate|model)?s? ?units?\s*[:=]\s*[\"']?(?P<word>[a-z][\w./ -]{0,30})"
@@ -91,7 +92,7 @@ def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
     for remark in remarks:
         plain = re.sub(r"[\s._()\"'\[\]-]+", " ", remark.lower())
         for said in _SAID.finditer(plain):
-            word = (said["word"] or said["in"]).strip(" :=")
+            word = (said["word"] or said["in"] or said["foot"]).strip(" :=")
             if _DEGREES.match(word) and said["in"]:
                 raise in_degrees(remark.strip()[:80], where)
             if (unit := _unit_called(word)) is not None:

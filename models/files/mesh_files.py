@@ -37,7 +37,7 @@ MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 _COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
 """A face of an OBJ by negative numbers."""
 
-_COMMENT_BYTES = 65_536
+_COMMENT_BYTES, _STL_HEADER_BYTES = 65_536, 80
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -74,14 +74,17 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
 
 
 def remarks_of(path: Path) -> tuple[str, ...]:
-    """Comments at the beginning of a mesh's file."""
+    """Comments at the beginning of a mesh's file, and what an STL has in their place."""
     suffix = path.suffix.lower()
     if suffix == ".ply":
         return read_header(path).remarks
-    if suffix != ".obj":
-        return ()
     with path.open("rb") as file:
         head = file.read(_COMMENT_BYTES).decode("latin-1")
+    if suffix == ".stl":
+        text = head[:_STL_HEADER_BYTES].partition("\n")[0]
+        return (re.sub("[^ -~]+", " ", text).removeprefix("solid ").strip(),)
+    if suffix not in (".obj", ".off"):
+        return ()
     return tuple(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
 
 

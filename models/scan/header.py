@@ -44,10 +44,11 @@ def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bo
     titles = []
     for line in filter(str.strip, lines):
         units = [name.strip("()") for name in _names(line, columns)]
-        if len(units) != columns or not all(map(_is_length, units)):
+        lengths = [unit for unit in units if _is_length(unit)]
+        if len(units) != columns or len(lengths) < 3 or not all(map(_is_length_or_none, units)):
             titles.append(line)
-        elif not (unit_given or _METRES.issuperset(units)):
-            raise _other_unit(units, where)
+        elif not (unit_given or _METRES.issuperset(lengths)):
+            raise _other_unit(lengths, where)
     for line in reversed(titles):
         names = _names(line, columns)
         found = _axes(names)
@@ -137,6 +138,11 @@ def _check_metres(names: Sequence[str], where: str) -> None:
     stated = [name for name in names if (read := _Coordinate.of(name)) is not None and not read.metres]
     if stated:
         raise _other_unit(stated, where)
+
+
+def _is_length_or_none(word: str) -> bool:
+    """Whether a cell of a line of units is one of length, or says that a column has none."""
+    return _is_length(word) or not re.search("[a-z]", word)
 
 
 def _is_length(word: str) -> bool:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toppling.models.arrays import Array, Indices, bounds_of, distinct
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 
@@ -122,6 +122,9 @@ _EARTH_AXES_M = np.array([6378137.0, 6378137.0, 6356752.3])
 """Half axes of the ellipsoid WGS 84."""
 _FROM_ELLIPSOID_M = 12_000.0
 """Dry land lies nearer to it."""
+_NO_DATA = (-9999.0, -99999.0, -32768.0)
+"""Numbers that stand for none, and a size that no coordinate on Earth has in any unit."""
+_NO_COORDINATE = 1e12
 _NO_HEIGHT_M = 9_000.0
 """No height of a survey is larger: z is none."""
 
@@ -173,6 +176,29 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
             expected=f"steps of at most {_COARSEST_STEP_M} m",
             remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
         )
+
+
+def marked_unmeasured(points: Array) -> Flags:
+    """Which points (n, 3), in the file's unit, hold a number that programs write where nothing was measured.
+
+    It is one only where it lies farther from all other points than these lie apart.
+
+    Examples
+    --------
+    >>> marked_unmeasured(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, -9999.0]])).tolist()
+    [False, True]
+    """
+    none = np.zeros(len(points), bool)
+    bounds = bounds_of(points) if len(points) else np.zeros((2, 3))
+    if not (np.isin(bounds, _NO_DATA) | (np.abs(bounds) > _NO_COORDINATE)).any():
+        return none
+    marks = np.isin(points, _NO_DATA) | (np.abs(points) > _NO_COORDINATE)
+    marked = marks.any(axis=1)
+    if marked.all():
+        return none
+    low, high = bounds_of(points[~marked])
+    off = np.maximum(low - points, points - high)[marked]
+    return marked if (off[marks[marked]] > np.linalg.norm(high - low)).all() else none
 
 
 def check_returns(points: Array, path: Path) -> None:

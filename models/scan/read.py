@@ -32,13 +32,14 @@ from toppling.models.scan.plausible import (
     check_points,
     check_returns,
     coordinate_steps,
+    marked_unmeasured,
     steps_of_mesh,
 )
 from toppling.models.scan.ptx import read_ptx
 from toppling.models.scan.reference import Reference, names_a_system
 from toppling.models.scan.text import read_text
 
-FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".ptx", ".las", ".laz", ".e57")
+FORMATS = (".ply", ".pcd", ".xyz", ".asc", ".pts", ".txt", ".csv", ".ptx", ".las", ".laz", ".e57")
 _LAS = ("las", ["laspy"])
 _GUARDED = {".las": _LAS, ".laz": _LAS, ".e57": ("e57", ["pye57"]), ".pcd": ("pcd", ["open3d"])}
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
@@ -249,6 +250,9 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[Array, NDArray[np.
         finite = np.isfinite(points).all(axis=1)
         points, station = points[finite], station[finite]
         counted["are not finite"] = int((~finite).sum())
+    if (unmeasured := marked_unmeasured(points)).any():
+        points, station = points[~unmeasured], station[~unmeasured]
+        counted["are marked as not measured"] = int(unmeasured.sum())
     left_out = sum(counted.values())
     scale, by, note = _unit_of(read, said)
     check_points(points, path, counted, scale)

@@ -19,9 +19,10 @@ from toppling.models.scan.plausible import is_geocentric
 _EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
 _NORTHINGS_BELOW_M = 1e7
-_HEAD_LINES, _LOOKED_AT = 20, 2000
+_HEAD_LINES, _LOOKED_AT, _MOST_COLUMNS = 20, 2000, 24
 _NUMBERED = 100
-"""So many whole numbers that rise from point to point are numbers of points, and no coordinates."""
+"""So many whole numbers that rise from point to point, or others by even steps, are no coordinates."""
+_EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
 _BETWEEN_CELLS = ",;\t\r\n "
@@ -97,7 +98,15 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
     with path.open(encoding=encoding, errors="replace") as lines:
         layout = _settled([*islice(lines, skip, skip + _LOOKED_AT)], path)
     titles = list(filter(_no_count, head[:skip]))
-    named = named_columns(titles, len(layout.fields(head[skip])), str(path), unit_given)
+    width = len(layout.fields(head[skip]))
+    named = named_columns(titles, width, str(path), unit_given)
+    if named is None and width > _MOST_COLUMNS:
+        raise InputError(
+            f"rows of {width} numbers without names, as of a grid of heights",
+            where=str(path),
+            expected="a point in each line: x (east), y (north), z",
+            remedy="export the nodes of the grid as points",
+        )
     lines_from = partial(_rows, path, encoding, skip, layout)
     load = partial(
         np.loadtxt,
@@ -286,12 +295,15 @@ def _is_number(word: str) -> bool:
 
 
 def _check_not_numbered(points: Array, path: Path) -> None:
-    """Refuse points that are numbered in front: number, x, y would be taken for x, y, z."""
+    """Refuse points that are numbered or timed in front: number, x, y would be taken for x, y, z."""
     number = points[:, 0]
-    if len(points) < _NUMBERED or (number % 1.0).any() or not (np.diff(number) > 0.0).all():
+    rise = np.diff(number)
+    if len(points) < _NUMBERED or not (rise > 0.0).all():
+        return
+    if (number % 1.0).any() and np.ptp(rise) > _EVEN * rise.min():
         return
     raise InputError(
-        f"the first column, {number[0]:.0f}, {number[1]:.0f}, {number[2]:.0f} ..., numbers the points",
+        f"the first column, {', '.join(f'{each:g}' for each in number[:3])} ..., numbers or times the points",
         where=str(path),
         expected="x (east), y (north), z in this order, or a header line that names them",
         remedy="put a line with the columns' names before the first point, such as id,x,y,z or id,y,x,z",
@@ -299,10 +311,17 @@ def _check_not_numbered(points: Array, path: Path) -> None:
 
 
 def _check_easting_first(points: Array, path: Path) -> None:
-    """Refuse what looks like northing before easting: the scene would be mirrored."""
+    """Refuse what looks like northing before easting, or like an easting where the height should be."""
     if not np.isfinite(points).any(axis=0).all() or is_geocentric(points):
         return
-    x, y = np.abs(np.nanmedian(points[:, :2], axis=0))
+    x, y, z = np.abs(np.nanmedian(points, axis=0))
+    if _EASTINGS_M[0] < z < _NORTHINGS_BELOW_M:
+        raise InputError(
+            f"the third column, about {z:.0f}, is no height",
+            where=str(path),
+            expected="x (east), y (north), z in this order, or a header line that names them",
+            remedy="put a line with the columns' names before the first point, such as id,y,x,z",
+        )
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:
         raise InputError(
             f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",

@@ -161,6 +161,7 @@ def test_longitude_latitude_and_height_without_a_word_are_degrees(tmp_path):
         ("comment coordinates in inches, z up", "in"),
         ("comment all values given in millimeters", "mm"),
         ("comment measured in yards", "yd"),
+        ("comment California zone 5, US survey feet", "us-ft"),
         ("comment exported in ASCII", "m"),
         ("comment EPSG:2229", "us-ft"),
         (f"comment crs {wkt_of(FOOT_PLANE, NAVD88_US_FT, 'WKT1_GDAL')}", "us-ft"),

@@ -38,6 +38,7 @@ NUMBER = np.arange(1200.0)[:, None]
         ("//X,Y,Z,R,G,B", (0, 1, 2, 3, 3, 3)),
         ('"N [m]","E [m]","Height [m]"', (1, 0, 2)),
         ("N,E,Height\n[m],[m],[m]", (1, 0, 2)),
+        ("X,Y,Z,Intensity\nm,m,m,-", (0, 1, 2, 3)),
         ("up,point,n,x_m", (2, 3, 1, 0)),
         ("# Station 3 after the rain\n# y,x,z", (1, 0, 2)),
         ("# scanned from the north, at noon", (0, 1, 2)),
@@ -70,6 +71,18 @@ def test_a_header_that_names_no_place_is_refused(tmp_path, points, header):
     assert "cloud.csv" in error.value.where
 
 
+def test_an_easting_where_the_height_should_be_is_refused(tmp_path, points):
+    numbered = np.hstack([NUMBER % 500, points[:, (1, 0, 2)]])  # numbers that begin anew are no count
+    with pytest.raises(InputError, match=r"third column, about .*, is no height") as error:
+        read_clouds([written(tmp_path / "cloud.csv", "", numbered)])
+    assert "id,y,x,z" in error.value.remedy
+
+
+def test_rows_of_a_grid_are_no_points(tmp_path):
+    with pytest.raises(InputError, match="grid of heights"):
+        read_clouds([written(tmp_path / "dem.asc", "ncols 50\nnrows 1200", np.zeros((1200, 50)), " ")])
+
+
 def test_northing_before_easting_without_a_header_is_refused(tmp_path, points):
     with pytest.raises(InputError, match="looks like a northing") as error:
         read_clouds([written(tmp_path / "cloud.xyz", "", points[:, (1, 0, 2)], " ")])
@@ -82,13 +95,13 @@ def test_northing_before_easting_without_a_header_is_refused(tmp_path, points):
     )
 
 
-@pytest.mark.parametrize("first", [0, 1, 5001])
-def test_numbers_of_points_are_not_taken_for_a_coordinate(tmp_path, points, first):
-    rows = np.hstack([np.arange(first, first + len(points))[:, None], points])
-    body = "\n".join("{:.0f},{:.3f},{:.3f},{:.3f}".format(*row) for row in rows)
+@pytest.mark.parametrize("numbers", [NUMBER, NUMBER + 1, NUMBER + 5001, 17.5 + 0.01 * NUMBER])
+def test_numbers_or_times_of_points_are_not_taken_for_a_coordinate(tmp_path, points, numbers):
+    rows = np.hstack([numbers, points])
+    body = "\n".join("{:.12g},{:.3f},{:.3f},{:.3f}".format(*row) for row in rows)
     path = tmp_path / "cloud.csv"
     path.write_text(body)
-    with pytest.raises(InputError, match="numbers the points") as error:
+    with pytest.raises(InputError, match="numbers or times the points") as error:
         read_clouds([path])
     assert "id,x,y,z" in error.value.remedy
     path.write_text(f"id,x,y,z\n{body}")

@@ -8,12 +8,14 @@ import open3d as o3d
 import pye57
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 from pye57 import libe57
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
-from toppling.models.scan.plausible import coordinate_steps, step_note, steps_of_mesh
+from toppling.models.scan.plausible import coordinate_steps, marked_unmeasured, step_note, steps_of_mesh
 from toppling.models.scan.read import read_clouds
 
 FOREIGN = Path(__file__).parents[4] / "shared" / "data" / "foreign"
@@ -246,6 +248,23 @@ def test_an_e57_whose_words_say_feet_is_refused_and_read_on_the_users_word(tmp_p
         read_clouds([path])
     assert "--units" in error.value.remedy
     np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-6)
+
+
+@pytest.mark.parametrize("mark", [-9999.0, -32768.0, 1e30, -3.4e38])
+@pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
+def test_what_stands_for_not_measured_is_left_out_and_counted(tmp_path, mark, axes):
+    points = POINTS_M.copy()
+    points[::5, axes] = mark
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.6f")
+    cloud = read_clouds([tmp_path / "cloud.xyz"])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, np.delete(POINTS_M, slice(0, None, 5), 0))
+    assert "300 points are marked as not measured" in cloud.sources[0].note
+
+
+@given(st.integers(0, 1400), st.sampled_from([0.0, -9999.0, -32768.0]))
+def test_a_cloud_about_a_number_that_may_stand_for_none_keeps_its_points(number, middle):
+    points = POINTS_M - POINTS_M[number] + middle
+    assert not marked_unmeasured(points).any()
 
 
 def test_points_that_are_not_finite_are_left_out_and_counted(tmp_path):

@@ -67,6 +67,12 @@ def test_a_mesh_is_read_in_every_format_unit_and_attitude(tmp_path, suffix):
     assert not cloud.station.any()
 
 
+def test_the_unit_in_the_header_of_an_stl_is_read(tmp_path):
+    path = exported(tmp_path / "site.stl", scale=20.0)
+    path.write_bytes(b"UNITS=cm".ljust(80) + path.read_bytes()[80:])
+    np.testing.assert_allclose(bounds(read_clouds([path])), METRES / 5.0, atol=0.05)
+
+
 @pytest.mark.parametrize("suffix", ["obj", "glb"])
 def test_all_parts_of_a_file_are_read(tmp_path, suffix):
     parts = [trimesh.Trimesh(each.vertices @ np.transpose(Y_UP), each.faces) for each in pieces()]

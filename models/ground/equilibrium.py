@@ -16,6 +16,12 @@ _DIRECTIONS = 48
 _HELD_WITHIN = 1e-8
 """Share of a load that a mixture of wrenches may miss: rounding."""
 
+_FARTHEST, _MOST_TRIALS = 1e3, 100
+"""Of a load's size: a share of the way that is every share; and shares tried, of which six have been enough."""
+
+_AT_ONCE = 60
+"""Wrenches that are weighed together."""
+
 
 def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     """Forces and moments about the centre of mass (6, n) of the edges of the contacts' friction pyramids."""
@@ -28,8 +34,13 @@ def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     return np.concatenate([force, np.cross(arms_m[:, None], force)], axis=2).reshape(-1, 6).T
 
 
-def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: float) -> float | None:
+def farthest_load(
+    columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: float, more_than: float = -np.inf
+) -> float | None:
     """Largest share s for which the specific force load + s way on the centre of mass is held; None if none is.
+
+    Where a load is not held, what the nearest mixture of wrenches leaves of it is the normal of a plane between it and
+    all that are held (Farkas 1902). From far away, the share at which load + s way meets that plane is tried next.
 
     Parameters
     ----------
@@ -38,45 +49,70 @@ def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: flo
     load_m_s2, way_m_s2 : (3,) arrays
     size_m : float
         Scale of lengths.
+    more_than : float
+        None as well where no larger share than this is held, which a single trial tells.
 
     Returns
     -------
     float or None
         Infinite where every share is held; negative where only loads against the way are.
     """
-    scaled = columns / np.array([1.0, 1.0, 1.0, size_m, size_m, size_m])[:, None]
-    moved = np.concatenate([way_m_s2, np.zeros(3)])
-    solved = scipy.optimize.linprog(
-        np.append(np.zeros(columns.shape[1]), -1.0),
-        A_eq=np.column_stack([scaled, moved]),
-        b_eq=-np.concatenate([load_m_s2, np.zeros(3)]),
-        bounds=[(0.0, None)] * columns.shape[1] + [(None, None)],
-        method="highs",
-    )
-    if solved.status == 3:
-        return np.inf
-    return float(solved.x[-1]) if solved.status == 0 else None
+    scaled = _scaled(columns, size_m)
+    far = _FARTHEST * float(np.linalg.norm(load_m_s2) / np.linalg.norm(way_m_s2))
+    if more_than > -np.inf:
+        missed = _missed(scaled, load_m_s2 + more_than * way_m_s2)
+        if missed is None or (np.linalg.norm(missed) > _HELD_WITHIN and missed[:3] @ way_m_s2 > 0.0):
+            return None
+    share = far
+    for _ in range(_MOST_TRIALS):
+        missed = _missed(scaled, load_m_s2 + share * way_m_s2)
+        if missed is None:
+            return None
+        if np.linalg.norm(missed) <= _HELD_WITHIN:
+            break
+        beyond = float(missed[:3] @ way_m_s2)
+        if beyond <= 0.0:  # with less of the way even more is missed
+            return None
+        share = -float(missed[:3] @ load_m_s2) / beyond
+    return np.inf if share == far else share
 
 
 def are_held(columns: Array, loads_m_s2: Array, size_m: float) -> Flags:
     """Which specific forces (n, 3) on the centre of mass contacts with the given :func:`wrenches` (6, k) hold.
 
-    A load is held where a mixture of the wrenches opposes it, which non-negative least squares finds without error
-    (Lawson and Hanson 1974); sizes of loads do not matter.
+    A load is held where a mixture of the wrenches opposes it; sizes of loads do not matter.
     """
     if columns.shape[1] == 0:
         return np.zeros(len(loads_m_s2), bool)
-    scaled = columns / np.array([1.0, 1.0, 1.0, size_m, size_m, size_m])[:, None]
-    return np.array([_misses(scaled, load) <= _HELD_WITHIN for load in loads_m_s2], bool)
+    scaled = _scaled(columns, size_m)
+    missed = [_missed(scaled, load) for load in loads_m_s2]
+    return np.array([each is not None and np.linalg.norm(each) <= _HELD_WITHIN for each in missed], bool)
 
 
-def _misses(scaled: Array, load_m_s2: Array) -> float:
-    """What the nearest mixture of wrenches leaves of a load, as a share of it."""
-    size = float(np.linalg.norm(load_m_s2))
-    try:
-        return float(scipy.optimize.nnls(scaled, np.append(-load_m_s2 / size, np.zeros(3)))[1])
-    except RuntimeError:  # it has found none in the steps that it takes at most
-        return np.inf
+def _scaled(columns: Array, size_m: float) -> Array:
+    """Wrenches whose moments are forces at a distance of size_m."""
+    return columns / np.array([1.0, 1.0, 1.0, size_m, size_m, size_m])[:, None]
+
+
+def _missed(scaled: Array, load_m_s2: Array) -> Array | None:
+    """What the nearest mixture of wrenches leaves (6,) of a load, as a share of it; None if none is found.
+
+    By non-negative least squares, which end without error (Lawson and Hanson 1974), over the few wrenches that oppose
+    most of what is left so far: a base on a curve has tens of thousands, of which at most six bear.
+    """
+    load = missed = np.append(load_m_s2 / np.linalg.norm(load_m_s2), np.zeros(3))
+    bearing, before = np.zeros(0, int), np.inf
+    while (size := float(np.linalg.norm(missed))) < before:
+        along = missed @ scaled
+        some = np.argpartition(along, _AT_ONCE)[:_AT_ONCE] if len(along) > _AT_ONCE else np.arange(len(along))
+        some = some[along[some] < 0.0]
+        chosen, before = np.union1d(bearing, some), size
+        try:
+            shares = scipy.optimize.nnls(scaled[:, chosen], -load)[0]
+        except RuntimeError:  # it has found none in the steps that it takes at most
+            return None
+        missed, bearing = load + scaled[:, chosen] @ shares, chosen[shares > 0.0]
+    return missed
 
 
 def held_polygon(columns: Array, size_m: float) -> Array:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from toppling.models.compiled import compiled
 from toppling.models.ground.carrying import Touching, solver_room
@@ -91,3 +92,31 @@ def test_what_is_held_by_least_squares_is_what_the_linear_programme_holds():
             continue
         loads = weight + np.outer([far - 1e-3, far + 1e-3], way)
         assert are_held(columns, loads, 0.65).tolist() == [True, False]
+
+
+def random_cones(random, contacts):
+    """Wrenches of contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
+    arms = np.column_stack([random.uniform(-0.4, 0.4, (contacts, 2)), random.uniform(-0.7, -0.5, contacts)])
+    normals = np.column_stack([random.uniform(-1.0, 1.0, (contacts, 2)), np.ones(contacts)])
+    return wrenches(arms, normals / np.linalg.norm(normals, axis=1)[:, None], 0.6)
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 4, 6, 30, 200])
+def test_the_farthest_load_is_that_of_the_linear_programme_over_all_wrenches(contacts):
+    random = np.random.default_rng(contacts)
+    weight = np.array([0.0, 0.0, -9.81])
+    for _ in range(20 if contacts < 100 else 2):
+        columns, way = random_cones(random, contacts), np.append(random.normal(size=2), 0.0)
+        solved = linprog(
+            np.append(np.zeros(columns.shape[1]), -1.0),
+            A_eq=np.column_stack([columns, np.append(way, np.zeros(3))]),
+            b_eq=-np.append(weight, np.zeros(3)),
+            bounds=[(0.0, None)] * columns.shape[1] + [(None, None)],
+        )
+        far = farthest_load(columns, weight, way, 0.65)
+        if solved.status != 0:
+            assert far is None if solved.status == 2 else far == np.inf
+            continue
+        assert far == pytest.approx(solved.x[-1], rel=1e-6, abs=1e-6)
+        assert farthest_load(columns, weight, way, 0.65, more_than=far + 1e-3) is None
+        assert farthest_load(columns, weight, way, 0.65, more_than=far - 1e-3) == pytest.approx(far, rel=1e-6)

@@ -13,6 +13,7 @@ _SA = re.compile(
     rf"(?:T ?= ?)?{_NUMBER_S}[ -]?(?:{_SECONDS}|(?P<hertz>HZ)) SA|SA(\d+)P(\d+)"
 )
 """Spectral acceleration at a period, or at a frequency."""
+_IN_TEXT = re.compile(rf"\bPG[AV]\b|\b(?:{_SA.pattern})")
 _WORDS = (
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION|^A_?G$"), "PGA"),
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
@@ -69,6 +70,21 @@ def measure_of(imt: str) -> tuple[str, float] | None:
             stated = 1.0 / stated if stated else 0.0
         return _sa_column(stated), STANDARD_G_M_S2
     return None
+
+
+def measure_in(text: str) -> str:
+    """Name of the one measure that a text speaks of; empty where it is none, or several.
+
+    Examples
+    --------
+    >>> measure_in("Total hazard, spectral period: PGA"), measure_in("PGA and PGV")
+    ('PGA', '')
+    """
+    text = text.upper()
+    for words, short in _WORDS:
+        text = words.sub(short, text)
+    named = {found[0] for found in _IN_TEXT.finditer(text) if measure_of(found[0])}
+    return named.pop() if len(named) == 1 else ""
 
 
 def imt_of(column: str) -> tuple[str, float]:

@@ -18,7 +18,14 @@ from toppling.results.hazard.readers.stated import HazardFile, Statement
 _LEVELS = ("iml", "imls", "level", "levels", "intensity", "intensities", "xs", "xvalues", "x")
 _RATES = ("annual_rate", "annual_rates", "rate", "rates", "afe", "mafe", "lambda")
 _POES = ("poe", "poes", "probability", "probabilities")
+_PERIODS = ("return_period", "return_periods", "returnperiod")
 _UNNAMED = ("value", "values", "ys", "yvalues", "y")
+_VALUES = (
+    dict.fromkeys(_RATES, "annual_rate")
+    | dict.fromkeys(_POES, "poe")
+    | dict.fromkeys(_PERIODS, "return period")
+)
+"""Names of columns by the keys of lists."""
 _ABOUT = {
     "lon": ("lon", "longitude"), "lat": ("lat", "latitude"), "site": ("site", "site_name", "custom_site_id"),
     "imt": ("imt", "im", "measure"), "agg": ("agg", "statistic", "quantile", "fractile"),
@@ -31,8 +38,8 @@ _Point = tuple[dict[str, Any], str, Any, Any]
 
 def matches(file: HazardFile) -> bool:
     """Whether a file may hold curves: keys of levels and of values that say what they are."""
-    has = {key for key in (*_LEVELS, *_RATES, *_POES) if f'"{key}"' in file.text}
-    return '"poe-' in file.text or (not has.isdisjoint(_LEVELS) and not has.isdisjoint((*_RATES, *_POES)))
+    has = {key for key in (*_LEVELS, *_VALUES) if f'"{key}"' in file.text}
+    return '"poe-' in file.text or (not has.isdisjoint(_LEVELS) and not has.isdisjoint(_VALUES))
 
 
 def read(file: HazardFile) -> list[Statement]:
@@ -114,11 +121,11 @@ def _own_points(keys: Mapping[str, Any], about: dict[str, Any]) -> Iterator[_Poi
     level = next((key for key in keys if key in _LEVELS), None)
     if level is None and (level := next((key for key in keys if measure_with_unit(key)), None)):
         about = about | {"imt": level}
-    values = [key for key in keys if key in (*_RATES, *_POES, *_UNNAMED)]
+    values = [key for key in keys if key in (*_VALUES, *_UNNAMED)]
     if level is None or len(values) != 1:
         return
     x, y = keys[level], keys[values[0]]
-    name = "annual_rate" if values[0] in _RATES else "poe" if values[0] in _POES else ""
+    name = _VALUES.get(values[0], "")
     if isinstance(x, list) and isinstance(y, list) and len(x) == len(y):
         yield from ((about, name, *point) for point in zip(x, y, strict=True))
     elif isinstance(x, int | float) and isinstance(y, int | float):
@@ -127,7 +134,7 @@ def _own_points(keys: Mapping[str, Any], about: dict[str, Any]) -> Iterator[_Poi
 
 def _column(file: HazardFile, name: str, years: Any) -> str:
     """Name of a table's column of values, which says what they are."""
-    if name != "annual_rate" and years is not None:
+    if name in ("poe", "") and years is not None:
         return f"probability_{years}_years"
     if name or file.hints.years is None:
         return name or file.refuse("does not say whether its values are annual rates or probabilities",

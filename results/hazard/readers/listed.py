@@ -14,12 +14,19 @@ import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, measure_with_unit
+from toppling.results.hazard.measure_names import (
+    LONGEST_NAME,
+    imt_of,
+    measure_in,
+    measure_of,
+    measure_with_unit,
+)
 from toppling.results.hazard.readers.stated import HazardFile, Statement
 from toppling.results.hazard.readers.text_columns import (
     cells_of,
     is_comment,
     rows_from,
+    uncommented,
     upright,
     with_usual_unit,
 )
@@ -30,10 +37,13 @@ _ROLES = {
     "name": {"site", "name", "site name", "location", "custom site id"},
     "imt": {"imt", "im", "measure", "intensity measure", "im type"},
     "kind": {"agg", "aggregate", "statistic", "statistics", "stat", "fractile", "quantile", "percentile"},
-    "level": {"iml", "level", "levels", "im level", "intensity", "acceleration", "ground motion",
-              "spectral acceleration"},
 }  # fmt: skip
 """Names of columns by what they hold, in lower case."""
+_LEVEL = re.compile(
+    r"(?:(?:im|intensity|measure|ground|spectral|peak|motion|amplitudes?) )*"
+    r"(?:imls?|levels?|intensity|acceleration|motion|amp(?:litude)?s?)"
+)
+"""Names of the column of levels, which say of no measure which it is."""
 _BRACKETS = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]")
 _FRACTILE = re.compile(
     r"(?:p|quantile|fractile|percentile)?[ _-]*(\d*\.?\d+)(?:th|st|nd|rd)?[ _]*(%|percent\w*|fractile|quantile)?"
@@ -90,6 +100,7 @@ def _table(header: Sequence[str]) -> _Table | None:
     roles: dict[str, int] = {}
     for place, name in enumerate(header):
         role = next((role for role, names in _ROLES.items() if _plain(name) in names), None)
+        role = role or ("level" if _LEVEL.fullmatch(_plain(name)) and not _is_measure(name) else None)
         if role and role not in roles:
             roles[role] = place
     rest = {place: name for place, name in enumerate(header) if place not in roles.values()}
@@ -120,15 +131,18 @@ def matches(file: HazardFile) -> bool:
 
 def _header_line(lines: Sequence[str]) -> int | None:
     """Place of the line that names the columns."""
-    places = [n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip() and not is_comment(line)]
+    places = [n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip()]
+    places.sort(key=lambda n: is_comment(lines[n]))  # a remark may be the header where no other line is
     for n, below in zip_longest(places, places[1:]):
-        header = [name.strip(' "') for name in _split(lines[n])]
+        header = [name.strip(' "') for name in _split(uncommented(lines[n]))]
         if len(header) > _MOST_COLUMNS or max(map(len, header)) > LONGEST_NAME:
             continue
         if _table(header):
             return n
         on_its_side = (
-            _plain(header[0]) in _ROLES["level"] and len(header) > 2 and all(map(is_numeral, header[1:]))
+            _LEVEL.fullmatch(_plain(header[0])) is not None
+            and len(header) > 2
+            and all(map(is_numeral, header[1:]))
         )
         if on_its_side and below is not None and _is_measure(_imt(_split(lines[below])[0].strip(' "'))):
             return n
@@ -155,7 +169,7 @@ def read(file: HazardFile) -> list[Statement]:
     years, convert = values_of(file, name, before) if name else (_years(file, before, table), float)
     curves: dict[tuple, list[tuple[float, float]]] = {}
     for line, row in _of_site(file, rows, table):
-        for key, level, value in _points(file, line, row, table):
+        for key, level, value in _points(file, line, row, table, before):
             curves.setdefault(key, []).append((level, convert(value)))
     return [_statement(file, key, points, years, before) for key, points in curves.items()]
 
@@ -186,7 +200,7 @@ def _of_site(
 
 
 def _points(
-    file: HazardFile, line: int, row: Sequence[str], table: _Table
+    file: HazardFile, line: int, row: Sequence[str], table: _Table, before: str
 ) -> Iterator[tuple[tuple, float, float]]:
     """Curve, level in SI, and value of every cell of a row that holds one."""
     roles = table.roles
@@ -194,13 +208,13 @@ def _points(
     def cell(role: str) -> str:
         return row[roles[role]] if role in roles else ""
 
-    places = table.with_places
+    places, named = table.with_places, measure_in(before)
     site = file.place_of(line, row, places) if places else ()
     for place, name in [(roles["value"], "")] if "value" in roles else table.across.items():
         own = cell("imt") or (_imt(name) if name and not _is_kind(name) else "")
         level = cell("level") or name
         header = table.header[roles["level"]] if "level" in roles else ""
-        measure, factor, bare = _measure(file, own or (header if _is_measure(header) else ""), header)
+        measure, factor, bare = _measure(file, own or (header if _is_measure(header) else named), header)
         kind = cell("kind") or (name if name and _is_kind(name) and "level" in roles else "")
         yield (
             (measure, bare, kind, site, cell("name")),
@@ -231,11 +245,11 @@ def _measure(file: HazardFile, name: str, header: str) -> tuple[str, float, bool
             f"is over {name or header!r}", "name a measure instead, such as PGA (g), or give --measure"
         )
     bracket = _BRACKETS.search(header)
-    unit = unit_of(bracket[1]) if bracket and not _is_measure(header) else None
+    stated = bracket[1] if bracket and not _is_measure(header) and unit_of(bracket[1]) else ""
     return (
         known[0],
-        unit.factor if unit else known[1],
-        unit is None and (not name or measure_of(name) is not None),
+        file.factor_stated(known[0], known[1], stated),
+        not stated and (not name or measure_of(name) is not None),
     )
 
 

@@ -3,9 +3,12 @@
 import re
 from xml.etree import ElementTree
 
+from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement
+from toppling.results.hazard.readers.text_columns import with_usual_unit
 
 _CURVES = re.compile(r"<(?:\w+:)?(?:hazardCurves|hazardCurveField)[\s>]")
+_UNITS = ("imlUnit", "unit", "units")
 _LEVELS, _VALUES = {"IMLs", "IML"}, {"poEs", "poE"}
 _CONFIG = {"hazardProcessing"}
 EXPORT = "export its curves as text: oq export hcurves --export-type csv"
@@ -62,7 +65,8 @@ def _of_one_measure(
     imt = stated.get("IMT", "")
     if imt.upper() == "SA" and "saPeriod" in stated:
         imt = f"SA({stated['saPeriod']})"
-    measure, unit = file.measure_named(imt)
+    measure, usual = file.measure_named(imt)
+    unit = file.factor_stated(measure, usual, next((stated[name] for name in _UNITS if name in stated), ""))
     time = stated.get("investigationTime") or stated.get("investigationTimeSpan")
     years = file.years_of_values(
         None if time is None else file.number(1, time),
@@ -80,6 +84,8 @@ def _of_one_measure(
         if len(values) != len(levels):
             file.refuse(f"has {len(levels)} levels and {len(values)} probabilities", "fetch the file again")
         curve = file.curve(measure, levels, values, years, site=(float(site[0]), float(site[1])))
+        if unit == usual:
+            with_usual_unit(file, imt_of(measure)[0], curve, "")
         found.append(Statement(curve, *_kind(stated)))
     return found
 

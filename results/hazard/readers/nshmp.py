@@ -6,11 +6,13 @@ before November 2017 wrote `PGA/total.csv`, `PGA/gmm/ASK_14.csv`, `PGA/source/Fa
 """
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 from toppling.models.files.csv_text import is_numeral
-from toppling.results.hazard.measure_names import imt_of, measure_of
+from toppling.models.motions.formats.units import unit_of
+from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse
 
 _DEPTH = 5
@@ -130,6 +132,9 @@ def _answer(file: HazardFile, about: dict[str, Any], data: Any) -> list[Statemen
     """Curves over one measure: old answers have one list of levels, new ones levels beside each curve's values."""
     imt = about["imt"]["value"] if isinstance(about["imt"], dict) else about["imt"]
     measure, unit = file.measure_named(str(imt))
+    if quantity_of(measure) == "acceleration":  # the service says g of velocities too
+        brackets = re.findall(r"\(([^()]*)\)", str(about.get("xlabel", ""))[:LONGEST_NAME])
+        unit = file.factor_stated(measure, unit, next(filter(unit_of, brackets), ""))
     label = about.get("ylabel")
     if label and "annual" not in str(label).lower():
         file.refuse(f"states {label!r}", "ask the service for annual frequencies of exceedance")

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.spreadsheet import plain_table
+from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
-from toppling.results.hazard.measure_names import measure_of
+from toppling.results.hazard.measure_names import measure_of, quantity_of
 from toppling.results.hazard.places import Place, distance_km, of_name
 
 _EXPECTED = (
@@ -112,6 +113,15 @@ class HazardFile:
     def measure_named(self, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
         """Column of a measure by the file's name of it, and what its unit is in SI; refused if it is no column."""
         return measure_of(imt) or self.refuse(f"is over {imt!r}, which is no measure known here", remedy)
+
+    def factor_stated(self, measure: str, usual: float, unit_name: str) -> float:
+        """What the unit of levels is in SI by its name in the file, the usual one where it has none."""
+        unit = unit_of(unit_name) if unit_name else None
+        if unit_name and (unit is None or unit.quantity != quantity_of(measure)):
+            self.refuse(
+                f"states levels of {measure} in {unit_name!r}", "correct the unit, or the name of the measure"
+            )
+        return unit.factor if unit else usual
 
     def years_of_values(self, stated: float | None, lacks: str, remedy: str) -> float:
         """Time that the values are probabilities over, 0 for annual rates.

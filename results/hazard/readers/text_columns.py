@@ -47,7 +47,7 @@ def matches(file: HazardFile) -> bool:
     at = _header_line(file.table)
     if at is None:
         return False
-    header = _names(_uncommented(file.table[at]))
+    header = _names(uncommented(file.table[at]))
     measures = [name for name in header if measure_with_unit(name)]
     return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
@@ -63,13 +63,18 @@ def read(file: HazardFile) -> list[Statement]:
         file.refuse("holds no table")
     before = " ".join(lines[:at]).lower()
     header, rows = _raised(file, *upright(*_with_units(*rows_from(file, at))))
-    while rows and [is_numeral(cell) for cell in rows[-1][1] if cell] == [False]:
-        rows.pop()  # a footnote
+    while rows and _is_footnote(rows[-1][1], len(header)):
+        rows.pop()
     rows = file.wanted_rows(rows, header, None)
     curve, *again = (_curve(file, header, rows, pair, before) for pair in _columns(file, lines[at], header))
     if not all(_same(curve, other) for other in again):
         _refuse_columns(file, header)
     return [Statement(curve)]
+
+
+def _is_footnote(row: Sequence[str], columns: int) -> bool:
+    """Whether the last row of a table is text below it: one cell of words, or words in other numbers of cells."""
+    return not is_numeral(row[0]) and (len(list(filter(None, row))) == 1 or len(row) != columns)
 
 
 def _curve(
@@ -105,7 +110,7 @@ def _header_line(lines: Sequence[str]) -> int | None:
     comment = list(map(is_comment, lines))
     table = [place for place, line in enumerate(lines) if line.strip() and not comment[place]]
     first_row = next((n for n in table if is_numeral(re.split(r"[\s,;]+", lines[n].strip())[0])), len(lines))
-    bare = map(_uncommented, lines[: first_row + 1])
+    bare = map(uncommented, lines[: first_row + 1])
     names = {place: _names(line) for place, line in enumerate(bare) if line}
     named = [
         n for n, each in names.items() if len(each) > 1 and any(map(measure_with_unit, each[:_MOST_NAMES]))
@@ -122,7 +127,7 @@ def is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS) and not is_share(line.lstrip())
 
 
-def _uncommented(line: str) -> str:
+def uncommented(line: str) -> str:
     """Line without the signs of a comment at its beginning."""
     return line.lstrip("".join(_COMMENTS) + " ") if is_comment(line) else line.lstrip()
 
@@ -234,8 +239,8 @@ def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str
     if why:
         meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
         file.refuse(
-            f"the column {name!r} names no unit, which is {own} then, and {why}",
-            f"name the unit in the column, such as {name} ({meant})",
+            f"names no unit of {name}, which is {own} then, and {why}",
+            f"name the unit in the column of a table, such as {name} ({meant})",
         )
     if stated:
         return curve
@@ -298,7 +303,7 @@ def _refuse_columns(file: HazardFile, header: Sequence[str]) -> NoReturn:
 def rows_from(file: HazardFile, at: int) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header in a line of a table and the rows below with their lines, without remarks."""
     below = ("" if is_comment(line) else line.partition(" # ")[0] for line in file.table[at + 1 :])
-    lines = [_uncommented(file.table[at]), *below]
+    lines = [uncommented(file.table[at]), *below]
     (_, header), *rows = list(file.rows([",".join(cells) for cells in cells_of(lines)], at + 1)) or [(0, [])]
     return header, rows
 

@@ -21,6 +21,7 @@ _ANNUAL = re.compile(
     r"(?:poe|(?:exceedance )?probability(?: of exceedance)?) per year"
 )
 _PROBABILITY = re.compile(
+    r"(?:(?P<first>\d+(?:\.\d+)?) ?(?:yrs?|years?) )?"
     r"(?:poe|pe\b|(?:exceedance )?probability(?: of (?P<non>non ?)?exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
 )
 _PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent\b|(?<=\))%")
@@ -43,7 +44,7 @@ _SCALED = re.compile(
 """Of what values are multiples, (x10^-3), or by what they were multiplied, x 1000: either way they are less."""
 _YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka|anni|años|anos|ans|jahre?)[)\]]$")
 _STATED_YEARS = re.compile(
-    r"(?:investigation[_ ]time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
+    r"(?:investigation[_ ]?time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
 )
 
 
@@ -110,7 +111,7 @@ def values_of(file: HazardFile, name: str, before: str) -> tuple[float, Callable
         stated = 1.0
     elif found := _PROBABILITY.fullmatch(plain):
         above = set(_STATED_YEARS.findall(before))
-        text = found["years"] or (above.pop() if len(above) == 1 else None)
+        text = found["first"] or found["years"] or (above.pop() if len(above) == 1 else None)
         stated = float(text) if text else None
         if found["non"]:
             convert = partial(_exceedance, scale)

@@ -112,6 +112,47 @@ def test_levels_without_a_measure_are_of_the_one_that_the_user_names(tmp_path):
     assert (tree.measure, tree.curves[0].intensity[0]) == ("sa_1s_m_s2", pytest.approx(0.1 * G))
 
 
+@pytest.mark.parametrize(
+    "above",
+    [
+        ("Total hazard", "Site: Rock", "Spectral Period: PGA"),
+        ("Hazard curve at lat 34, lon -118, PGA",),
+        ("# of the site; imt=PGA; unit=g",),
+        ("Table S2. Mean hazard, peak ground acceleration (5% damped)",),
+    ],
+)
+@pytest.mark.parametrize(
+    "name", ["Amplitude (g)", "Ground motion level (g)", "IML [g]", "Intensity Measure Level (g)"]
+)
+def test_levels_without_a_measure_are_of_the_one_that_the_text_above_names(tmp_path, above, name):
+    path = written(tmp_path, *above, f"{name},Annual Frequency of Exceedance", *rows(LEVELS_G, RATES))
+    (tree,) = read_hazard(path)
+    assert tree.measure == "pga_m_s2"
+    assert tree.curves[0].intensity == pytest.approx(LEVELS_G * G)
+
+
+def test_of_two_measures_in_the_text_above_none_is_taken(tmp_path):
+    path = written(tmp_path, "PGA and PGV at the rock", "Amplitude,annual rate", *rows(LEVELS_G, RATES))
+    with pytest.raises(InputError, match="over 'Amplitude'"):
+        read_hazard(path)
+
+
+def test_levels_in_a_unit_of_something_else_than_their_measure_are_refused(tmp_path):
+    path = written(
+        tmp_path,
+        "imt,level (cm/s),annual_rate",
+        *(f"PGA,{x},{y}" for x, y in zip((10, 20), RATES, strict=False)),
+    )
+    with pytest.raises(InputError, match="states levels of pga_m_s2 in 'cm/s'"):
+        read_hazard(path)
+
+
+def test_a_header_may_stand_in_a_remark_below_a_title(tmp_path):
+    path = written(tmp_path, "Hazard at the rock, PGA", "#amplitude (g),annual rate", *rows(LEVELS_G, RATES))
+    (tree,) = read_hazard(path)
+    assert tree.curves[0].annual_rate == pytest.approx(RATES)
+
+
 def test_rates_of_a_header_are_no_probabilities_whatever_the_user_says(tmp_path):
     table = written(tmp_path, "level (g),PGA (AFE),SA1P0 (AFE)", *rows(LEVELS_G, RATES, RATES))
     with pytest.raises(

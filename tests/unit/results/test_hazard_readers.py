@@ -151,6 +151,7 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("PGA [g]      AFOE [1/yr]\n{0}      {1}\n{2}      {3}\n", "utf-8"),
         ("PGA (g),annual_rate\n{0},{1} # as published\n{2},{3} # as published\n", "utf-8"),
         ("PGA (g);Return period (yr)\n0,1;100,0\n0,2;1.000,0\n", "utf-8"),
+        ("PGA (g),annual_rate\n{0},{1}\n{2},{3}\n\nSource: a report, 2019, table 3\n", "utf-8"),
         ("{{|\n! PGA (g) !! annual_rate\n|-\n| {0} || {1}\n|-\n| {2}\n| {3}\n|}}\n", "utf-8"),
     ],
 )
@@ -590,6 +591,15 @@ def test_answers_of_the_web_service_old_and_new_are_one_tree_by_measure(tmp_path
         assert [part.name for part in tree.parts] == ["source Fault"]
 
 
+def test_the_unit_of_an_answers_axis_is_that_of_its_levels(tmp_path):
+    path = tmp_path / "answer.json"
+    content = answer(True, "Annual Frequency of Exceedence")
+    for axis, unit in (("Ground Motion (m/s²)", 1.0), ("Ground Motion (g)", G), ("Motion (5 % damped)", G)):
+        content["response"]["metadata"]["xlabel"] = axis
+        path.write_text(json.dumps(content))
+        assert read_hazard(path)[0].curves[0].intensity == pytest.approx([0.1 * unit, 0.2 * unit])
+
+
 @pytest.mark.parametrize("new", [False, True])
 def test_an_answer_that_does_not_say_what_its_values_are_is_refused(tmp_path, new):
     path = tmp_path / "answer.json"
@@ -621,17 +631,24 @@ NRML = {
 
 @pytest.mark.parametrize("version", NRML)
 @pytest.mark.parametrize(
-    ("imt", "measure", "unit"),
-    [("PGA", "pga_m_s2", G), ("PGV", "pgv_m_s", 0.01), ('SA" saPeriod="1.0', "sa_1s_m_s2", G)],
+    ("imt", "measure", "level"),
+    [
+        ("PGA", "pga_m_s2", 0.1 * G),
+        ("PGV", "pgv_m_s", 0.1),
+        ('SA" saPeriod="1.0', "sa_1s_m_s2", 0.1 * G),
+        ('PGA" imlUnit="m/s2', "pga_m_s2", 0.1),
+    ],
 )
-def test_curves_in_openquakes_xml_are_those_in_its_csv(tmp_path, version, imt, measure, unit):
+def test_curves_in_openquakes_xml_are_those_in_its_csv(tmp_path, version, imt, measure, level):
     path = tmp_path / "curves.xml"
     text = NRML[version].format(stat='statistics="mean"', imt=imt, high=0.1)
+    if measure == "pgv_m_s":
+        text = text.replace("0.1 0.2", "10 20")  # cm/s
     for declaration in ("", '<?xml version="1.0" encoding="utf-8"?>\n'):
         path.write_text(declaration + text)
         (tree,) = read_hazard(tmp_path, hints=Hints(site=(-118.1, 34.2)))
         assert tree.measure == measure
-        assert tree.curves[0].intensity == pytest.approx([0.1 * unit, 0.2 * unit])
+        assert tree.curves[0].intensity == pytest.approx([level, 2 * level])
         assert tree.curves[0].annual_rate == pytest.approx(-np.log([0.9, 0.99]) / 50)
 
 
@@ -651,6 +668,8 @@ def test_fractiles_in_openquakes_xml_belong_to_their_mean(tmp_path):
         ('investigationTime="50.0"', "", "states no investigationTime"),
         ('IMT="PGA"', 'IMT="MMI"', "over 'MMI'"),
         ("0.1 0.01</poEs>", "0.1</poEs>", "2 levels and 1 probabilities"),
+        ("0.1 0.2", "98.1 196.2", "its levels reach 196"),
+        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "states levels of pga_m_s2 in 'cm/s'"),
         ("</nrml>", "", "no whole XML document"),
         ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "defines entities"),
         ("hazardCurves", "hazardMap", "XML without hazard curves"),

@@ -61,6 +61,10 @@ SAME = {
     ),
     "a mean beside fractiles": table("PGA (g),AFE mean,AFE 16th", LEVELS_G, RATES, "{:g},{:g},0"),
     "lists": points_json(iml=LEVELS_G, annual_rate=RATES),
+    "lists of return periods": points_json(imls=LEVELS_G, return_period=[-50 / math.log1p(-poe) for poe in POES]),
+    "a year before the word": table("PGA (g),50-yr PoE", LEVELS_G, POES),
+    "a remark with equals": "# imt=PGA; unit=g; investigationtime=50\n"
+    + table("iml;poe", LEVELS_G, POES, "{:g};{:.8g}"),
     "lists of probabilities": points_json(investigation_time=50, imls=LEVELS_G, poes=POES),
     "records": json.dumps(
         [{"imt": "PGA", "level": x, "annual_rate": y} for x, y in zip(LEVELS_G, RATES, strict=True)]

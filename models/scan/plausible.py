@@ -193,7 +193,7 @@ def marked_unmeasured(points: Array) -> Flags:
     if not (np.isin(bounds, _NO_DATA) | (np.abs(bounds) > _NO_COORDINATE)).any():
         return none
     marks = np.isin(points, _NO_DATA) | (np.abs(points) > _NO_COORDINATE)
-    marked = marks.any(axis=1)
+    marked: Flags = marks.any(axis=1)
     if marked.all():
         return none
     low, high = bounds_of(points[~marked])

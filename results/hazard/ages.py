@@ -34,9 +34,14 @@ _UNITS = {
 """Years of one unit."""
 _PRESENT = re.compile(r"\b(?:cal(?:ibrated)?\b\.?|bp\b|b\.p\.|before present|ago\b|b2k\b)")
 """Words for how years are counted back, which to a rock's age are one."""
-_ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?)")
+_ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?|between|from)")
+_SIGMAS = re.compile(r"[,;]?\s*\(?\s*([12])\s*-?\s*(?:σ|sigma|s\.?d\.?)\s*\)?\s*$")
+"""How many standard deviations an uncertainty is, where it is said behind it."""
 _DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
 """Dots between thousands; nobody states an age to a thousandth of a year."""
+
+_BARE = re.compile(r"[\s_]*[(\[]?%?[)\]]?$")
+"""Of a column of weights, which are shares of their sum."""
 
 _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
@@ -73,9 +78,11 @@ def unit_years(name: str) -> float | None:
 
     Examples
     --------
-    >>> [unit_years(name) for name in ("Age [ka BP]", "cal_yr_BP", "age", "site")]
+    >>> [unit_years(name) for name in ("Age [ka BP]", "cal_yr_BP", "year", "site")]
     [1000.0, 1.0, None, None]
     """
+    if name.strip().lower() == "year":  # of a calendar
+        return None
     bare, counted_back = _PRESENT.subn(" ", re.sub(r"[\s_()\[\],/]+", " ", name.lower()))
     unit = " ".join(bare.replace("age", "", 1).split())
     return _UNITS.get(unit or ("years" if counted_back else ""))
@@ -238,20 +245,22 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
 
 _SPELLINGS = (
     (r"±|\+ ?/ ?-", "+-"),
-    (r"[\u2013\u2014]| to |(?<=\d) ?~ ?(?=\d)", "-"),
+    (r"[\u2013\u2014]| (?:to|and) |(?<=\d) ?~ ?(?=\d)", "-"),
     (r"(?<!\d)(?<!\d\.)(\d{1,3})[, '\u2019\u00a0\u202f](?=\d{3}(?:\D|$))", r"\1"),
     (r"(?<=\d),(?=\d)", "."),
     (r"(?<=\d)\s*-\s*(?=\d)", ".."),
 )
 """Signs that people write, and what they stand for; a minus between two numbers is a range, behind 'e' it is not."""
-_WIDEST = 500.0
-"""Ratio of a range's ends from which on one is in thousands: 15-30,000."""
+_WIDEST, _SUREST, _UNSUREST = 500.0, 2000.0, 3.0
+"""Ratio of a range's ends, and of an age to its uncertainty and back, from which on one is in thousands: 15-30,000."""
 _UNIT = re.compile(rf"(?<![a-z])\s*({'|'.join(sorted(_UNITS, key=len, reverse=True))})\s*$")
 
 
 def _of_words(text: str) -> Array:
     """Years of an age in words, in thousands or millions where it ends so."""
     text = _ABOUT.sub("", _PRESENT.sub(" ", text.strip().lower()))
+    sigmas = _SIGMAS.search(text)
+    text = _SIGMAS.sub("", text)
     unit = _UNIT.search(text)
     plain = _UNIT.sub("", text)
     years = _UNITS[unit[1]] if unit else 1.0
@@ -261,14 +270,17 @@ def _of_words(text: str) -> Array:
         plain = _DOTTED.sub(lambda found: found[1].replace(".", ""), plain)
     for pattern, sign in _SPELLINGS:
         plain = re.sub(pattern, sign, plain)
-    return _years(plain, years)
+    return _years(plain, years, float(sigmas[1]) if sigmas else None)
 
 
-def _years(text: str, unit: float = 1.0) -> Array:
+def _years(text: str, unit: float, sigmas: float | None) -> Array:
     levels = _levels(_AGE_SAMPLES)
     if "+-" in text:
         mean, deviation = (unit * float(part) for part in text.split("+-"))
-        return _normal(mean, deviation, 0.0, levels)
+        alike = deviation / _UNSUREST < mean < (_SUREST * deviation if unit > 1.0 else math.inf)
+        return _normal(mean, deviation / (sigmas or 1.0), 0.0, levels) if alike else np.array([math.nan])
+    if sigmas:
+        return np.array([math.nan])
     if "*/" in text:
         median, factor = map(float, text.split("*/"))
         return (
@@ -314,7 +326,7 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
     unit = unit_years(names[0]) if names else None
     if unit is None:
         raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
-    if [name.lower() for name in names[1:]] not in ([], ["weight"]):
+    if [_BARE.sub("", name.lower()) for name in names[1:]] not in ([], ["weight"], ["probability"]):
         raise _file_error(path, f"it has the columns {', '.join(names)}")
     if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
         raise _file_error(path, f"{rows[1][0]!r} may be decimals, or thousands with a dot between")

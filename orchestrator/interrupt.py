@@ -1,7 +1,8 @@
 """Ctrl-C, as often as somebody presses it: the first stops the program in order, the others change nothing.
 
-The first raises KeyboardInterrupt in the main thread, wherever that is. So what must be whole holds it back, it is
-raised again where a finalizer or a library swallowed it, and what fails after it fails because of it and is not told.
+So do SIGTERM (a batch system's warning) and SIGHUP (a terminal that closes). The first raises KeyboardInterrupt in the
+main thread, wherever that is. So what must be whole holds it back, it is raised again where a finalizer or a library
+swallowed it, and what fails after it fails because of it and is not told.
 """
 
 import contextlib
@@ -22,7 +23,7 @@ _PATIENCE_S = 60
 """What has not ended in order so long after it was told to is ended without."""
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
-"""What ends a program in order, where it asks for that (:func:`stop_in_order`)."""
+"""What ends a program as Ctrl-C does."""
 
 _LOOK_S = 0.1
 """Time between looks at whether the KeyboardInterrupt is still on its way."""
@@ -41,8 +42,14 @@ _STOP = _Stop()
 
 
 def as_program(work: Callable[[], object]) -> NoReturn:
-    """Do the work of a whole process and exit with its code; after Ctrl-C, wherever that came, with `INTERRUPTED`."""
+    """Do the work of a whole process and exit with its code; after Ctrl-C, wherever that came, with `INTERRUPTED`.
+
+    So after SIGTERM and SIGHUP, unless whoever started it has them ignored, as `nohup` does.
+    """
     signal.signal(signal.SIGINT, _stop_once)
+    for number in ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop_once)
     code: Any = 0
     try:
         try:
@@ -65,16 +72,6 @@ def as_program(work: Callable[[], object]) -> NoReturn:
             sys.stderr.flush()
         os._exit(INTERRUPTED)
     sys.exit(code)
-
-
-def stop_in_order() -> None:
-    """Let SIGTERM (a batch system's warning) and SIGHUP (a terminal that closes) stop the program as Ctrl-C does.
-
-    Under `nohup` nobody is to hear of SIGHUP.
-    """
-    for number in ENDS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _stop_once)
 
 
 def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)

@@ -36,7 +36,6 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.context import RunProgress, Work
-    from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
@@ -48,7 +47,6 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.results.run_integrity import LEAST_JOBS
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    stop_in_order()
     opened = open_run(run)
     check_versions(run)
     campaign = Campaign.read(run / "campaign.toml")

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from toppling.models.errors import InputError
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
+from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
@@ -124,7 +124,6 @@ def run(
     from toppling.orchestrator.cluster import reported
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    stop_in_order()
     cluster = cluster_of(folder, **where)
     if not (no_estimate or chosen.precision):
         if folder.exists():

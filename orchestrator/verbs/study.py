@@ -80,7 +80,7 @@ def study(
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """
     from toppling.orchestrator.context import RunError
-    from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop, stop_in_order
+    from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.studies import replication as stages
     from toppling.orchestrator.verbs.run import FAILED_JOBS
@@ -88,7 +88,6 @@ def study(
     if sum(map(bool, (scan, scene, rock))) > 1:
         raise click.UsageError("--scan, --scene and --rock exclude each other")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    stop_in_order()
     chosen = replace(_study_of(pga_step, int(directions)), preset=preset, audit=audit, engine=engine)
     cluster_of(out, **where)  # wrong options are said before any work
     say = partial(click.echo, err=True)

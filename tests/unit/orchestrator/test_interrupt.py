@@ -20,9 +20,9 @@ BEGINNING = """
 """
 
 
-def ended(work):
-    """Code, output and errors of a program that does this work."""
-    program = f"{textwrap.dedent(BEGINNING)}\ndef work():\n{textwrap.indent(textwrap.dedent(work), '    ')}\n"
+def ended(work, before=""):
+    """Code, output and errors of a program that does this work, started under what is done before."""
+    program = f"{before}\n{textwrap.dedent(BEGINNING)}\ndef work():\n{textwrap.indent(textwrap.dedent(work), '    ')}\n"
     done = subprocess.run(
         [sys.executable, "-c", f"{program}\nas_program(work)"], capture_output=True, text=True, timeout=50
     )
@@ -192,26 +192,44 @@ def test_the_command_hears_it_before_it_has_imported_its_verbs():
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_terminal_that_closes_and_a_batch_system_stop_in_order(name):
     work = f"""
-        from toppling.orchestrator.interrupt import stop_in_order
-        signal.signal(signal.{name}, signal.SIG_DFL)  # whatever the tests themselves were started under
-        stop_in_order()
         try:
             os.kill(os.getpid(), signal.{name})
             time.sleep(60)
         finally:
             print("ended in order")
     """
-    code, said, told = ended(work)
-    assert (code, said) == (130, "ended in order\n")
-    assert told == "stopped\n"
+    before = f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)"  # whatever the tests were started under
+    assert ended(work, before) == (130, "ended in order\n", "stopped\n")
 
 
 def test_under_nohup_a_terminal_that_closes_stops_nothing():
     work = """
-        from toppling.orchestrator.interrupt import stop_in_order
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        stop_in_order()
         os.kill(os.getpid(), signal.SIGHUP)
         print("goes on")
     """
-    assert ended(work) == (0, "goes on\n", "")
+    before = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    assert ended(work, before) == (0, "goes on\n", "")
+
+
+@pytest.mark.parametrize("verb", ["fragility", "query", "constrain", "report"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_any_verb_that_is_told_to_end_says_one_line(verb, name, tmp_path):
+    program = f"""
+        import signal, sys, time
+        signal.signal(signal.{name}, signal.SIG_DFL)
+        from toppling.orchestrator import cli, verbs
+        class Waits:
+            def find_spec(self, name, path=None, target=None):
+                if name == "toppling.orchestrator.verbs.{verb}":
+                    print("begun", flush=True)
+                    time.sleep(60)
+        sys.meta_path.insert(0, Waits())
+        sys.argv[1:] = ["{verb}", "{tmp_path}"]
+        cli.main()
+    """
+    going = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )  # fmt: skip
+    assert going.stdout.readline() == "begun\n"
+    going.send_signal(getattr(signal, name))
+    assert (going.communicate(timeout=50)[1], going.returncode) == ("stopped\n", 130)

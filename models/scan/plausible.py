@@ -32,6 +32,7 @@ def coordinate_steps(points: Array) -> Array:
     """
     finite = points if np.isfinite(points.sum()) else points[np.isfinite(points).all(axis=1)]
     sample = finite[:: max(1, len(finite) // _SAMPLE)]
+    sample = sample[~marked_unmeasured(sample)]
     if len(sample) < 3:
         return np.zeros(3)
     steps = np.array([_step(sample[:, axis]) for axis in range(3)])
@@ -193,7 +194,7 @@ def marked_unmeasured(points: Array) -> Flags:
     if not (np.isin(bounds, _NO_DATA) | (np.abs(bounds) > _NO_COORDINATE)).any():
         return none
     marks = np.isin(points, _NO_DATA) | (np.abs(points) > _NO_COORDINATE)
-    marked: Flags = marks.any(axis=1)
+    marked = np.asarray(marks.any(axis=1))
     if marked.all():
         return none
     low, high = bounds_of(points[~marked])

@@ -17,14 +17,15 @@ _ENDING = re.compile(
 _LONGEST = 200
 """Characters of a cell of a header that are looked at."""
 _TIME = re.compile(
-    r"(?:t|(?:date[ _-]?)?times?|timestamp|zeit|tiempo|temps|tempo|zaman|时间|時間|時刻|s|m?secs?|(?:milli)?seconds?)"
-    r"(?![a-z])",
+    r"(?:t|(?:(?:date|unix|epoch|elapsed|utc|gps)[ _-]?)?time(?:s|stamp)?|epoch|zeit|tiempo|temps|tempo|zaman|"
+    r"时间|時間|時刻|s|m?secs?|(?:milli)?seconds?)(?![a-z])",
     re.IGNORECASE,
 )
 _NUMBERS = {
     "", "no", "nr", "n", "i", "id", "idx", "index", "row", "sample", "samples", "point", "points", "#", "count"
 }  # fmt: skip
 """Names of a column that counts rows."""
+_DATES = ("date", "datum", "fecha", "data")
 _ACCELERATION = re.compile(
     r"a(?:cc(?:el(?:eration|erations)?)?)?|aceleraci[oó]n|beschleunigung|acc[eé]l[eé]ration|amplitude|samples?|data|values?",
     re.IGNORECASE,
@@ -49,7 +50,7 @@ _WORDS = {
     "NORTHSOUTH": "NS", "EASTWEST": "EW", "UPDOWN": "UD", "NORTE": "N", "ESTE": "E", "NORD": "N", "EST": "E",
     "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
     "TRANSVERSE": "T", "TRANSVERSAL": "T", "TRAN": "T", "LON": "L", "VERTIKAL": "UP", "RADIAL": "H1", "R": "H1",
-    "EO": "EW", "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
+    "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
     "ESTOUEST": "EW", "VERTICALE": "UP", "东西": "EW", "南北": "NS", "東西": "EW",
     "竖向": "UD", "竖直": "UD", "垂直": "UD", "上下": "UD",
 }  # fmt: skip
@@ -92,9 +93,20 @@ def column_of(part: str) -> Column:
         timed = ending[2].lower() in UNITS_S
         if not timed or _TIME.match(ending[1]):  # Acc_NS is no acceleration in nanoseconds
             return Column(ending[1], ending[2].replace("_", "/"))
-    if not unit and unit_of(name) and not bearing(name) and _label(name) == "" and not _TIME.match(name):
+    if not unit and unit_of(name) and not bearing(name) and label_of(name) == "" and not _TIME.match(name):
         return Column("acceleration", name)
     return Column(name, unit)
+
+
+def without_date(columns: list[Column]) -> list[Column]:
+    """Columns of which a date and a time of day beside it are one, as their numbers are."""
+    dated = len(columns) > 1 and columns[0].name.lower() in _DATES and names_time(columns[1])
+    return columns[1:] if dated else columns
+
+
+def counts_rows(each: Column) -> bool:
+    """Whether a column's name is that of numbers of rows."""
+    return each.name.lower() in _NUMBERS and not each.unit
 
 
 def names_time(each: Column) -> bool:
@@ -114,13 +126,13 @@ def roles_of(columns: list[Column]) -> Roles | None:
     Rows may be counted in the first column, then the time may stand, then components in any order; or acceleration
     alone, with velocity and displacement behind it.
     """
-    first = int(columns[0].name.lower() in _NUMBERS and not columns[0].unit and len(columns) > 1)
+    first = int(counts_rows(columns[0]) and len(columns) > 1)
     time = first if len(columns) > first + 1 and names_time(columns[first]) else None
     labels: dict[int, str] = {}
     others: dict[int, str] = {}
     for place in range(first if time is None else first + 1, len(columns)):
         each = columns[place]
-        unit, label = unit_of(each.unit) if each.unit else None, _label(each.name)
+        unit, label = unit_of(each.unit) if each.unit else None, label_of(each.name)
         foreign = unit is None and _OTHER_UNIT.fullmatch(each.unit) is not None
         if (
             foreign
@@ -153,7 +165,7 @@ def refuse_names(file: RecordText, at: int, columns: list[Column], width: int) -
     file.refuse(at, f"{what} {names}", expected, f"name them so, or {other}")
 
 
-def _label(name: str) -> str:
+def label_of(name: str) -> str:
     """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
     bare = _GLUED.sub("", name.upper().strip())
     if known := _known_label(bare):

@@ -34,16 +34,19 @@ from toppling.models.motions.formats.column_names import (
     Column,
     Roles,
     column_of,
+    counts_rows,
     is_unit,
     names_time,
     refuse_names,
     roles_of,
+    without_date,
 )
 from toppling.models.motions.formats.component import Component, code_direction
 from toppling.models.motions.formats.header_text import (
     check_stated,
     stated_counts,
     stated_direction,
+    stated_orientations,
     stated_peak_m_s2,
     stated_step_s,
     stated_unit,
@@ -95,7 +98,8 @@ def recognises(head: str) -> bool:
     understood = _roles(layout) is not None
     if understood or layout.width in _WIDTHS or layout.width == 3:
         return understood or layout.names_at is None or _is_header(head, layout)
-    if len(layout.columns) == layout.width and names_time(layout.columns[0]):
+    first = layout.columns[0] if len(layout.columns) == layout.width else None
+    if first and (names_time(first) or counts_rows(first)):
         return True  # which `read` refuses by the names
     if layout.width == 2 * _WIDTHS[-1] and _whole_numbers(head, layout):
         return True
@@ -174,6 +178,7 @@ def _parts(line: str) -> list[str]:
 def _columns(line: str, width: int) -> list[Column]:
     """Columns as a line names them; none if it is a comment or numbers, of another number of words, and no header."""
     found = [column_of(part) for part in _parts(line)]
+    found = without_date(found) if len(found) == width + 1 else found
     numbers = all(_NUMBER.match(each.name) for each in found)
     return [] if len(found) != width and (numbers or line.lstrip().startswith(COMMENT)) else found
 
@@ -236,6 +241,8 @@ def read(file: RecordText) -> list[Component]:
     ]
     if list(roles.components.values()) == [""]:
         found = [replace(found[0], direction=stated_direction(told))]
+    elif not named[-1].name and len(said := stated_orientations(told)) == len(found):
+        found = [replace(each, direction=one) for each, one in zip(found, said, strict=True)]
     peak = stated_peak_m_s2(told)
     if peak:  # of whichever it is nearest to
         off = [abs(math.log(max(float(np.abs(each.acceleration_m_s2).max()), 1e-9) / peak)) for each in found]

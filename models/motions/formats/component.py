@@ -113,7 +113,17 @@ def _named(text: str) -> float | str | None:
         return UP
     if text in {"DOWN", "DWN", "DN", "D"}:
         return DOWN
-    words = {"N": 0.0, "NS": 0.0, "NORTH": 0.0, "E": 90.0, "EW": 90.0, "EAST": 90.0, "S": 180.0, "W": 270.0}
+    words = {
+        "N": 0.0,
+        "NS": 0.0,
+        "NORTH": 0.0,
+        "E": 90.0,
+        "EW": 90.0,
+        "EO": 90.0,
+        "EAST": 90.0,
+        "S": 180.0,
+        "W": 270.0,
+    }
     words |= {"SOUTH": 180.0, "WEST": 270.0}
     if text in words:
         return words[text]

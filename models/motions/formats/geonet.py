@@ -5,6 +5,7 @@ import re
 from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.record_text import Counted, RecordText
+from toppling.models.motions.formats.units import counted_unit, known_names
 
 NAME = "GeoNet V1A/V2A"
 _TEXT_LINES, _NUMBER_LINES = 16, 10
@@ -49,7 +50,8 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
     rows = [-(-count // _ACROSS) for count in counts]
     values = file.exactly(start + 9, file.numbers(at, at + rows[0], _WIDTH), counts[0])
     step = re.search(r"(?:at intervals of|data at)\s+([\d.]+)\s*s", "\n".join(title))
-    unit = re.search(r"readings in units of\s+([\d.]+)\s+mm/s/s", "\n".join(title))
+    stated = re.search(r"readings in units of\s+([\d.]+\s+\S+)", "\n".join(title))
+    unit = counted_unit(stated[1] if stated else "mm/s/s")
     component = next((text.split()[1] for text in title if text.startswith("Component ")), "")
     moment = re.search(r"\bMw?\s+(\d\.\d+)", title[8])
     distance = re.search(r"Dist\s+([\d.]+)\s*km", title[8])
@@ -57,10 +59,12 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
         what = "no time step or component in the header"
         expected = "'... at 0.020 sec intervals' and 'Component N28W'"
         file.refuse(start + 10, what, expected)
+    if unit is None or unit.quantity != "acceleration":
+        file.refuse(start + 10, f"readings in units of {stated and stated[1]!r}", f"one of {known_names()}")
     return file.channel(
         at,
-        Counted(values * 0.001),
-        float(unit[1]) if unit else 1.0,
+        Counted(values),
+        unit.factor,
         file.positive(start + 10, float(step[1]), "time step"),
         direction=bearing(component),
         file_format=f"GeoNet {'V2A' if kind[1].lower() == 'corrected' else 'V1A'}",

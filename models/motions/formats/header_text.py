@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 
 from toppling.models.errors import InputError
+from toppling.models.motions.formats.column_names import label_of
 from toppling.models.motions.formats.component import code_direction
 from toppling.models.motions.formats.units import acceleration_m_s2
 
@@ -22,6 +23,10 @@ _COMPONENT = re.compile(
     r"\b(?:comp(?:onent)?|direction|orientation|componente)\b\.?\s*(?:\d\s*[:=]|[:=])?\s*([^\s,;:]+)",
     re.IGNORECASE,
 )
+_ORIENTATIONS = re.compile(
+    r"\borientations?\s*[:=]\s*([^\s,;/]+(?:\s*[,;/]\s*[^\s,;/]+)+)\s*$", re.IGNORECASE
+)
+"""Of all components in the order of their columns: 0,90,UP."""
 _RATE = re.compile(
     rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfs(?= *[:=])|\bfreq\w* *(?:of|de) *sampl\w*|"
     rf"tasa de muestreo|frecuencia de muestreo)"
@@ -29,7 +34,8 @@ _RATE = re.compile(
     re.IGNORECASE,
 )
 _STEP = re.compile(
-    rf"(?:\bdt\b|\bdelta[ _]?t\b|time *_?(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step|time)|"
+    rf"(?:\bdt\b|\bdelta[ _]?t\b|time *_?(?:step|interval)|spaced intervals? of|"
+    rf"sampl\w*[ _-]*(?:interval|period|step|time)|"
     rf"intervalo de muestreo)({_BETWEEN}?)(?<![A-Za-z]){_NUMBER} *(ms|msec|milliseconds)?\b",
     re.IGNORECASE,
 )
@@ -90,12 +96,19 @@ def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
 def stated_direction(lines: Sequence[str]) -> float | str | None:
     """Direction of one component, where the lines name one and no other."""
     found = {
-        code_direction(match[1])
+        code_direction(label_of(match[1]) or match[1])
         for line in lines[:_MOST_LINES]
         for match in _COMPONENT.finditer(line[:_LONGEST])
     }
     found.discard(None)
     return found.pop() if len(found) == 1 else None
+
+
+def stated_orientations(lines: Sequence[str]) -> list[float | str]:
+    """Directions of several components, in their order, where one line states them all; none else."""
+    found = [match[1] for line in lines[:_MOST_LINES] if (match := _ORIENTATIONS.search(line[:_LONGEST]))]
+    said = [code_direction(word.strip()) for word in re.split("[,;/]", found[0])] if len(found) == 1 else []
+    return [each for each in said if each is not None] if None not in said else []
 
 
 def stated_step_s(lines: Sequence[str], rows: int) -> float | None:

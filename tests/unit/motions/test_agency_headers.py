@@ -42,6 +42,7 @@ SAME = [
     ("peer", "NPTS=    400, DT=   .0100 SEC,", "   400   .0100"),
     ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS= 400, DT= .01\n"),
     ("knet", "(gal)/", "(GAL)/"),
+    ("geonet_v1a", "in units of 1.00 mm/s/s", "in units of 0.10 gal"),
 ]  # fmt: skip
 
 
@@ -83,6 +84,12 @@ def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path)
         ("esm", "DATA_TYPE: ACCELERATION", "DATA_TYPE: Velocity", "DATA_TYPE is Velocity"),
         ("esm", "UNITS: cm/s^2", "UNITS: cm/s", "UNITS is 'cm/s'"),
         ("unam", "Gal (cm/s/s)", "Pa", "UNIDADES DE LOS DATOS is 'Pa'"),
+        (
+            "geonet_v1a",
+            "in units of 1.00 mm/s/s",
+            "in units of 1.00 mm/s",
+            "readings in units of '1.00 mm/s'",
+        ),
         ("peer", "IN UNITS OF G", "IN UNITS OF CM", "the title of the series is"),
         ("knet", "(gal)/", "(g)/", "the scale factor is not in gal"),
     ],

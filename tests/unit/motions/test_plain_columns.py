@@ -55,6 +55,9 @@ def imported(path: Path, unit: str = "m/s2"):
         "Zeit [s];UD [m/s2];NS [m/s2];EW [m/s2]",
         "Time (s),Vertical (m/s^2),North-South (m/s^2),East-West (m/s^2)",
         "time,acc_ud_m_s2,acc_ns_m_s2,acc_ew_m_s2",
+        "epoch,up_m_s2,north_m_s2,east_m_s2",
+        "unix_time,UD (m/s2),NS (m/s2),EO (m/s2)",
+        "# units= m/s^2\n# orientation= UP,0,90\n#\n# Column 4: component (+ is 090)",
         "time_s,up_m_s2,north_m_s2,east_m_s2",
         "Time (s),Up (m/s2),North (m/s2),East (m/s2),",
         "Station ROCK\nrecorded at night\nTime (s),UD,NS,EW",
@@ -68,6 +71,32 @@ def test_columns_are_the_components_of_their_names_in_any_order(header, comma, t
     (record,) = outcome.records
     assert record.north_known
     assert np.abs(record.motion.acceleration_m_s2 - a).max() < 2e-6
+
+
+@pytest.mark.parametrize("date", ["Date", "Datum", "fecha"])
+def test_a_date_and_a_time_of_day_in_cells_of_their_own_are_one_time(date, tmp_path):
+    a, path = shaking(), tmp_path / "rec.csv"
+    seconds = 86398.0 + STEP_S * np.arange(len(a))  # past midnight
+    clock = [f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f}" for s in seconds]
+    rows = [
+        f"01.03.2024;{when};{';'.join(f'{x:.6f}' for x in row)}" for when, row in zip(clock, a, strict=True)
+    ]
+    path.write_text("\n".join([f"{date};Time;EW (m/s2);NS (m/s2);UD (m/s2)", *rows]) + "\n")
+    (record,) = import_records([path], options=AS_IT_IS).records
+    assert record.motion.time_step_s == STEP_S
+    assert np.abs(record.motion.acceleration_m_s2 - a).max() < 2e-6
+
+
+def test_samples_that_fill_lines_may_be_spaced_by_intervals_of_a_step_in_their_heading(tmp_path):
+    a = shaking()
+    for name, series in zip(("N20W", "S70W", "VERT"), a.T, strict=True):
+        head = f"COMP. {name}\nNO. OF POINTS: {len(a)}  EQUALLY SPACED INTERVALS OF: {STEP_S:.3f} SEC  UNIT: CM/SEC/SEC"
+        lines = [" ".join(f"{100 * x:.4f}" for x in series[i : i + 8]) for i in range(0, len(a), 8)]
+        (tmp_path / f"051WCW_{name}.dat").write_text("\n".join([head, *lines]) + "\n")
+    (record,) = import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS).records
+    assert record.north_known
+    assert record.motion.time_step_s == STEP_S
+    assert np.abs(record.motion.acceleration_m_s2[:, 2] - a[:, 2]).max() < 2e-6
 
 
 @pytest.mark.parametrize(

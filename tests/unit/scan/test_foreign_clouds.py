@@ -253,12 +253,14 @@ def test_an_e57_whose_words_say_feet_is_refused_and_read_on_the_users_word(tmp_p
 @pytest.mark.parametrize("mark", [-9999.0, -32768.0, 1e30, -3.4e38])
 @pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
 def test_what_stands_for_not_measured_is_left_out_and_counted(tmp_path, mark, axes):
-    points = POINTS_M.copy()
+    local = (POINTS_M - SHIFT_M).astype(np.float32).astype(float)
+    points = local.copy()
     points[::5, axes] = mark
-    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.6f")
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.9g")
     cloud = read_clouds([tmp_path / "cloud.xyz"])
-    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, np.delete(POINTS_M, slice(0, None, 5), 0))
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, np.delete(local, slice(0, None, 5), 0))
     assert "300 points are marked as not measured" in cloud.sources[0].note
+    assert cloud.sources[0].step_m < 1e-5  # that of single precision is no wider for the mark's size
 
 
 @given(st.integers(0, 1400), st.sampled_from([0.0, -9999.0, -32768.0]))

@@ -1,8 +1,12 @@
 """Which workers may take part in a run: those that load its assets with the versions of the client."""
 
+import errno
 import logging
+import socket
+import ssl
 import time
 from collections.abc import Iterable
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,6 +23,7 @@ from toppling.orchestrator.task import RunKey, check
 log = logging.getLogger(__name__)
 
 LOST = "the connection to the scheduler is lost"
+_UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
 _LOOK_S = 0.1
 NOBODY = "every worker has died and none comes back"
 REPLACE_AFTER_S = 10.0
@@ -26,6 +31,14 @@ REPLACE_AFTER_S = 10.0
 
 NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
+
+
+def may_be_lost(error: BaseException) -> bool:
+    """Whether an error can come of a connection: those of files and of limits of this machine are what they say."""
+    if not isinstance(error, OSError):
+        return isinstance(error, CancelledError)
+    of_network = isinstance(error, ConnectionError | TimeoutError | socket.gaierror | ssl.SSLError)
+    return of_network or error.errno is None or error.errno in _UNREACHABLE  # Dask's own have no number
 
 
 def make_ready(client: Client, *run_keys: RunKey) -> None:
@@ -43,6 +56,8 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
                 check_workers(client, *run_keys)
                 return let_leave_in_order(client)
         except OSError as error:
+            if not may_be_lost(error):
+                raise
             # A worker that leaves while all are asked ends the call too: then the client runs on.
             log.debug("%s", error)
         if client.cluster is not None and client.status != "running":  # ours is not started again

@@ -120,19 +120,20 @@ def call() -> None:
         click.echo(f"toppling: {error}\n  remedy: correct the file, or move it away", err=True)
         sys.exit(1)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            written = error.filename2 or error.filename  # a copy names its source first
-            of = f" of {_asked_for(written)}" if written else ""
-            click.echo(
-                f"toppling: the disk{of} is full: make room, then give the same command again; what is stored stays",
-                err=True,
-            )
-            sys.exit(1)
-        where = f"{_asked_for(error.filename)}: " if error.filename else ""
-        elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
-        # Arrow's errors have a message only.
-        click.echo(f"toppling: {where}{error.strerror or error}{elsewhere}", err=True)
+        click.echo(f"toppling: {_told(error)}", err=True)
         sys.exit(1)
+
+
+def _told(error: OSError) -> str:
+    """What a disk, a right or a limit does not allow, and what can be done."""
+    note = "; ".join(["", *getattr(error, "__notes__", [])])
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        written = error.filename2 or error.filename  # a copy names its source first
+        of = f" of {_asked_for(written)}" if written else ""
+        return f"the disk{of} is full: make room{note or ', then give the same command again; what is stored stays'}"
+    where = f"{_asked_for(error.filename)}: " if error.filename else ""
+    elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
+    return f"{where}{error.strerror or error}{elsewhere}{note}"  # Arrow's errors have a message only
 
 
 def _asked_for(path: Any) -> Path:

@@ -22,6 +22,7 @@ from toppling.orchestrator.admission import (
     NOBODY_AFTER_S,
     REPLACE_AFTER_S,
     make_ready,
+    may_be_lost,
     offer_assets,
 )
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
@@ -147,6 +148,8 @@ class Execution:
                     for future, result in arriving.next_batch(block=False):
                         self._take(future, result)
                 except (OSError, CancelledError) as error:
+                    if not may_be_lost(error):
+                        raise
                     arriving.clear()
                     self._rejoin(error)
                 self._flush()

@@ -165,6 +165,9 @@ def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> l
     """Rows of the first jobs of a batch: of one at least, of more until the time is used up.
 
     Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
+
+    Raises UnfitWorkerError if the machine refuses it a file.
+    Raises as :func:`_assets_of`.
     """
     assets = _assets_of(run_key)
     end = time.perf_counter() + budget_s
@@ -173,6 +176,8 @@ def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> l
         with _ONE_AT_A_TIME:
             try:
                 row = run_job(spec, assets)
+            except OSError as error:  # its disk or a limit: another worker may have an answer
+                raise _unfit(f"cannot work ({error})") from None
             except Exception as error:  # a job's failure is a row, never a lost run
                 log.exception("job %s failed", spec.job_id)
                 row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")

@@ -1,5 +1,6 @@
 """Files and folders that appear complete or not at all."""
 
+import errno
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ from urllib.parse import unquote
 
 from toppling.models.errors import InputError
 
+_OF_DISKS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 _CACHE_VARIABLE = "TOPPLING_CACHE"
 """Names the folder of this account for what can be made again."""
 
@@ -96,6 +98,17 @@ def refuse_existing(target: Path) -> None:
 
 
 @contextmanager
+def _naming(target: Path) -> Iterator[None]:
+    """Name what a disk has no room for: neither Arrow nor a write to an open file do."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename or error.errno not in _OF_DISKS:
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(target)) from error
+
+
+@contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
     """A folder to write into, which gets its name when all is written; nothing is left of it if that fails.
 
@@ -111,7 +124,8 @@ def new_folder(target: Path) -> Iterator[Path]:
     shutil.rmtree(staging, ignore_errors=True)
     staging.mkdir()
     try:
-        yield staging
+        with _naming(target):
+            yield staging
         staging.rename(target)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
@@ -145,9 +159,10 @@ def new_file(target: Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        yield hidden
-        with hidden.open("rb") as file:
-            os.fsync(file.fileno())
+        with _naming(target):
+            yield hidden
+            with hidden.open("rb") as file:
+                os.fsync(file.fileno())
         hidden.replace(target)
         folder = os.open(target.parent, os.O_RDONLY)
         try:

@@ -183,6 +183,10 @@ def _carry_out(
             return carry_out(chosen, folder, cluster=cluster, watch=watch, limits=limits, again=again)
     except RunError as error:
         raise click.ClickException(f"{error}; the rows so far are kept. {to_go_on}") from None
+    except OSError as error:
+        if folder.exists():
+            error.add_note(f"the rows so far are kept. {to_go_on}")
+        raise
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)

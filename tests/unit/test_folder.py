@@ -1,9 +1,15 @@
 """Files and folders appear complete or not at all."""
 
+import errno
+import os
+import resource
+
+import pyarrow as pa
 import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.files.folder import named_beside, new_file, new_folder
+from toppling.models.files.tables import write_table
 from toppling.models.scene import Scene
 from toppling.results.reader import open_run
 
@@ -67,3 +73,25 @@ def test_what_is_given_for_a_run_is_named(given, said, tmp_path):
     if given != "scene":
         with pytest.raises(InputError, match=f"no scene.json.*{said}"):
             Scene.load(tmp_path / given)
+
+
+def _text(target):
+    with new_file(target) as hidden:
+        hidden.write_text("a" * 10_000)
+
+
+def _table(target):
+    write_table(pa.table({"a": [0.1 * each for each in range(10_000)]}), target)
+
+
+@pytest.mark.parametrize("write", [_text, _table])
+def test_a_file_that_grows_beyond_what_may_be_written_is_named_and_nothing_is_left_of_it(write, tmp_path):
+    target, most = tmp_path / "table", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most[1]))  # Python ignores the signal
+    try:
+        with pytest.raises(OSError, match=os.strerror(errno.EFBIG)) as told:
+            write(target)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, most)
+    assert (told.value.errno, told.value.filename) == (errno.EFBIG, str(target))
+    assert list(tmp_path.iterdir()) == []

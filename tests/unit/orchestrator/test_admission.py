@@ -1,10 +1,16 @@
 """A cluster is made ready for a run, though workers may leave at that moment."""
 
+import errno
+import os
+import socket
+import ssl
+from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
 import pytest
+from distributed.comm import CommClosedError
 
-from toppling.orchestrator import admission
+from toppling.orchestrator import admission, task
 from toppling.orchestrator.context import RunError
 
 
@@ -34,3 +40,54 @@ def test_a_scheduler_of_ours_that_is_lost_is_not_waited_for(monkeypatch):
     monkeypatch.setattr(admission, "check_workers", lambda client, *orders: None)
     with pytest.raises(RunError, match=r"the connection to the scheduler is lost$"):
         admission.make_ready(client)
+
+
+@pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "ours"])
+@pytest.mark.parametrize(
+    ("number", "path"),
+    [
+        (errno.ENOSPC, "run/parts/part"),
+        (errno.EACCES, "run/scene/rock.ply"),
+        (errno.EMFILE, None),
+        (errno.EIO, "run"),
+    ],
+)
+def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cluster, monkeypatch):
+    client = SimpleNamespace(status="running", cluster=cluster)
+    refused = OSError(number, os.strerror(number), *([path] if path else []))
+
+    def ask(client, *orders):
+        raise refused
+
+    monkeypatch.setattr(admission, "check_workers", ask)
+    with pytest.raises(OSError, match=os.strerror(number)) as told:
+        admission.make_ready(client)
+    assert told.value is refused
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        CommClosedError("in <TCP>: Stream is closed"),
+        OSError("Timed out trying to connect to tcp://node1:8786 after 30 s"),
+        TimeoutError(errno.ETIMEDOUT, "Connection timed out"),
+        ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
+        OSError(errno.EHOSTUNREACH, "No route to host"),
+        socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution"),
+        ssl.SSLError(1, "certificate has expired"),
+        CancelledError(),
+    ],
+    ids=repr,
+)
+def test_what_a_network_refuses_may_be_a_lost_scheduler(error):
+    assert admission.may_be_lost(error)
+
+
+def test_a_worker_without_room_for_its_work_is_unfit_and_no_job_of_its_fails(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/work")
+
+    monkeypatch.setattr(task, "_assets_of", lambda _: None)
+    monkeypatch.setattr(task, "run_job", refuse)
+    with pytest.raises(task.UnfitWorkerError, match=r"cannot work .*No space left on device: '/tmp/work'"):
+        task.shake_batch(None, [None], 1.0)

@@ -22,8 +22,11 @@ _UPWARD = 0.3
 """Cosine to the vertical above which a patch can carry a rock."""
 _LEAST_PATCHES, _LEAST_RIM = 60, 12
 """Of the ring, and of the rock's rim: four small feet show few."""
-_OFF_PER_HEIGHT = 0.01
-"""A surface that stays so near to one plane below the rock is that plane, as for contacts (`ground.kind`)."""
+_OFF_PER_HEIGHT, _ALIKE_DEG = 0.01, 2.0
+"""A surface so near to one plane below the rock, with normals so alike, is that plane, as for contacts (`ground.kind`)
+..."""
+_NEAR_PER_HEIGHT = 0.003
+"""... and at any normals one that is so near: less is not told from bumps."""
 _LEAST_BEND_DEG = 3.0
 """Facets that differ by less, and curves whose rim slopes by less, are one plane."""
 _FACET_PER_HEIGHT = 0.004
@@ -71,15 +74,26 @@ def carried_surface(
         found = _curved(flat[narrow], below, height_m)
     if found is None:
         return None
-    over, design = found.at(below), np.column_stack([np.ones(len(below)), below])
-    off = over - design @ np.linalg.lstsq(design, over, rcond=None)[0]  # the plane nearest to it
-    if np.abs(off).max() <= _OFF_PER_HEIGHT * height_m:
+    over = found.at(below)
+    if _is_one_plane(found, below, over, height_m):
         return None
     lattice, roughness = _lattice_m(below, height_m), float(np.sqrt((over**2).mean()))
     frame, found = _along_the_crease(frame, found)
     places = frame.flat(rim)[:, :2]
     sheet = replace(found, lattice_m=lattice, ring_m=places[ConvexHull(places).vertices])
     return Interface(frame.point_m, frame.normal, frame.axes, roughness, sheet)
+
+
+def _is_one_plane(found: Sheet, below: Array, over: Array, height_m: float) -> bool:
+    """Whether heights (n,) of a surface at places (n, 2) below a rock, and its normals there, are those of a plane."""
+    plane, step = _fitted(np.column_stack([below, over])), 1e-3 * height_m
+    off = np.abs(_heights(plane, below) - over).max() / height_m
+    if off <= _NEAR_PER_HEIGHT or off > _OFF_PER_HEIGHT:
+        return bool(off <= _NEAR_PER_HEIGHT)
+    rises = [found.at(below + step * way) - found.at(below - step * way) for way in np.eye(2)]
+    normals = np.column_stack([-rises[0], -rises[1], np.full(len(below), 2.0 * step)])
+    cosine = normals @ _normal(plane) / np.linalg.norm(normals, axis=1)
+    return bool(np.rad2deg(np.arccos(cosine.min())) <= _ALIKE_DEG)
 
 
 def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interface) -> Interface:

@@ -26,6 +26,14 @@ _COLUMNS = (
 )
 """Names of columns with the centres of bins, of magnitude and distance, and with what these contribute."""
 
+_OTHER_LENGTHS = re.compile(
+    r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
+)
+"""Units of distances that are not km, in brackets behind a column's name."""
+_THOUSANDS = re.compile(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?")
+_UNEVEN, _MOST_UNEVEN = 0.1, 0.3
+"""Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
+
 _Record = tuple[str, dict[str, str]]
 """File and line of a row, and its cells by the names of their columns."""
 
@@ -85,9 +93,10 @@ def _bins(file: TextFile) -> list[Bin]:
     """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
     file = replace(file, lines=["" if line.startswith("#") else line for line in file.lines])
     start = next((at for at, line in enumerate(file.lines) if line.strip()), 0)
+    separator = separator_of("".join(file.lines[start : start + 1]))
     rows = [
         (at, {_plain(name): cell.strip() for name, cell in row.items()}, row)
-        for at, row in file.rows(separator_of("".join(file.lines[start : start + 1])), start)
+        for at, row in file.rows(separator, start)
     ]
     if not rows:
         file.refuse(
@@ -95,13 +104,19 @@ def _bins(file: TextFile) -> list[Bin]:
         )
     known = list(rows[0][1])
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
+    for name in rows[0][2]:
+        if (
+            _OTHER_LENGTHS.search(name)
+            and _plain(name).removesuffix(" low").removesuffix(" high") in _COLUMNS[1]
+        ):
+            file.refuse(start, f"distances under {shown(name)}", "distances in km", "convert them to km")
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
     by_centre = all(roles) and not set(edges) <= set(known)
     names = roles if by_centre else (*edges, "contribution")
     found = []
     for at, cells, row in rows:
         try:
-            numbers = [float(cells[name].replace(",", ".").rstrip("% ")) for name in names]
+            numbers = [_of_cell(cells[name], separator) for name in names]
         except (KeyError, ValueError):
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
@@ -121,6 +136,18 @@ def _bins(file: TextFile) -> list[Bin]:
     for one in found:
         shares[tuple(one[:4])] = shares.get(tuple(one[:4]), 0.0) + one[4]
     return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in shares.items()]
+
+
+def _of_cell(text: str, separator: str) -> float:
+    """Number of a cell, perhaps in per cent, with a decimal comma or commas between thousands.
+
+    Raises ValueError if it is none, or its comma may be either.
+    """
+    text = text.rstrip("% ")
+    thousands = _THOUSANDS.fullmatch(text) is not None
+    if "," in text and thousands != (separator == ","):
+        raise ValueError(text)
+    return float(text.replace(",", "" if thousands else "."))
 
 
 def _plain(name: str) -> str:
@@ -204,6 +231,11 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
     if None in widths:
         _refuse(table, "has one bin of distance or magnitude, and nothing that states how wide it is",
                 "keep summary.txt beside it")  # fmt: skip
+    for known, width in zip(edges, widths, strict=True):
+        steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
+        if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
+            _refuse(table, f"has centres of bins that are not equally wide: {listed([f'{one:g}' for one in known], 8)}",
+                    "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
     return widths[0] or 0.0, widths[1] or 0.0
 
 

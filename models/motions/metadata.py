@@ -49,12 +49,13 @@ _WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 """Columns that hold no number."""
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
-_OFTEN_UNKNOWN = {"magnitude", "distance_km"}
+_OFTEN_UNKNOWN = {"magnitude", "distance_km", "corner_hz", "h1_azimuth", "h2_azimuth"}
 _UNKNOWN = {"nan", "na", "n/a", "none", "null", "unknown", "-", "?"}
 _UNKNOWN_NUMBERS = {"-99", "-999", "-9999", "-12345"}
 """What flat files and databases have where nobody knows."""
 _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 """Of earthquakes, and on the globe."""
+_AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|\s*km$")
 """What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
 _LONGEST_HEADER = 100_000
@@ -218,7 +219,7 @@ class _Row:
     def azimuth(self, key: str) -> float | None:
         """Compass bearing, as a number or in letters: E, NS, N45E."""
         named = bearing(self.cells[key])
-        return named if isinstance(named, float) else self.number(key)
+        return named if isinstance(named, float) else self.number(key, _AZIMUTHS)
 
     def number(self, key: str, limits: tuple[float, float] = (-1e9, 1e9)) -> float | None:
         if not (bare := self.cells[key]):
@@ -248,7 +249,7 @@ def _entry(row: _Row, folder: Path) -> Entry:
         magnitude=row.number("magnitude", _MAGNITUDES),
         distance_km=row.number("distance_km", _DISTANCES_KM),
         time_step_s=row.number("time_step_s", TIME_STEPS_S),
-        corner_hz=row.number("corner_hz"),
+        corner_hz=row.number("corner_hz", _CORNERS_HZ),
         h1_azimuth_deg=row.azimuth("h1_azimuth"),
         h2_azimuth_deg=row.azimuth("h2_azimuth"),
         peaks_m_s2=(row.number("pga_h1"), row.number("pga_h2"), row.number("pga_v")),

@@ -4,6 +4,8 @@ import math
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
@@ -133,11 +135,30 @@ def test_a_persons_bins_may_be_edges_or_centres_and_are_the_same(tmp_path, text)
     assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
 
 
+@given(st.floats(0.1, 0.5), st.integers(2, 9), st.integers(0, 2))
+def test_rounded_centres_of_equal_bins_are_read_and_others_refused(tmp_path_factory, width, count, digits):
+    path = tmp_path_factory.mktemp("bins") / "table.csv"
+    centres = [round(5.0 + width * n, 2) for n in range(count)]
+    rows = "".join(f"{m},{r},1,234\n" for m in centres for r in (5, 15))
+    path.write_text("M,R,contribution\n" + rows.replace("1,234", '"1,234"' if digits else "1234"))
+    assert {one.contribution for one in read_deaggregation(path).bins} == {1234.0}
+    path.write_text(f"M,R,contribution\n5,5,1\n5,15,1\n6,{15 + 10 * (digits + 1.5)},1\n")
+    with pytest.raises(InputError, match="not equally wide"):
+        read_deaggregation(path)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n", "not a bin"),
         ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "not a bin"),
+        (
+            "magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n",
+            r"distances under 'distance \(m\)'",
+        ),
+        ("M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n", "distances under"),
+        ("M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n", "not equally wide: 5, 15, 50"),
+        ('M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n', "not a bin"),
         ("magnitude,distance_km,contribution\n5.5,5,1\n", "one bin of distance or magnitude"),
         ("magnitude,site,contribution\n5.5,5,1\n", "not a bin"),
         ("magnitude,distance_km,contribution\n", "no bin below the names"),

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from motion_samples import WRITERS, shaking
 
 from toppling.models.errors import InputError
@@ -95,6 +97,34 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_is_read(delimiter, encodin
     assert (entry.magnitude, entry.time_step_s, entry.unit_m_s2) == (6.5, 0.005, pytest.approx(0.005))
     assert (entry.h1.name, entry.event) == ("a, east", "Michoac\u00e1n, 1985")
     assert looks_like_table(tmp_path / "table.csv")
+
+
+@given(
+    st.sampled_from(["h1_azimuth", "h2_azimuth", "corner_hz", "mag", "dist_km"]),
+    st.sampled_from(["-999", "-9999.0", "-12345", "unknown", "n/a", "-"]),
+)
+def test_what_flat_files_have_for_unknown_is_no_azimuth_corner_magnitude_or_distance(
+    tmp_path_factory, column, cell
+):
+    table = tmp_path_factory.mktemp("flat") / "table.csv"
+    table.write_text(f"h1,h2,v,{column}\na,b,c,{cell}\n")
+    (entry,) = read_table(table)
+    assert {
+        entry.h1_azimuth_deg,
+        entry.h2_azimuth_deg,
+        entry.corner_hz,
+        entry.magnitude,
+        entry.distance_km,
+    } == {None}
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"), [("h1_azimuth", "400"), ("h2_azimuth", "-1000"), ("corner_hz", "-0.1")]
+)
+def test_a_number_that_is_no_azimuth_or_corner_is_refused(tmp_path, column, cell):
+    (tmp_path / "table.csv").write_text(f"h1,h2,v,{column}\na,b,c,{cell}\n")
+    with pytest.raises(InputError, match=f"{column} is '{cell}'"):
+        read_table(tmp_path / "table.csv")
 
 
 @pytest.mark.parametrize("number", ['"1,234"', '"6,5"'])

@@ -1,5 +1,6 @@
 """Triangle meshes on disk."""
 
+import json
 import os
 import re
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.ply import read_header, read_mesh
@@ -36,8 +37,16 @@ MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 
 _COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
 """A face of an OBJ by negative numbers."""
+_FROM_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n\r]*[ \t])?0+(?=[/\s])", re.MULTILINE)
+"""A face of an OBJ whose vertices are counted from 0: their numbers are from 1 on."""
+_OF_LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_xmp", "KHR_mesh_quantization")
+"""How extensions of glTF begin without which the triangles are the same, and one that is read."""
+_damaged = refusals(
+    expected="a whole mesh that is written by the rules of its format", remedy="export the mesh again"
+)
 
-_COMMENT_BYTES, _STL_HEADER_BYTES = 65_536, 80
+_COMMENT_BYTES = 65_536
+_STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 80, 50
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -112,6 +121,12 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
     content, suffix = path.read_bytes(), path.suffix.lower()
+    if suffix == ".obj" and _FROM_ZERO.search(content):
+        raise _damaged("a face has the vertex 0, and the first one is 1", path)
+    if suffix in (".glb", ".gltf"):
+        _check_gltf(content, path)
+    if suffix == ".stl":
+        content = _whole_stl(content, path)
     if suffix == ".obj" and _COUNTED_BACK.search(content):
         content = _counted_from_the_first(content)
     beside = trimesh.resolvers.FilePathResolver(str(path))  # glTF keeps its numbers in a file beside it
@@ -119,6 +134,33 @@ def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
         BytesIO(content), file_type=suffix[1:], resolver=beside, force="mesh", process=False
     )
     return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
+
+
+def _whole_stl(content: bytes, path: Path) -> bytes:
+    """Content of an STL, of a binary one without zeros behind its triangles; one that lacks some is refused."""
+    head = content[:_COMMENT_BYTES].lower()
+    if head.lstrip().startswith(b"solid") and b"facet" in head:
+        return content
+    count = int.from_bytes(content[_STL_HEADER_BYTES : _STL_HEADER_BYTES + 4], "little")
+    whole = _STL_HEADER_BYTES + 4 + _STL_TRIANGLE_BYTES * count
+    if len(content) < whole:
+        lacking = -(-(whole - len(content)) // _STL_TRIANGLE_BYTES)
+        raise _damaged(f"lacks {lacking} of the {count} triangles that its header counts: truncated", path)
+    return content if content[whole:].strip(b"\0") else content[:whole]
+
+
+def _check_gltf(content: bytes, path: Path) -> None:
+    """Refuse triangles that trimesh does not unpack: by an extension that it has not, or stored as shares of a span."""
+    binary = content.startswith(b"glTF")
+    said = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")] if binary else content)
+    needed = [name for name in said.get("extensionsRequired", []) if not str(name).startswith(_OF_LOOKS)]
+    accessors = said.get("accessors", [])
+    parts = [part for mesh in said.get("meshes", []) for part in mesh["primitives"]]
+    places = [part["attributes"]["POSITION"] for part in parts if "POSITION" in part["attributes"]]
+    if any(accessors[place].get("normalized") for place in places):
+        needed.append("normalised positions")
+    if needed:
+        raise _damaged(f"its triangles need {', '.join(map(str, needed))}, which is not read", path)
 
 
 def _counted_from_the_first(content: bytes) -> bytes:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
@@ -295,3 +297,42 @@ def test_a_gltf_finds_its_numbers_in_the_file_beside_it(tmp_path):
     path = tmp_path / "model.gltf"
     assert list(tmp_path.glob("*.bin"))
     assert len(meshes.mesh_as_in_file(path)[1]) == len(mesh.faces)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"scene":', '"extensionsRequired": ["KHR_draco_mesh_compression"], "scene":'),
+        ('"type":"VEC3"', '"normalized": true, "type":"VEC3"'),
+    ],
+)
+def test_triangles_of_a_gltf_that_nothing_here_unpacks_are_refused_not_read_as_others(tmp_path, old, new):
+    written = trimesh.exchange.gltf.export_gltf(trimesh.Scene(trimesh.creation.box()), embed_buffers=True)
+    text = written["model.gltf"].decode()
+    path = tmp_path / "model.gltf"
+    path.write_text(text.replace('"scene":', '"extensionsRequired": ["KHR_materials_unlit"], "scene":'))
+    assert len(meshes.mesh_as_in_file(path)[1]) == 12
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match="its triangles need"):
+        meshes.mesh_as_in_file(path)
+
+
+@pytest.mark.parametrize("face", ["f 0 1 2", "f 1/1 0/0 2/2", "f 1 2 0"])
+def test_vertices_of_an_obj_that_are_counted_from_0_are_refused(tmp_path, face):
+    path = tmp_path / "counted.obj"
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 10 0 1\nv 0 1 0\nvt 0 0\nf 1 2 3\n{face}\n")
+    with pytest.raises(InputError, match="has the vertex 0"):
+        meshes.mesh_as_in_file(path)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(1, 12 * 50), st.integers(0, 200))
+def test_an_stl_is_read_whole_with_zeros_behind_it_or_refused(tmp_path_factory, lost, zeros):
+    path = tmp_path_factory.mktemp("stl") / "box.stl"
+    whole = trimesh.exchange.stl.export_stl(trimesh.creation.box())
+    path.write_bytes(whole + bytes(zeros))
+    assert len(meshes.mesh_as_in_file(path)[1]) == 12
+    path.write_bytes(whole[:-lost])
+    with pytest.raises(InputError, match="of the 12 triangles that its header counts: truncated"):
+        meshes.mesh_as_in_file(path)

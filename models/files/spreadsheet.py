@@ -5,8 +5,6 @@ import io
 import re
 from collections.abc import Sequence
 
-from toppling.models.files.markup import table_text
-
 _COMMA_NUMBER = re.compile(r"[-+]?\d+(,\d+)+(\.\d+)?(e[-+]?\d+)?", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 _DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+(,\d+)?")
@@ -36,10 +34,10 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     ['PGA (g),return_period', '0.1,2475']
     >>> plain_table(["Site: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
     '1 475'
-    >>> plain_table(["| PGA (g) | annual_rate |", "|---|---|", "| 0.1 | 1.5×10⁻³ |"])
-    ['PGA (g),annual_rate', '', '0.1,1.5e-3']
+    >>> plain_table(["PGA (g)\\tannual_rate", "0.1\\t1.5×10⁻³"])
+    ['PGA (g),annual_rate', '0.1,1.5e-3']
     """
-    lines = [_ascii_numbers(line) for line in table_text("\n".join(lines)).split("\n")]
+    lines = [_ascii_numbers(line) for line in lines]
     sign = _sign(lines)
     lines = [_joined_thousands(line) if sign in line else line for line in lines]  # else blanks part cells
     if sign == "," and not any('"' in line for line in lines):

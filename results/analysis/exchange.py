@@ -28,6 +28,7 @@ from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import check_size
 from toppling.models.files.folder import instead, write_text
 from toppling.models.files.spreadsheet import plain_table
+from toppling.models.files.text_file import text_of
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
@@ -150,7 +151,8 @@ def _read(
         raise _suffix_error(path)
     check_size(path, _LARGEST_BYTES, "curves")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        content = path.read_bytes()
+        text = (text_of(content) or "") if path.suffix == ".csv" else content.decode("utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
             raise _curve_error("declares entities", path)
         return of_nrml(text) if path.suffix == ".xml" else of_rows(_ROWS[path.suffix](text))

@@ -2,7 +2,7 @@
 
 import re
 
-_PAIR = re.compile(r"(\w+)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
+_PAIR = re.compile(r"\b(\w++)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
 
 
 def header_values(line: str) -> dict[str, str]:

@@ -34,6 +34,12 @@ _THOUSANDS = re.compile(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?")
 _UNEVEN, _MOST_UNEVEN = 0.1, 0.3
 """Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
 
+_REMARK = re.compile(r"#(?!\s*[,;\t])")
+"""With which a line begins that is no row; a column may be called #."""
+
+_LONGEST_NAME = 200
+"""Characters of a column's name that are looked at."""
+
 _Record = tuple[str, dict[str, str]]
 """File and line of a row, and its cells by the names of their columns."""
 
@@ -91,7 +97,7 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
 
 def _bins(file: TextFile) -> list[Bin]:
     """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
-    file = replace(file, lines=["" if line.startswith("#") else line for line in file.lines])
+    file = replace(file, lines=["" if _REMARK.match(line) else line for line in file.lines])
     start = next((at for at, line in enumerate(file.lines) if line.strip()), 0)
     separator = separator_of("".join(file.lines[start : start + 1]))
     rows = [
@@ -152,7 +158,7 @@ def _of_cell(text: str, separator: str) -> float:
 
 def _plain(name: str) -> str:
     """Name of a column in lower case, without its unit."""
-    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name.lower()).replace("_", " ")
+    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:_LONGEST_NAME].lower()).replace("_", " ")
     return " ".join(bare.removesuffix(" km").split())
 
 

@@ -56,7 +56,7 @@ _UNKNOWN_NUMBERS = {"-99", "-999", "-9999", "-12345"}
 _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 """Of earthquakes, and on the globe."""
 _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
-_AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|\s*km$")
+_AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
 """What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000

@@ -40,8 +40,11 @@ _SIGMAS = re.compile(r"[,;]?\s*\(?\s*([12])\s*-?\s*(?:σ|sigma|s\.?d\.?)\s*\)?\s
 _DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
 """Dots between thousands; nobody states an age to a thousandth of a year."""
 
-_BARE = re.compile(r"[\s_]*[(\[]?%?[)\]]?$")
+_BARE = re.compile(r"(?<![\s_])[\s_]*[(\[]?%?[)\]]?$")
 """Of a column of weights, which are shares of their sum."""
+
+_LONGEST = 200
+"""Characters of an age in words, which are searched for what may stand anywhere in them."""
 
 _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
@@ -114,7 +117,7 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
         If the text is none of these, or the file has no header.
     """
     try:
-        ages = _of_file(Path(text)) if files and Path(text).is_file() else _of_words(text)
+        ages = _of_file(Path(text)) if files and _is_file(text) else _of_words(text)
     except InputError:
         raise
     except ValueError:
@@ -138,7 +141,7 @@ def parse_since(text: str) -> Since:
         If the age is none, or the factor is not above 1.
     """
     age, colon, stouter = text.rpartition(":")
-    if not colon or Path(text).is_file():
+    if not colon or _is_file(text):
         return Since(parse_age(text, "--fragile-since"))
     try:
         factor = float(stouter)
@@ -256,9 +259,20 @@ _WIDEST, _SUREST, _UNSUREST = 500.0, 2000.0, 3.0
 _UNIT = re.compile(rf"(?<![a-z])\s*({'|'.join(sorted(_UNITS, key=len, reverse=True))})\s*$")
 
 
+def _is_file(text: str) -> bool:
+    """Whether a text names a file; one longer than any name does not."""
+    try:
+        return Path(text).is_file()
+    except OSError:
+        return False
+
+
 def _of_words(text: str) -> Array:
     """Years of an age in words, in thousands or millions where it ends so."""
-    text = _ABOUT.sub("", _PRESENT.sub(" ", text.strip().lower()))
+    text = text.strip().lower()
+    if len(text) > _LONGEST:
+        raise ValueError
+    text = _ABOUT.sub("", _PRESENT.sub(" ", text))
     sigmas = _SIGMAS.search(text)
     text = _SIGMAS.sub("", text)
     unit = _UNIT.search(text)

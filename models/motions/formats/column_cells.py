@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from toppling.models.motions.formats.record_text import RecordText
 
 COMMENT = ("#", "%", "!", "//", ";")
-_COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
+_COMMA_NUMBER = re.compile(r"[-+]?(?:\d+(?:,\d*)?|,\d+)(?:[EeDd][-+]?\d+)?$")
 _POINT_NUMBER = re.compile(r"[-+]?\d*\.\d+$")
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+$")
 SEPARATORS = ";\t,"

@@ -56,7 +56,7 @@ from toppling.models.motions.formats.record_text import Counted, RecordText, par
 from toppling.models.motions.formats.units import counted_unit, known_names
 
 NAME = "plain columns"
-_NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
+_NUMBER = re.compile(r"^[-+]?((\d+(\.\d*)?|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
@@ -65,7 +65,7 @@ _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
 _OF_OBSPY = ("TIMESERIES", "WID2", "WID1")
 """First words of text formats of others, whose samples look like columns."""
-_REMARK = ("#", "%", "!", "//")
+_REMARK = tuple(sign for sign in COMMENT if sign not in SEPARATORS)
 """How a remark begins among samples: there a semicolon may stand before an empty cell."""
 _DERIVED = 0.9
 """Correlation of a column with the slope of the next, from which this is its integral."""

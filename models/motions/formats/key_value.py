@@ -240,4 +240,4 @@ def _optional(text: str | None) -> float | None:
 
 
 def _is_number(text: str | None) -> bool:
-    return bool(re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text or ""))
+    return bool(re.fullmatch(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", text or ""))

@@ -10,8 +10,10 @@ from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 NAME = "PEER AT2"
-_COUNT = re.compile(r"NPTS\s*[=:]?\s*(\d+)", re.IGNORECASE)
-_STEP = re.compile(r"DT\s*[=:]?\s*([-+]?[0-9]*[.,]?[0-9]+(?:[EeDd][-+]?[0-9]+)?)", re.IGNORECASE)
+_COUNT = re.compile(r"NPTS\s*+(?:[=:]\s*+)?(\d+)", re.IGNORECASE)
+_STEP = re.compile(
+    r"DT\s*+(?:[=:]\s*+)?([-+]?(?:[0-9]++(?:[.,][0-9]+)?|[.,][0-9]+)(?:[EeDd][-+]?[0-9]+)?)", re.IGNORECASE
+)
 _BARE = re.compile(r"^\s*(\d+)(?:\s*,\s*|\s+)(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
 _SERIES = re.compile(r"\b(?:ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\bUNITS?\b", re.IGNORECASE)
 _HEADER_LINES = 8
@@ -19,8 +21,8 @@ _HEADER_LINES = 8
 _UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
 _SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
 """NGA-East's labels: a channel's code, and its location behind it."""
-_DATE = re.compile(r"\d+[/.-]\d+[/.-]\d+")
-_AGENCY = re.compile(r"\s*\([^()]*\)\s*$")
+_DATE = re.compile(r"(?<!\d)\d+[/.-]\d+[/.-]\d+")
+_AGENCY = re.compile(r"(?<!\s)\s*\([^()]*\)\s*$")
 _OLD = re.compile(r"^\s*(\d+)\s+([0-9.EeDd+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
 
 

@@ -42,7 +42,7 @@ def read(file: RecordText) -> list[Component]:
     found = file.counted(_TEXT_LINES + 2, int(integers[16]), first, None, _SAMPLE_WIDTH)
     values, step, notes = _equally_spaced(file, first, found.values, float(reals[1]))
     station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
-    match = re.match(r"station\s*=\s*(.*?)\s*component=\s*(.*)$", station, re.IGNORECASE)
+    match = re.match(r"station\s*=\s*(.*?)(?<!\s)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
     return [
         file.channel(

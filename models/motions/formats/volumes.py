@@ -39,7 +39,7 @@ _FIRST = re.compile(
 )
 _PRINTED_BESIDE = re.compile(r"\s{3,}.*$")
 """What programs print at the end of a line of the title: their version, the number of characters."""
-_WHEN = re.compile(r"^(.*?)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*)?$", re.IGNORECASE)
+_WHEN = re.compile(r"^(.*?)(?<!\s)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*)?$", re.IGNORECASE)
 _DATED = re.compile(r"\b(?:19|20)\d\d\b|\d/\d+/\d")
 _NO_DATE = re.compile(r"^0?1/0?1/1980\s+0?0:00")
 """What RENADIC's files have where nobody told the program the date."""
@@ -161,7 +161,7 @@ def _label(file: RecordText) -> str:
     if match is None:
         what = "no line 'CHAN' or 'COMP' names the component"
         file.refuse(0, what, "a component such as 'CHAN 1: 90 DEG'")
-    return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
+    return re.sub(r"\(STA CHN.*|(?<!\s)\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
 
 
 def _direction(label: str, lines: Sequence[str]) -> float | str | None:

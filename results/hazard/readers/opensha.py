@@ -15,7 +15,7 @@ from toppling.results.hazard.readers.value_columns import says_value, values_of
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")
-_COUNT = re.compile(r"^\W*Num(?:ber of)? Points *[:=]|^\W*DATASET #", re.IGNORECASE | re.MULTILINE)
+_COUNT = re.compile(r"^[^\w\n]*Num(?:ber of)? Points *[:=]|^[^\w\n]*DATASET #", re.IGNORECASE | re.MULTILINE)
 _PHRASES = re.compile(r"[:;,=#\n\t]")
 _DURATION = re.compile(r"\bDuration = ([\d.]+)")
 _PLACE = {axis: re.compile(rf"\b{axis} = (-?[\d.]+)") for axis in ("Longitude", "Latitude")}

@@ -24,7 +24,7 @@ _LOGARITHM = re.compile(
 """Of the name of a column; `log` alone does not say to which base."""
 _COMMENTS = ("#", "%", "//")
 _WITH_UNIT = re.compile(
-    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[ed][-+]?\d+)?) ?([^\d\s.,;+-][^\d]{0,9}\d?|1/[a-z]+)", re.IGNORECASE
+    r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[ed][-+]?\d+)?) ?([^\d\s.,;+-][^\d]{0,9}\d?|1/[a-z]+)", re.IGNORECASE
 )
 """A cell that states the unit of its number."""
 _GAP = re.compile(r" {2,}")

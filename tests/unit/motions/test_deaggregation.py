@@ -1,6 +1,7 @@
 """Deaggregations of hazard programs are read as bins of magnitude and distance with what each contributes."""
 
 import math
+import time
 from pathlib import Path
 
 import pytest
@@ -170,3 +171,16 @@ def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(InputError, match=said):
         read_deaggregation(path)
+
+
+def test_a_first_column_called_by_a_number_sign_makes_the_header_no_remark(tmp_path):
+    (tmp_path / "d.csv").write_text("# by hand\n#,mag,dist,share\n1,6,10,2\n2,7,30,3\n")
+    assert [one.contribution for one in read_deaggregation(tmp_path / "d.csv").bins] == [2, 3]
+
+
+def test_a_bracket_that_nobody_closes_is_looked_at_once(tmp_path):
+    """By the square of the length, minutes."""
+    (tmp_path / "d.csv").write_text(f"mag,dist,share,{'(' * 100_000}\n6,10,2,\n7,30,3,\n")
+    start = time.process_time()
+    assert len(read_deaggregation(tmp_path / "d.csv").bins) == 2
+    assert time.process_time() - start < 5

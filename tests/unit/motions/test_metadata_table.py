@@ -1,5 +1,6 @@
 """A metadata table is used, or it is said what of it is not; it does not contradict the files' own headers."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -237,3 +238,12 @@ def test_a_remark_among_the_rows_is_no_record(tmp_path):
 def test_a_cell_between_quotes_keeps_its_ends_of_lines(tmp_path):
     (tmp_path / "table.csv").write_text('h1,h2,event\na,b,"Kobe\nJapan"\n')
     assert [entry.event for entry in read_table(tmp_path / "table.csv")] == ["Kobe\nJapan"]
+
+
+def test_blanks_without_end_in_a_magnitude_are_looked_at_once(tmp_path):
+    """By the square of their number, minutes."""
+    (tmp_path / "table.csv").write_text(f"h1,h2,mag\na,b,6{' ' * 100_000}x\n")
+    start = time.process_time()
+    with pytest.raises(InputError, match="mag"):
+        read_table(tmp_path / "table.csv")
+    assert time.process_time() - start < 5

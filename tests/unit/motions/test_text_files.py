@@ -214,3 +214,16 @@ def test_each_place_of_a_damaged_table_is_looked_at_once(head, damage):
 def test_how_a_cell_of_a_wiki_is_to_look_is_none_of_its_text():
     cells = '{|\n! style="x" | PGA (g) !! rate\n|-\n\n| a="b" || align= "right" | 0.1 || p | q\n|}'
     assert text_of(cells.encode()).split("\n")[:2] == ["PGA (g)\trate", 'a="b"\t0.1\tp | q']
+
+
+@pytest.mark.parametrize("writer", ["esm", "cwb", "smc_pairs", "peer"])
+def test_long_words_in_every_line_of_a_header_are_looked_at_once(writer, tmp_path):
+    """By the square of their length, minutes."""
+    path = WRITERS[writer](tmp_path, shaking(40))[0]
+    lines = path.read_text().splitlines()
+    start = time.process_time()
+    for word in ("1" * 4900, " " * 4900):
+        path.write_text("\n".join([*(f"{line}{word[len(line) :]}x" for line in lines[:30]), *lines[30:]]))
+        with pytest.raises(InputError):
+            read_file(path)
+    assert time.process_time() - start < 10

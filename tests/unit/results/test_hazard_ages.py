@@ -1,5 +1,7 @@
 """Ages are read as they are stated."""
 
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -117,3 +119,14 @@ def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
 def test_draws_of_an_age_are_read_whatever_their_signs_and_the_spelling_of_their_header(text, tmp_path):
     (tmp_path / "ages.csv").write_text(text)
     assert parse_age(str(tmp_path / "ages.csv")).mean() == pytest.approx((1500 + 3 * 3000) / 4)
+
+
+def test_blanks_without_end_in_an_age_or_a_column_are_looked_at_once(tmp_path):
+    """By the square of their number, minutes."""
+    blanks = " " * 100_000
+    (tmp_path / "ages.csv").write_text(f"years,weight{blanks}x\n15000,1\n")
+    start = time.process_time()
+    for text in (f"20{blanks}x", f"20{blanks}ka", str(tmp_path / "ages.csv")):
+        with pytest.raises(InputError):
+            parse_age(text)
+    assert time.process_time() - start < 5

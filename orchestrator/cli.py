@@ -30,6 +30,11 @@ VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 
 _ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
+_UNMAPPED = re.compile(
+    "failed to map segment|cannot allocate memory|[Cc]ould not .*load shared object", re.IGNORECASE
+)
+"""How the loader, and numba's, say that a library does not fit into memory."""
+_TOO_LITTLE = "too little memory is left: give it more, end other programs, or lift the limit (ulimit -v)"
 _OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
 """Kinds of addresses that are no folders: pages, and schedulers of Dask."""
 
@@ -119,8 +124,14 @@ def call() -> None:
             raise
         click.echo(f"toppling: {error}\n  remedy: correct the file, or move it away", err=True)
         sys.exit(1)
-    except OSError as error:
-        click.echo(f"toppling: {_told(error)}", err=True)
+    except (OSError, MemoryError, ImportError) as error:
+        if isinstance(error, MemoryError) or _UNMAPPED.search(str(error)):
+            why = str(error).partition("\n")[0]
+            click.echo(f"toppling: {_TOO_LITTLE}{f' ({why})' if why else ''}", err=True)
+        elif isinstance(error, OSError):
+            click.echo(f"toppling: {_told(error)}", err=True)
+        else:
+            raise
         sys.exit(1)
 
 

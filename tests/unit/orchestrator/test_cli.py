@@ -11,6 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from toppling.orchestrator import cli as command
 from toppling.orchestrator import verbs
 from toppling.orchestrator.cli import VERBS, _first_line, cli, main
 from toppling.orchestrator.verbs import run as run_verb
@@ -146,3 +147,35 @@ def test_workers_are_a_number_or_a_span(given):
     done = CliRunner().invoke(cli, ["run", "campaign.toml", "--out", "run", "--workers", given])
     assert done.exit_code == 2
     assert "--workers" in done.output
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        ImportError("/lib/_duckdb.so: failed to map segment from shared object"),
+        ImportError("libarrow.so: cannot allocate memory in static TLS block"),
+        OSError("Could not find/load shared object file 'libllvmlite.so'\nfrom resource location"),
+    ],
+    ids=["while it works", "DuckDB", "Arrow", "Numba"],
+)
+def test_what_does_not_fit_into_memory_is_one_line(error, monkeypatch, capsys):
+    def refuse(**_):
+        raise error
+
+    monkeypatch.setattr(command.cli, "main", refuse)
+    with pytest.raises(SystemExit) as end:
+        command.call()
+    told = capsys.readouterr().err
+    assert end.value.code == 1
+    assert told.startswith("toppling: too little memory is left: ")
+    assert told.count("\n") == 1
+
+
+def test_a_module_that_is_missing_is_no_lack_of_memory(monkeypatch):
+    def refuse(**_):
+        raise ModuleNotFoundError("No module named 'duckdb'")
+
+    monkeypatch.setattr(command.cli, "main", refuse)
+    with pytest.raises(ModuleNotFoundError):
+        command.call()

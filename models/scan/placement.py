@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,23 @@ _unusable = refusals(
     expected="three or more lines of six numbers: x,y,z in the model, then x,y,z as surveyed; a name may stand before",
     remedy="give one line for each control point; a line of column names may come first",
 )
+
+_SURVEYED = {
+    "e",
+    "east",
+    "easting",
+    "n",
+    "north",
+    "northing",
+    "h",
+    "height",
+    "elevation",
+    "elev",
+    "alt",
+    "up",
+}
+"""Words for surveyed coordinates."""
+_OTHER_UNITS = {"ft", "feet", "foot", "usft", "mm", "cm", "km", "yd"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +91,8 @@ def _fit_control_points(given: str | Path | Sequence[str], metres_per_unit: obje
     Raises InputError if the file cannot be read, its points lie on one line, or one of them or all do not fit.
     """
     path = str(given) if isinstance(given, str | Path) else "--gcp"
-    names, rows = _rows(control_point_lines(given), path)
     across, up = np.asarray(metres_per_unit, float)
+    names, rows = _rows(control_point_lines(given), path, bool(across == up == 1.0))
     model, surveyed = rows[:, :3], rows[:, 3:] * (across, across, up)
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
@@ -154,24 +172,42 @@ def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
         raise _unusable(f"cannot be read ({error})", path) from None
 
 
-def _rows(lines: Sequence[str], path: str) -> tuple[tuple[str, ...], Array]:
+def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, ...], Array]:
     """Names of the points, and their six coordinates (n, 6)."""
     names: list[str] = []
     rows: list[list[float]] = []
+    header = ""
     for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").replace(";", " ").split()
         if not words or words[0].startswith("#"):
+            header = header if rows else line or header
             continue
         numbers = _numbers(words[-6:])
         if numbers is None or len(words) not in (6, 7):
             if not rows and _numbers(words[1:]) is None:
+                header = line
                 continue
             raise _unusable(f"line {number} is '{line}'", path)
         names.append(words[0] if len(words) == 7 else f"{len(rows) + 1} (line {number})")
         rows.append(numbers)
     if len(rows) < 3:
         raise _unusable(f"holds {len(rows)} points", path)
+    _check_header(header, path, in_metres)
     return tuple(names), np.array(rows)
+
+
+def _check_header(header: str, path: str, in_metres: bool) -> None:
+    """Refuse names of columns that say that the survey stands first, or is in another unit than it is read in."""
+    cells = re.split(r"[,;\t]", header.lower()) if re.search(r"[,;\t]", header) else header.lower().split()
+    words = [set(re.findall("[a-z]+", cell)) for cell in cells[-6:]]
+    if len(words) < 6:
+        return
+    surveyed = [all(each & _SURVEYED for each in part) for part in (words[:3], words[3:])]
+    if surveyed == [True, False]:
+        raise _unusable("names the surveyed coordinates before the model's", path)
+    other = [cell.strip() for cell, each in zip(cells[-3:], words[3:], strict=True) if each & _OTHER_UNITS]
+    if in_metres and other:
+        raise _unusable(f"states the survey under {', '.join(other)}, and it is read in metres", path)
 
 
 def _numbers(words: list[str]) -> list[float] | None:

@@ -196,3 +196,19 @@ def test_a_grid_whose_northing_is_as_long_as_the_earths_radius_is_not_geocentric
     path = tmp_path / "utm.xyz"
     np.savetxt(path, points, fmt="%.4f")
     assert read_clouds([path]).bounds_m[0] == pytest.approx(points.min(axis=0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("name,easting,northing,height,x,y,z\n", "names the surveyed coordinates before the model's"),
+        ("# E N H X Y Z\n", "names the surveyed coordinates before the model's"),
+        ("name;x;y;z;E (ft);N (ft);H (ft)\n", r"states the survey under e \(ft\), n \(ft\), h \(ft\)"),
+    ],
+)
+def test_names_of_control_points_columns_are_held_against_their_order_and_unit(tmp_path, head, said):
+    path = written(tmp_path / "gcp.csv", head=head)
+    with pytest.raises(InputError, match=said):
+        placement_of(gcp=path)
+    if "ft" in head:
+        assert placement_of(gcp=path, metres_per_unit=(0.3048, 0.3048)).says_scale

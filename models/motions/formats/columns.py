@@ -60,7 +60,7 @@ _NUMBER = re.compile(r"^[-+]?((\d+(\.\d*)?|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", r
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
-_WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
+_WORD = re.compile(r"[^\s(\[]+\s*+(?:[(\[][^)\]]{0,200}[)\]])?")
 _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
 _OF_OBSPY = ("TIMESERIES", "WID2", "WID1")

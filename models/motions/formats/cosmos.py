@@ -28,7 +28,7 @@ _BLOCK = re.compile(
 _COMMENTS = re.compile(r"^\s*(\d+)\s+Comment line", re.IGNORECASE)
 _COMMENT = re.compile(r"\s*\|")
 _DATA = re.compile(
-    r"^\s*(\d+)\s+(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
+    r"^\s*(\d+)\s++(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
     r"Format\s*=?\s*\(\s*(?:\d+P\s*,?\s*)?(\d+)[FEIGD](\d+)",
     re.IGNORECASE,
 )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from toppling.models.errors import InputError
 from toppling.models.motions.formats.column_names import label_of
 from toppling.models.motions.formats.component import code_direction
+from toppling.models.motions.formats.record_text import ROWS_OFF, SURPLUS_SHARE
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -57,8 +58,8 @@ _PEAKS_IN = re.compile(
 """Peaks of all components behind their unit: RAW PGA VALUES (gal): (N-S) 70.2, (E-W) 105.9."""
 _PEAK_OFF = 1.5
 """Factor by which a peak may differ from the samples', as by a baseline."""
-_STEP_OFF, _ROWS_OFF, _COUNT_OFF = 0.02, 2, 0.01
-"""Shares, and rows, by which text and samples may differ, as of rounding or of a program's mistake."""
+_STEP_OFF = 0.02
+"""Share by which text and times may differ, as of rounding."""
 _MOST_LINES, _LONGEST = 200, 300
 
 
@@ -151,7 +152,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], wh
     counts = stated_counts(lines)
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
-        if abs(count - n) <= max(_ROWS_OFF, _COUNT_OFF * n)
+        if abs(count - n) <= max(ROWS_OFF, SURPLUS_SHARE * n)
     ]  # fmt: skip
     if len(counts) == 1 and not near:
         raise InputError(

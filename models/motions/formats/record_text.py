@@ -13,7 +13,7 @@ from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.text_file import TextFile
 from toppling.models.motions.formats.component import Component, check_time_step
 
-_SURPLUS_SHARE, _ROWS_OFF = 0.01, 2
+SURPLUS_SHARE, ROWS_OFF = 0.01, 2
 """Of its samples, and rows: so far is a count off by a program's mistake; beyond that something is missing."""
 _JUMP_RATIO, _NEAR = 4.0, 200
 """A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
@@ -123,9 +123,9 @@ class RecordText(TextFile):
             return Counted(values)
         lengths = np.array([len(_tokens(text, width)) for text in body if text.strip()])
         ends = np.cumsum(lengths)
-        few = _ROWS_OFF * int(lengths.max(initial=1))
+        few = ROWS_OFF * int(lengths.max(initial=1))
         if surplus > 0:
-            whole = surplus <= max(few, _SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
+            whole = surplus <= max(few, SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
         else:
             whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
         if count < 1 or not whole or _jumps(values[:count], ends):

@@ -67,6 +67,11 @@ class Lognormal:
             z = np.where(above == 0.0, 0.0, above / self.beta) if self.beta > 0 else np.sign(above) * np.inf
         return ndtr(np.nan_to_num(z, nan=0.0))
 
+    @property
+    def strongest_shaken(self) -> float | None:
+        """Largest value that a job was shaken with, where that is known."""
+        return self.basis.strongest_shaken if self.basis else None
+
     def intensity(self, probability: float) -> float:
         """Intensity at which a toppling probability is reached."""
         return self.median * math.exp(self.beta * ndtri(probability))

@@ -8,7 +8,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.files.documents import listed
-from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, unit_of
+from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, unit_of, within
 from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.update import RATES
@@ -221,7 +221,8 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
     """Fragility of a rock of a statement."""
     return str(
-        rock.get("fragility") or f"median {rock['median']:.3g} {unit_of(measure)}, beta {rock['beta']:.2f}"
+        rock.get("fragility")
+        or f"median {within(rock['median'], rock.get('strongest_shaken'))} {unit_of(measure)}, beta {rock['beta']:.2f}"
     )
 
 

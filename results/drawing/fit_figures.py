@@ -22,6 +22,7 @@ from toppling.results.drawing.style import (
     printed_unit,
     short_name,
     style,
+    within,
 )
 from toppling.results.hazard.surfaces import Surface
 
@@ -69,7 +70,8 @@ def fit_figure(
             left.set_title(f"too few topplings for a curve ({toppled})")
             _say_too_few(middle, toppled)
         else:
-            left.set_title(f"median {curve.median:.3g} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
+            median = within(curve.median, curve.strongest_shaken)
+            left.set_title(f"median {median} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
             _draw_ranking(middle, ranking)
         middle.set_title("which measure predicts best")
         _draw_calibration(right, calibrated)

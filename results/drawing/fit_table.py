@@ -6,37 +6,26 @@ import pandas as pd
 
 from toppling.models.motions.measures import COMPARED
 from toppling.results.analysis.resampling import LEAST_RECORDS
-from toppling.results.drawing.style import digits, printed_unit, short_name
-
-FAR_SHAKEN = 10.0
-"""Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
-
-FAR_WORDS = "far beyond what was shaken"
+from toppling.results.drawing.style import digits, printed_unit, short_name, within
 
 _NARROW_RECORDS = 20
 """Intervals of fewer records are too narrow."""
 
 
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
-    """Fits as the page shows them, without medians far beyond what was shaken."""
+    """Fits as the page shows them, without numbers for medians beyond what was shaken."""
     strongest = [float(known[name].max()) for name in summary["measures"]]
-    medians = summary.reindex(columns=["median", "median_low", "median_high"]).astype(
-        float
-    )  # none without a fit
-    far = medians.gt([FAR_SHAKEN * value for value in strongest], axis=0)
     table = pd.DataFrame({
         "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
         "strongest shaken": [digits(value) for value in strongest],
     })  # fmt: skip
-    for name in ("median", "beta"):
-        ends = [name, f"{name}_low", f"{name}_high"]
-        values = summary.reindex(columns=ends).astype(float)
-        known_far = values.assign(**{end: far.get(end, False) for end in ends})
+    for name, bounds in (("median", strongest), ("beta", [None] * len(strongest))):
+        values = summary.reindex(columns=[name, f"{name}_low", f"{name}_high"]).astype(
+            float
+        )  # none without a fit
+        rows = values.itertuples(index=False)
         table[f"{name} (95 %)"] = [
-            _with_interval(row, over)
-            for row, over in zip(
-                values.itertuples(index=False), known_far.astype(bool).itertuples(index=False), strict=True
-            )
+            _with_interval(row, bound) for row, bound in zip(rows, bounds, strict=True)
         ]
     # Whole numbers, where some fits have none.
     counts = summary.reindex(columns=["samples", "samples_without_fit"]).astype("Int64")
@@ -44,9 +33,9 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     return table.assign(problem=summary["problem"]) if summary["problem"].astype(bool).any() else table
 
 
-def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
-    """A number with its interval, in words if it is far beyond what was shaken."""
-    ends = [FAR_WORDS if far else digits(one) for one, far in zip(numbers, beyond, strict=True)]
+def _with_interval(numbers: Iterable[float], strongest: float | None) -> str:
+    """A number with its interval."""
+    ends = [within(one, strongest) for one in numbers]
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 

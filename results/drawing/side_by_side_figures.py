@@ -84,7 +84,9 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
         assert curve is not None  # as chosen
         if curve.median_interval:
             axes.plot(curve.median_interval, [index, index], color=colour, lw=1.4)
-        axes.plot(curve.median, index, "o", ms=3.5, color=colour)
+        # An arrow where half topple beyond what was shaken: the jobs say no more than from where on.
+        end = min(curve.median, curve.strongest_shaken or curve.median)
+        axes.plot(end, index, "o" if end == curve.median else ">", ms=3.5, color=colour)
     axes.set_yticks(range(len(shown)), [cut(rock.name, _NAME_LETTERS) for rock in shown])
     more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
     axes.set(

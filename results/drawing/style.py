@@ -157,6 +157,11 @@ def digits(value: float | None) -> str:
     return "" if value is None or value != value else f"{value:.3g}"
 
 
+def within(value: float, strongest: float | None) -> str:
+    """A number with three digits, or that it lies beyond the strongest shaking, where the jobs say nothing."""
+    return f"beyond {strongest:.3g}" if strongest is not None and value > strongest else digits(value)
+
+
 def plain_log(axis: XAxis | YAxis) -> None:
     """Label a logarithmic axis at 1, 2 and 5 of each decade, without powers of ten."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

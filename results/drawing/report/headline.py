@@ -51,6 +51,13 @@ def _what_topples(content: Content) -> str:
         )
     curve = contact.headline
     unit, name = printed_unit(curve.measure), short_name(curve.measure)
+    strongest = curve.strongest_shaken
+    if strongest is not None and curve.median > strongest:
+        return (
+            "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
+            f"{name} of {strongest:.3g} {unit}, where {_percent(float(curve.probability(strongest)))} topple "
+            f"({contact.words})."
+        )
     spread = " (95 %: {:.2g} to {:.2g})".format(*curve.median_interval) if curve.median_interval else ""
     return (
         f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case in two, and with "
@@ -128,7 +135,10 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
         curve = contact.headline
         observed = observed_shares(contact.known, curve.measure)
         draw_curve(axes, curve, observed)
-        axes.plot([curve.median, curve.median, axes.get_xlim()[0]], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
+        right = axes.get_xlim()[1]
+        if curve.median < right:
+            left = axes.get_xlim()[0]
+            axes.plot([curve.median, curve.median, left], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
         event = content.statement
         if event is not None and event["measure"] == curve.measure:
             limit, end = event["unexceeded"], axes.get_xlim()[1]
@@ -140,7 +150,9 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
                 f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
                 ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
             )  # fmt: skip
-        axes.set_title(f"one in two topples at {curve.median:.2g} {printed_unit(curve.measure)}")
+        beyond = curve.strongest_shaken is not None and curve.median > curve.strongest_shaken
+        at = f"beyond {curve.strongest_shaken:.3g}" if beyond else f"at {curve.median:.2g}"
+        axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
     return figure
 
 

@@ -21,7 +21,7 @@ from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.fit_figures import fit_figure
-from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
+from toppling.results.drawing.fit_table import few_records, fit_table
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
@@ -208,7 +208,7 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. "
         f"{few} "
-        f"Values {FAR_WORDS} exceed {FAR_SHAKEN:g} times the strongest shaking, where the jobs say nothing.</p>",
+        "Beyond the strongest shaking the jobs say nothing.</p>",
     ]
     return "".join(parts)
 

@@ -20,6 +20,7 @@ from browser import needs_browser, overflow, shown
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
+from toppling.results.drawing.constraint_words import fragility_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import _what_standing_says
@@ -176,7 +177,7 @@ def test_a_table_of_measures_without_any_fit_says_why():
     assert table["median (95 %)"].tolist() == [""]
 
 
-def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
+def test_a_median_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
     known = pd.DataFrame({"pga_m_s2": [1.0, 5.0], "pgd_m": [0.1, 0.2], "cav_m_s": [1.0, 2.0]})
     summary = pd.DataFrame({
         "measures": known.columns, "problem": ["", "", "no job topples"], "median": [49.0, 0.15, np.nan],
@@ -186,9 +187,9 @@ def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fi
     table = Document().table(fit_table(summary, known), "fits")
     first, second, third = table.split("<tr>")[2:]
     assert "8e+80" not in table
-    assert ">49 (2 to far beyond what was shaken)</td>" in first
+    assert ">beyond 5 (2 to beyond 5)</td>" in first
     assert re.search(r">43</td>.*>7</td>", first)
-    assert ">0.15 (0.1 to 0.3)</td>" in second
+    assert ">0.15 (0.1 to beyond 0.2)</td>" in second
     assert ">no job topples</td>" in third
 
 
@@ -265,3 +266,13 @@ def test_a_run_without_answers_has_no_page(tmp_path):
         report_page(Content(open_run(tmp_path)))
     assert CliRunner().invoke(cli, ["report", str(tmp_path)]).exit_code == 1
     assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(("median", "told"), [(4.0, "median 4 m/s2"), (37.5, "median beyond 11 m/s2")])
+def test_a_median_beyond_the_strongest_shaking_is_told_by_that(median, told):
+    rock = {"median": median, "beta": 0.4, "strongest_shaken": 11.0}
+    assert fragility_words(rock, "pga_m_s2") == f"{told}, beta 0.40"
+
+
+def test_a_median_whose_shaking_is_not_known_is_a_number():
+    assert fragility_words({"median": 37.5, "beta": 0.4}, "pga_m_s2") == "median 37.5 m/s2, beta 0.40"

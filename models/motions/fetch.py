@@ -4,7 +4,7 @@ import csv
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -32,13 +32,13 @@ class Source:
     depth_km: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Fetched:
     """What came: files, a metadata table for them, and why the other stations did not."""
 
-    files: list[Path] = field(default_factory=list)
-    table: Path | None = None
-    missing: list[str] = field(default_factory=list)
+    files: list[Path]
+    table: Path
+    missing: list[str]
 
 
 def utc(text: str, where: str) -> Any:
@@ -155,18 +155,16 @@ def fetch(
     advance(len(found))
     folder.mkdir(parents=True, exist_ok=True)
     asked = _Asked(client, folder, inventory, event, window)
-    result = Fetched()
-    rows = []
+    rows, files, missing = [], [], []
     for network, station in found:
         try:
-            row, files = _station(asked, network, station)
+            row, written = _station(asked, network, station)
             rows.append(row)
-            result.files.extend(files)
+            files.extend(written)
         except _NothingError as reason:
-            result.missing.append(f"{network}.{station.code}: {reason}")
+            missing.append(f"{network}.{station.code}: {reason}")
         advance(0)
-    result.table = _write_table(rows, asked, result.missing)
-    return result
+    return Fetched(files, _write_table(rows, asked, missing), missing)
 
 
 @dataclass(frozen=True)

@@ -164,8 +164,7 @@ def fetch(
             window=window,
             advance=advance,
         )
-    table = read_table(came.table) if came.table else []
-    outcome = import_records(came.files, table, ImportOptions(corner_hz=corner_hz))
+    outcome = import_records(came.files, read_table(came.table), ImportOptions(corner_hz=corner_hz))
     for line in came.missing:
         click.echo(f"no record of {line}", err=True)
     show_refusals(outcome.refusals)

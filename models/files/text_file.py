@@ -41,6 +41,19 @@ def text_of(content: bytes) -> str | None:
     return table_text(_LINE_END.sub("\n", text)).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
 
 
+def encoding_of(head: bytes) -> str | None:
+    """Encoding of a text by its first lines, for a file too large to be decoded at once; None if it is binary."""
+    if encoding := _utf_16(head):
+        return encoding
+    if b"\0" in head:
+        return None
+    try:
+        head.decode()
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
 def _decoded(content: bytes) -> str:
     content = content.removeprefix(b"\xef\xbb\xbf")  # some programs put it before text of Windows
     for encoding in ("utf-8", "cp1252"):

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -173,9 +174,10 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
     Raises
     ------
     InputError
-        If a path does not exist.
+        If a path does not exist, or nothing in the folders can be a record.
     """
     found: dict[Path, None] = {}
+    paths = list(paths)
     for path in paths:
         if not path.exists():
             raise InputError(
@@ -190,7 +192,23 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
             )
         else:
             found[path] = None
+    if not found:
+        raise _without_records(paths)
     return list(found)
+
+
+def _without_records(folders: Sequence[Path]) -> InputError:
+    """Say what the folders hold instead of records."""
+    kinds = Counter(
+        file.suffix.lower() or "no suffix" for one in folders for file in one.rglob("*") if file.is_file()
+    )
+    held = ", ".join(f"{count} of {kind}" for kind, count in kinds.most_common(5))
+    return InputError(
+        f"no file here can be a record ({held or 'there is none'})",
+        where=", ".join(map(str, folders)),
+        expected="accelerograms: files of an agency, SAC, miniSEED, or tables of time and acceleration",
+        remedy="give another folder; a file given by its name is read whatever that ends in",
+    )
 
 
 def _may_be_record(file: Path, folder: Path) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import separator_of
+from toppling.models.files.text_file import HEAD_BYTES, encoding_of
 from toppling.results.hazard.event_survival import EventBranch, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_with_unit
 from toppling.results.hazard.readers.openquake_curves import header_values
@@ -44,6 +45,7 @@ class Table:
     skipped: int  # lines above the columns
     separator: str = ","
     decimal: str = "."
+    encoding: str = "utf-8-sig"
 
     def frame(self) -> pd.DataFrame:
         """All rows; identifiers of sites are text."""
@@ -54,7 +56,7 @@ class Table:
                 sep=self.separator,
                 skiprows=self.skipped,
                 dtype=texts,
-                encoding="utf-8-sig",
+                encoding=self.encoding,
                 decimal=self.decimal,
             )
         except (ValueError, pd.errors.ParserError) as error:
@@ -72,7 +74,11 @@ def _named(column: str) -> str:
 def opened(path: Path) -> Table | None:
     """Table of a file, of which the first lines are read; None where it is no text."""
     try:
-        with path.open(encoding="utf-8-sig") as lines:
+        with path.open("rb") as content:
+            encoding = encoding_of(content.read(HEAD_BYTES).rpartition(b"\n")[0])
+        if encoding is None:
+            return None
+        with path.open(encoding=encoding) as lines:
             head = [lines.readline() for _ in range(_MOST_COMMENTS)]
     except (OSError, UnicodeDecodeError):
         return None
@@ -83,7 +89,7 @@ def opened(path: Path) -> Table | None:
     below = " ".join(head[skipped + 1 :])
     decimal = "," if separator != "," and "," in below and not re.search(r"\d\.\d", below) else "."
     keys = header_values(head[0]) if skipped else {}
-    return Table(path, tuple(names), keys, skipped, separator, decimal)
+    return Table(path, tuple(names), keys, skipped, separator, decimal, encoding)
 
 
 def kind_of(table: Table) -> str:

@@ -247,3 +247,10 @@ def test_blanks_without_end_in_a_magnitude_are_looked_at_once(tmp_path):
     with pytest.raises(InputError, match="mag"):
         read_table(tmp_path / "table.csv")
     assert time.process_time() - start < 5
+
+
+def test_a_folder_without_a_record_says_what_it_holds(tmp_path):
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    (tmp_path / "b.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"no file here can be a record \(2 of \.parquet\)"):
+        record_files([tmp_path])

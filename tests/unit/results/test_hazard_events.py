@@ -376,3 +376,15 @@ def test_events_drawn_anew_vary_as_poisson_counts_do():
     drawn = -np.log(_bootstrap([ROCK], branch, once, draws=2000)) / 50
     assert drawn.mean() == pytest.approx(0.02, rel=0.01)
     assert drawn.std() / drawn.mean() == pytest.approx(1 / math.sqrt(400), rel=0.1)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
+def test_a_table_of_events_says_the_same_in_any_encoding(encoding, tmp_path):
+    rows = "".join(f"{at},{1e-3 / (at + 1)},0.{at + 1},Sévérac\n" for at in range(8))
+    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    plain.write_text(f"event_id,annual_rate,PGA,fault\n{rows}".replace("é", "e"))
+    other.write_bytes(f"event_id,annual_rate,PGA,fault\n{rows}".encode(encoding))
+    assert is_event_set(other)
+    found, expected = (read_events(path).branches[0] for path in (other, plain))
+    np.testing.assert_array_equal(found.rate, expected.rate)
+    np.testing.assert_array_equal(found.motions["pga_m_s2"], expected.motions["pga_m_s2"])

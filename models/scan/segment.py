@@ -7,13 +7,13 @@ and concave (a minimum cut between peak and surroundings, after Boykov and Kolmo
 Schoeler, Papon and Woergoetter 2014 as capacity).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array, Flags, Indices, inside_box, inside_cylinder
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box, inside_cylinder
 from toppling.models.errors import InputError
 from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
@@ -190,6 +190,8 @@ _SHEET_ROUGHNESS = 0.3
 below a bush, a wall's edge."""
 _LABELLING_POINTS = 20
 """So many points for each patch tell its label."""
+_OVER_VOXELS = 2.0
+"""What rises by so much over a surface that was found is none of it."""
 _FEWEST_OF_A_SURFACE = 100
 """Fewer points among clutter are clutter."""
 
@@ -342,6 +344,29 @@ def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> 
         around = around[~((voxel >= 0) & (roughness(means)[voxel] < _SHEET_ROUGHNESS))]
     clutter[around] = True
     return clutter
+
+
+def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segmentation:
+    """The same with what stands over a surface that is carried under the rock: narrow feet come off at their tops."""
+    surfels, rock = parts.surfels, parts.surfel_label == ROCK
+    over, clear = interface.over(surfels.points_m), _OVER_VOXELS * surfels.voxel_m
+    outline = ConvexHull(over[rock, :2]).equations
+    beside = (over[:, :2] @ outline[:, :2].T + outline[:, 2]).max(axis=1) > clear
+    seeds, far = rock & (over[:, 2] > clear), ~rock & (beside | (over[:, 2] < -clear))
+    if not seeds.any() or not far.any():
+        return parts
+    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+    found, _ = minimum_cut(surfels, edges, seeds, far, over[:, 2])
+    added = found & ~rock & (over[:, 2] > clear)
+    if not added.any():
+        return parts
+    low, high = bounds_of(surfels.points_m[added])
+    around = np.flatnonzero(inside_box(points_m, low - surfels.voxel_m, high + surfels.voxel_m))
+    own = added[cKDTree(surfels.points_m).query(points_m[around])[1]]
+    label = parts.label.copy()
+    label[around[own]] = ROCK
+    surfel_label = np.where(added, ROCK, parts.surfel_label).astype(np.int8)
+    return replace(parts, label=label, surfel_label=surfel_label)
 
 
 def label_surfels(surfels: Surfels, points_m: Array, label: NDArray[np.int8]) -> NDArray[np.int8]:

@@ -39,7 +39,7 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, cut_over, label_surfels
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 
@@ -206,7 +206,11 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     height = float(np.ptp(surfels.points_m[rock, 2]))
     if hint is None or not hint.encloses:
         plane = None if hint is None else interface
-        interface = carried_surface(surfels, rock, height, plane) or interface
+        carried = carried_surface(surfels, rock, height, plane)
+        if carried is not None and cloud.label is None:
+            parts = cut_over(cloud.points_m, parts, carried)
+            rock = parts.surfel_label == ROCK
+        interface = carried or interface
     fitted = hint is None and interface.sheet is None
     seat = seat_of(surfels, rock, height, interface) if fitted else interface
     hangs = hanging(surfels, rock, height, seat)

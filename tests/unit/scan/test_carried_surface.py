@@ -17,7 +17,7 @@ from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
-from toppling.models.scan.segment import ROCK, segment
+from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
 
@@ -120,6 +120,23 @@ def test_dome_is_carried_within_a_centimetre(radius_m):
     interface = carried(cloud_on(height_at).points_m)
     assert interface.sheet.how == "curve"
     assert off_m(interface, below_the_base(height_at)).max() < 0.01
+
+
+@pytest.mark.thorough
+def test_a_foot_that_came_off_at_its_top_is_the_rock_again_once_its_surface_is_known():
+    stations = virtual.scan_around(on_four_feet(ledges(30, 30)), 1, resolution_per_height=0.009)
+    points = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m
+    parts = segment(points, virtual.DEMO_ORIGIN_M)
+    rock = parts.surfel_label == ROCK
+    interface = carried_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
+    again = cut_over(points, parts, interface)
+    places = again.surfels.points_m[again.surfel_label == ROCK]
+    feet = places[(places[:, 2] < 0.24) & (np.abs(places[:, :2]) > 0.1).all(axis=1)]
+    quadrants = np.unique(np.sign(feet[:, :2]), axis=0, return_counts=True)[1]
+    assert len(quadrants) == 4
+    assert quadrants.min() > 80
+    changed = np.flatnonzero(again.label != parts.label)
+    assert (interface.over(points[changed])[:, 2] > 0.0).all()  # the ground stays what it was
 
 
 @pytest.mark.thorough

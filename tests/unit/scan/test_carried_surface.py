@@ -248,7 +248,8 @@ def test_scan_of_a_block_on_four_feet_in_a_groove_holds_the_truth():
     truth = on_four_feet(height_at)
     stations = virtual.scan_around(truth, 1, resolution_per_height=0.009)
     scene = survey(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0]).scene
-    assert scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.06)
+    # No station sees the block's underside: at most half of the gap below it, .027 m3, is closed as rock.
+    assert truth.rock.volume_m3 < scene.rock.volume_m3 < truth.rock.volume_m3 + 0.5 * 0.027
     stated = scene.report["unseen_base"]["toppling"]
     true = held_in_truth_m_s2(height_at, [each["azimuth_deg"] for each in stated], on_four_feet)
     holds = [each["low_m_s2"] <= t <= each["high_m_s2"] for each, t in zip(stated, true, strict=True)]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
@@ -86,12 +86,13 @@ def outside_support_m(rock: Rock, interface: Interface, share: float = _SUPPORT_
     low = over[:, 2] < share * rock.height_m
     if interface.edge is not None:
         low &= interface.edge.carries(over)
-    if low.sum() < 3:
-        return np.inf
     places = interface.flat(rock.vertices_m)[low, :2]
     if interface.sheet is not None:  # where plumb lines through them pierce the plane, as that of the weight
         places = interface.projected_m(rock.vertices_m[low])
-    hull = ConvexHull(places)
+    try:
+        hull = ConvexHull(places)
+    except (QhullError, ValueError):  # in one line, or fewer than three
+        return np.inf
     projected = interface.projected_m(rock.com_m[None])[0]
     return float((hull.equations[:, :2] @ projected + hull.equations[:, 2]).max())
 
@@ -147,8 +148,7 @@ def confidence(
     step = max(1, len(flat) // 200_000)
     flat, sides = flat[::step], sides[::step]
     rock, pedestal = flat[sides == ROCK], flat[sides == PEDESTAL]
-    neighbours = cKDTree(flat).query(flat, 7)[1][:, 1:]
-    alone = (sides[neighbours] != sides[:, None]).any(axis=1)
+    alone = (sides[cKDTree(flat).query(flat, 7)[1][:, 1:]] != sides[:, None]).any(axis=1)
     reach = _BESIDE_PER_HEIGHT * height_m
     beside = pedestal[cKDTree(rock).query(pedestal, distance_upper_bound=reach)[0] < reach]
     return {

@@ -17,6 +17,7 @@ from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
+from toppling.models.scan.measure import outside_support_m
 from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
@@ -152,6 +153,13 @@ def test_facet_with_a_tenth_of_the_points_keeps_its_say():
 @pytest.mark.thorough
 def test_flat_pedestal_stays_a_plane():
     assert carried(cloud_on(lambda x, y: 0.05 * x).points_m) is None
+
+
+def test_a_rock_that_touches_along_a_line_is_outside_its_support():
+    edge = manifold3d.Manifold.cube([1.0, 1.0, 1.0]).rotate([45.0, 0.0, 0.0]).refine(4).to_mesh64()
+    rock = Rock.from_triangles(np.array(edge.vert_properties[:, :3]), np.array(edge.tri_verts, np.int64))
+    plane = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    assert outside_support_m(rock, plane, share=1e-6) == np.inf
 
 
 def test_surface_is_linear_within_the_triangles_of_its_mesh():

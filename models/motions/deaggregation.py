@@ -30,7 +30,7 @@ _OTHER_LENGTHS = re.compile(
     r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
 )
 """Units of distances that are not km, in brackets behind a column's name."""
-_THOUSANDS = re.compile(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?")
+_THOUSANDS = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?")
 _UNEVEN, _MOST_UNEVEN = 0.1, 0.3
 """Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
 
@@ -119,10 +119,13 @@ def _bins(file: TextFile) -> list[Bin]:
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
     by_centre = all(roles) and not set(edges) <= set(known)
     names = roles if by_centre else (*edges, "contribution")
+    decimal = separator != "," and any(
+        map(_has_decimal_comma, (cells.get(n, "") for _, cells, _ in rows for n in names))
+    )
     found = []
     for at, cells, row in rows:
         try:
-            numbers = [_of_cell(cells[name], separator) for name in names]
+            numbers = [_of_cell(cells[name], separator, decimal) for name in names]
         except (KeyError, ValueError):
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
@@ -144,13 +147,18 @@ def _bins(file: TextFile) -> list[Bin]:
     return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in shares.items()]
 
 
-def _of_cell(text: str, separator: str) -> float:
-    """Number of a cell, perhaps in per cent, with a decimal comma or commas between thousands.
+def _has_decimal_comma(text: str) -> bool:
+    """Whether the comma in a cell can part no thousands."""
+    return "," in text and _THOUSANDS.fullmatch(text.rstrip("% ")) is None
+
+
+def _of_cell(text: str, separator: str, decimal: bool) -> float:
+    """Number of a cell, perhaps in per cent, with a decimal comma, as others beside it, or commas between thousands.
 
     Raises ValueError if it is none, or its comma may be either.
     """
     text = text.rstrip("% ")
-    thousands = _THOUSANDS.fullmatch(text) is not None
+    thousands = not decimal and _THOUSANDS.fullmatch(text) is not None
     if "," in text and thousands != (separator == ","):
         raise ValueError(text)
     return float(text.replace(",", "" if thousands else "."))

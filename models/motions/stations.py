@@ -22,7 +22,7 @@ _SHARED_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*"
-    r"(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|E[WO]\d?|UD\d?|UP|DWN|[NS]\d+[EW]|VERT(?:ICAL)?|[LTV]|H1|H2|\d{3})$",
+    r"(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|(?<![A-Z\d])(?:EO|[NS]\d{1,2}[EW])|VERT(?:ICAL)?|[LTV]|H1|H2|\d{3})$",
     re.IGNORECASE,
 )
 

@@ -184,3 +184,15 @@ def test_a_bracket_that_nobody_closes_is_looked_at_once(tmp_path):
     start = time.process_time()
     assert len(read_deaggregation(tmp_path / "d.csv").bins) == 2
     assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_a_decimal_comma_before_three_digits_is_one_where_others_are(separator, tmp_path):
+    rows = ["M,R,share", "6|5,12|5,0|125", "7|5,12|5,12|375"]
+    text = "\n".join(rows).replace(",", separator).replace("|", ",")
+    (tmp_path / "d.csv").write_text(text + "\n" + separator.join(["6,5", "22,5", "1"]) + "\n")
+    assert sorted(one.contribution for one in read_deaggregation(tmp_path / "d.csv").bins) == [
+        0.125,
+        1.0,
+        12.375,
+    ]

@@ -499,3 +499,12 @@ def test_samples_that_fill_lines_are_one_component_where_their_number_and_step_a
     cut.write_text("\n".join(cut.read_text().splitlines()[:-5]))
     with pytest.raises(InputError, match=f"{len(motion)} samples by the text above"):
         read_file(cut)
+
+
+@pytest.mark.parametrize("station", ["RSN953", "CS01"])
+def test_a_station_whose_name_ends_like_a_bearing_keeps_its_components_together(station, tmp_path):
+    for name, series in zip("ENZ", shaking().T, strict=True):
+        rows = "".join(f"{STEP_S * n:.3f},{x:.6f}\n" for n, x in enumerate(series))
+        (tmp_path / f"{station}{name}.csv").write_text("time (s),acceleration (m/s2)\n" + rows)
+    (record,) = import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS).records
+    assert record.motion.time_step_s == STEP_S

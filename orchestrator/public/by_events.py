@@ -17,7 +17,7 @@ from toppling.results.analysis.exchange import read_curves, read_surface
 from toppling.results.analysis.fits import answered, basis_of
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import sampled
-from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.drawing.style import printed_unit, short_name, within
 from toppling.results.hazard.ages import exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite, FeltRock, check_measures
@@ -285,8 +285,9 @@ def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any
     measures, basis = measures_of(rock.fragility), rock.fragility.basis
     if len(measures) == 1:
         curve = rock.fragility
+        median = within(curve.median, curve.strongest_shaken)  # type: ignore[union-attr]
         words = (
-            f"median {curve.median:.3g} {printed_unit(measures[0])} ({short_name(measures[0])}), "  # type: ignore[union-attr]
+            f"median {median} {printed_unit(measures[0])} ({short_name(measures[0])}), "
             f"beta {curve.beta:.2f}"  # type: ignore[union-attr]
         )
         numbers = {"median": curve.median, "beta": curve.beta}  # type: ignore[union-attr]

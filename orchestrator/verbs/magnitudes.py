@@ -25,7 +25,7 @@ from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
-from toppling.results.drawing.style import printed_unit, save, short_name
+from toppling.results.drawing.style import printed_unit, save, short_name, within
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
@@ -272,7 +272,8 @@ class Answer:
         ]  # fmt: skip
         return {
             "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
-            "beta": self.rock.curve.beta, "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
+            "beta": self.rock.curve.beta, "strongest_shaken": self.rock.curve.strongest_shaken,
+            "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
             "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
             "faults": _rows(self.faults) if self.traces else [],
         }  # fmt: skip
@@ -319,8 +320,9 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def _words(statement: dict[str, Any]) -> str:
     models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in statement["models"])
+    median = within(statement["median"], statement["strongest_shaken"])
     lines = [
-        f"{statement['rock']}: median {statement['median']:.3g} {printed_unit(statement['measure'])} "
+        f"{statement['rock']}: median {median} {printed_unit(statement['measure'])} "
         f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}{age_words(statement['age_years'])}; "
         f"models: {models}; "
         f"Vs30 {statement['vs30_m_s']:g} m/s"

@@ -76,7 +76,7 @@ class Constraint:
             low, high = site.median_interval or (None, None)
             summary["random_rock"] = {
                 "median": site.curve.median, "beta": site.curve.beta, "beta_within": site.beta_within,
-                "beta_between": site.beta_between, "median_low": low, "median_high": high,
+                "beta_between": site.beta_between, "median_low": low, "median_high": high, "beyond": site.beyond,
             }  # fmt: skip
         summary |= {name: table.to_dict("records") for name, table in self.tables().items()}
         if update := self.update:

@@ -194,17 +194,16 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
     for rock in statement["rocks"]:
         lines += _reservations(rock, statement.get("unexceeded"), unit)
     if site := statement.get("random_rock"):
-        low, high = site["median_low"], site["median_high"]
-        upper = "or more" if high is None else f"to {high:.3g}"
-        ends = "" if low is None else f" ({low:.3g} {upper}, 95 %)"
+        low, high, beyond = site["median_low"], site["median_high"], site["beyond"]
+        upper = "or more" if high is None else f"to {within(high, beyond)}"
+        ends = "" if low is None else f" ({within(low, beyond)} {upper}, 95 %)"
         lines.append(
-            f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
-            f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
+            "One fragility of the site, of a rock drawn at random: median "
+            f"{within(site['median'], beyond)} {unit}{ends}, beta {site['beta']:.2f} "
+            f"({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
         )
     if statement.get("ages_independent"):
-        lines.append(
-            "The ages of the rocks are taken as independent, as if each rock had been dated separately."
-        )
+        lines.append("The ages of the rocks are taken as independent, as if each had been dated separately.")
     return lines
 
 

@@ -308,6 +308,8 @@ class RandomRock:
     beta_between: float
     # 95 %, over other records; None where these are not known of all rocks.
     median_interval: tuple[float, float] | None
+    # What the median exceeds at least, where some rock's lies beyond its strongest shaking; None where none does.
+    beyond: float | None
 
 
 def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
@@ -316,12 +318,14 @@ def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
     if len(curves) < 2 or not all(math.isfinite(curve.median) for curve in curves):
         return None
     logs = np.log([curve.median for curve in curves])
+    shaken = np.array([curve.strongest_shaken or math.inf for curve in curves])
+    beyond = float(np.exp(np.minimum(logs, np.log(shaken)).mean())) if (logs > np.log(shaken)).any() else None
     within = math.sqrt(np.mean([curve.beta**2 for curve in curves]))
     between = float(np.std(logs, ddof=1))
     curve = Lognormal(curves[0].measure, math.exp(logs.mean()), math.hypot(within, between))
     known = draws_of(rocks)
     if known is None or "fragility" not in known.carries:
-        return RandomRock(curve, within, between, None)
+        return RandomRock(curve, within, between, None, beyond)
     medians = np.array([math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known.curves])
     low, high = known.interval(medians)
-    return RandomRock(curve, within, between, (float(low), float(high)))
+    return RandomRock(curve, within, between, (float(low), float(high)), beyond)

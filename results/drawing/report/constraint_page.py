@@ -25,7 +25,14 @@ from toppling.results.drawing.hazard_figures import (
     hazard_figure,
 )
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
-from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, digits, printed_unit, short_name
+from toppling.results.drawing.style import (
+    FULL_WIDTH_IN,
+    HALF_WIDTH_IN,
+    digits,
+    printed_unit,
+    short_name,
+    within,
+)
 
 _MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
@@ -263,7 +270,7 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
     if site := statement.get("random_rock"):
         text += paragraph(
             f"One fragility of the site, of a rock drawn at random from among those like them: median "
-            f"{digits(site['median'])} {printed_unit(measure)}, beta {digits(site['beta'])}, of which "
+            f"{within(site['median'], site['beyond'])} {printed_unit(measure)}, beta {digits(site['beta'])}, of which "
             f"{digits(site['beta_within'])} within a rock and {digits(site['beta_between'])} between rocks "
             "(random_rock.json)."
         )

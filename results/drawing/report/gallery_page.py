@@ -8,11 +8,12 @@ from urllib.parse import quote
 import pandas as pd
 
 from toppling.models.scene import Scene
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.side_by_side import Beside, Shared
 from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
 from toppling.results.drawing.scene_figures import wind_of
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
-from toppling.results.drawing.style import png_bytes, printed_unit, short_name
+from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
 from toppling.results.reader import Run
 
 REPORT = "report.html"
@@ -93,8 +94,8 @@ def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
         (least, weakest), (most, firmest) = drawn[0], drawn[-1]
         unit = printed_unit(measure)
         first, last = (", the weakest,", ", the firmest,") if len(drawn) > 1 else ("", "")
-        found[0] += f" Half of the shakings topple {weakest.name}{first} at {least.median:.2g} {unit}"
-        found[0] += f", and {firmest.name}{last} at {most.median:.2g} {unit}." if last else "."
+        found[0] += f" Half of the shakings topple {weakest.name}{first} {_at(least)} {unit}"
+        found[0] += f", and {firmest.name}{last} {_at(most)} {unit}." if last else "."
     found.append(shared.sentence)
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
         found.append(f"Without a fragility: {'; '.join(bare)}.")
@@ -106,12 +107,19 @@ def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
     return found
 
 
+def _at(curve: Lognormal) -> str:
+    """Where half topple."""
+    median = within(curve.median, curve.strongest_shaken)
+    return median if median.startswith("beyond") else f"at {median}"
+
+
 def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
     """Picture, median, weakest azimuth and link of a rock."""
     unit, row = printed_unit(measure), rock.row
-    median = rock.why_not if rock.curve is None else f"half topple at {rock.curve.median:.2g} {unit}"
-    if row["median_low"] is not None:
-        median += f" ({row['median_low']:.2g} to {row['median_high']:.2g})"
+    median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
+    if rock.curve is not None and rock.curve.median_interval:
+        low, high = (within(end, rock.curve.strongest_shaken) for end in rock.curve.median_interval)
+        median += f" ({low} to {high})"
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
         toward = (rock.weakest_azimuth_deg + 180.0) % 360.0

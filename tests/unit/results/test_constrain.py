@@ -463,6 +463,7 @@ def test_a_random_rocks_median_without_an_upper_end_is_said():
         "median": 1.0,
         "median_low": 0.5,
         "median_high": None,
+        "beyond": None,
         "beta": 0.4,
         "beta_within": 0.3,
         "beta_between": 0.2,
@@ -475,3 +476,7 @@ def test_a_random_rocks_median_without_an_upper_end_is_said():
         "unexceeded_low": None,
     }
     assert "median 1 m/s (0.5 or more, 95 %)" in "\n".join(_rock_lines({**told, "random_rock": site}))
+    beyond = {**site, "beyond": 0.8}
+    assert "median beyond 0.8 m/s (0.5 or more, 95 %)" in "\n".join(
+        _rock_lines({**told, "random_rock": beyond})
+    )

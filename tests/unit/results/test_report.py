@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from PIL import Image
-from seeded import row, rows
+from seeded import THETA_M_S, row, rows
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, overflow, shown
@@ -23,7 +23,7 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.constraint_words import fragility_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.headline import _what_standing_says
+from toppling.results.drawing.report.headline import _what_standing_says, _what_topples
 from toppling.results.drawing.report.methods import _methods
 from toppling.results.drawing.report.sections import (
     SECTIONS,
@@ -276,3 +276,15 @@ def test_a_median_beyond_the_strongest_shaking_is_told_by_that(median, told):
 
 def test_a_median_whose_shaking_is_not_known_is_a_number():
     assert fragility_words({"median": 37.5, "beta": 0.4}, "pga_m_s2") == "median 37.5 m/s2, beta 0.40"
+
+
+@pytest.mark.parametrize(("share", "beyond"), [(0.8, True), (3.0, False)])
+def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path, share, beyond):
+    told = rows(records=40, azimuths=(0.0, 90.0, 180.0))
+    write_part(tmp_path, [one for one in told if one["pgv_m_s"] < share * THETA_M_S])
+    content = Content(open_run(tmp_path), samples=5)
+    curve = content.chief.headline
+    said = _what_topples(content)
+    assert (curve.median > curve.strongest_shaken) == beyond
+    assert ("beyond what was run" in said) == beyond
+    assert (f"{curve.median:.2g}" in said) != beyond

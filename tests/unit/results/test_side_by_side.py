@@ -32,6 +32,8 @@ from toppling.results.analysis.side_by_side import (
     directions_geojson,
     geojson,
 )
+from toppling.results.drawing.report.gallery_page import summary
+from toppling.results.drawing.side_by_side_figures import fragilities_figure
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -87,6 +89,33 @@ def atlas(tmp_path_factory):
 @pytest.fixture(scope="module")
 def compared(atlas):
     return beside_each_other(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
+
+
+def beyond(rock):
+    """A rock whose curve was shaken less than half of its median."""
+    curve = rock.curve
+    assert curve is not None
+    return replace(
+        rock, curve=replace(curve, basis=replace(curve.basis, strongest_shaken=0.4 * curve.median))
+    )
+
+
+def test_a_median_within_what_was_shaken_is_a_dot_and_one_beyond_an_arrow_at_the_strongest(compared):
+    weak, firm = sorted((one for one in compared[0] if one.curve), key=lambda one: one.curve.median)
+    panel = fragilities_figure([weak, beyond(firm)], "pga_m_s2").axes[1]
+    marks = [line for line in panel.lines if line.get_marker() in ("o", ">")]
+    assert [line.get_marker() for line in marks] == ["o", ">"]
+    ends = [float(line.get_xdata()[0]) for line in marks]
+    assert ends == pytest.approx([weak.curve.median, 0.4 * firm.curve.median])
+    assert max(np.max(line.get_xdata()) for line in panel.lines if line.get_ydata()[0] == 1) <= ends[1]
+    assert "arrow: beyond what was run" in panel.get_title()
+
+
+def test_an_atlas_names_no_number_for_a_median_beyond_what_was_shaken(compared):
+    weak, firm = sorted((one for one in compared[0] if one.curve), key=lambda one: one.curve.median)
+    said = summary([weak, beyond(firm)], compared[1], "pga_m_s2")[0]
+    assert f"at {weak.curve.median:.3g} m/s²" in said
+    assert f"the firmest, beyond {0.4 * firm.curve.median:.3g} m/s²" in said
 
 
 def placed(atlas, copy, **places):

@@ -1,5 +1,6 @@
 """Hazard as it comes: files and folders of OpenQuake, nshmp-haz and CyberShake, and two columns, found by content."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -40,6 +41,8 @@ _BINARY = {
     b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
+
+_TURKISH_LEVEL = re.compile(r"\bDD-?[1-4]\b")
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp, json_tables),
@@ -144,6 +147,8 @@ def _read(path: Path, hints: Hints) -> Stated:
     file = HazardFile(path, _text(path), hints)
     if not file.text.strip():
         refuse(path, "is empty")
+    if path.suffix.lower() in (".yaml", ".yml"):
+        refuse(path, "is YAML", "save the same as JSON, or its table as CSV")
     dialects = _DIALECTS[file.kind]
     try:
         dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
@@ -151,6 +156,11 @@ def _read(path: Path, hints: Hints) -> Stated:
             openquake_curves.refuse_others(file)
         return dialect.read(file)
     except InputError:
+        if level := _TURKISH_LEVEL.search(file.text[:10_000]):
+            refuse(
+                path, f"names {level[0]}, a level of the Turkish code",
+                "write return periods instead: return_period 2475 for DD-1, 475 for DD-2, 72 for DD-3, 43 for DD-4",
+            )  # fmt: skip
         raise
     except (ValueError, LookupError, ArithmeticError, StopIteration) as error:
         refuse(path, f"cannot be read ({error})")

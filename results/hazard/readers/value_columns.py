@@ -22,7 +22,8 @@ _ANNUAL = re.compile(
 )
 _PROBABILITY = re.compile(
     r"(?:(?P<first>\d+(?:\.\d+)?) ?(?:yrs?|years?) )?"
-    r"(?:poe|pe\b|(?:exceedance )?probability(?: of (?P<non>non ?)?exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
+    r"(?:poe|pe(?=\b|\d)|(?:exceedance )?probability(?: of (?P<non>non ?)?exceedance)?)"
+    r"[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
 )
 _PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent\b|(?<=\))%")
 """Of a column's values; a percentage behind a number is that of a hazard level."""

@@ -165,3 +165,36 @@ def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
     swapped = [line.replace("lon,lat", "lat,lon") for line in long("annual_rate")]
     with pytest.raises(InputError, match=r"the latitude is -118\.1"):
         read_hazard(written(tmp_path, *swapped))
+
+
+def test_a_probability_of_exceedance_that_bears_its_years_is_over_these(tmp_path):
+    (tmp_path / "curve.csv").write_text("PGA (g),PE50\n0.1,0.3\n0.2,0.1\n0.4,0.02\n")
+    [tree] = read_hazard(tmp_path / "curve.csv")
+    assert tree.years == 50.0
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "PGA (g),level\n0.62,DD-1\n0.34,DD-2\n0.12,DD-3\n",
+        "imt,DD-1,DD-2,DD-3,DD-4\nPGA (g),0.62,0.34,0.12,0.08\n",
+    ],
+)
+def test_levels_of_the_turkish_code_are_refused_with_their_return_periods(tmp_path, table):
+    (tmp_path / "levels.csv").write_text(table)
+    with pytest.raises(
+        InputError, match="return_period 2475 for DD-1, 475 for DD-2, 72 for DD-3, 43 for DD-4"
+    ):
+        read_hazard(tmp_path / "levels.csv")
+
+
+def test_the_return_periods_of_the_turkish_code_are_read(tmp_path):
+    (tmp_path / "levels.csv").write_text("PGA (g),return_period\n0.08,43\n0.12,72\n0.34,475\n0.62,2475\n")
+    [tree] = read_hazard(tmp_path / "levels.csv")
+    assert tree.curves[0].annual_rate == pytest.approx([1 / 43, 1 / 72, 1 / 475, 1 / 2475])
+
+
+def test_yaml_is_refused_by_its_name(tmp_path):
+    (tmp_path / "curve.yaml").write_text("measure: PGA\nunit: g\nlevels: [0.1, 0.2]\nrates: [0.01, 0.001]\n")
+    with pytest.raises(InputError, match="is YAML"):
+        read_hazard(tmp_path / "curve.yaml")

@@ -37,7 +37,7 @@ MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 
 _COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
 """A face of an OBJ by negative numbers."""
-_FROM_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n\r]*[ \t])?0+(?=[/\s])", re.MULTILINE)
+_FROM_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n\r#]*[ \t])?0+(?=[/\s])", re.MULTILINE)
 """A face of an OBJ whose vertices are counted from 0: their numbers are from 1 on."""
 _OF_LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_xmp", "KHR_mesh_quantization")
 """How extensions of glTF begin without which the triangles are the same, and one that is read."""

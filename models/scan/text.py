@@ -123,7 +123,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
         points = _loaded_again(load, lines_from(counts), path)
     if named is None:
         _check_not_numbered(points, path)
-        _check_easting_first(points, path)
+        _check_easting_first(points, path, unit_given)
     note = (
         "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
     )
@@ -310,12 +310,12 @@ def _check_not_numbered(points: Array, path: Path) -> None:
     )
 
 
-def _check_easting_first(points: Array, path: Path) -> None:
-    """Refuse what looks like northing before easting, or like an easting where the height should be."""
+def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
+    """Refuse what looks like northing before easting, or, in metres, like an easting where the height should be."""
     if not np.isfinite(points).any(axis=0).all() or is_geocentric(points):
         return
     x, y, z = np.abs(np.nanmedian(points, axis=0))
-    if _EASTINGS_M[0] < z < _NORTHINGS_BELOW_M:
+    if _EASTINGS_M[0] < z < _NORTHINGS_BELOW_M and not unit_given:
         raise InputError(
             f"the third column, about {z:.0f}, is no height",
             where=str(path),

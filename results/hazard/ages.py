@@ -126,7 +126,8 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
         raise InputError(
             what=f"{text!r} is no age",
             where=where,
-            expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages",
+            expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages; an "
+            "uncertainty in the unit of its age and of its size",
             remedy="leave --age out for the statement about a single event",
         )
     return ages

@@ -66,7 +66,8 @@ def _of_one_measure(
     if imt.upper() == "SA" and "saPeriod" in stated:
         imt = f"SA({stated['saPeriod']})"
     measure, usual = file.measure_named(imt)
-    unit = file.factor_stated(measure, usual, next((stated[name] for name in _UNITS if name in stated), ""))
+    named = next((stated[name] for name in _UNITS if name in stated), "")
+    unit = file.factor_stated(measure, usual, named)
     time = stated.get("investigationTime") or stated.get("investigationTimeSpan")
     years = file.years_of_values(
         None if time is None else file.number(1, time),
@@ -84,7 +85,7 @@ def _of_one_measure(
         if len(values) != len(levels):
             file.refuse(f"has {len(levels)} levels and {len(values)} probabilities", "fetch the file again")
         curve = file.curve(measure, levels, values, years, site=(float(site[0]), float(site[1])))
-        if unit == usual:
+        if not named:
             with_usual_unit(file, imt_of(measure)[0], curve, "")
         found.append(Statement(curve, *_kind(stated)))
     return found

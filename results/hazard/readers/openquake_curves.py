@@ -12,7 +12,6 @@ import numpy as np
 from toppling.models.openquake import header_values
 from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.stated import HazardFile, Realisations, Stated, Statement
-from toppling.results.hazard.readers.text_columns import with_usual_unit
 
 _NAMED = re.compile(
     r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)(?:-(?P<imt>[A-Z]+(?:\([\d.]+\))?))?"
@@ -124,7 +123,6 @@ def _curves(
             measure, levels, poes, years, site=file.place_of(line, row, header),
             site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "",
         )  # fmt: skip
-        with_usual_unit(file, imt_of(measure)[0], curve, "")
         found.append(Statement(curve, kind, key, stated.get("checksum", "")))
     return found
 

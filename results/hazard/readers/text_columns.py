@@ -33,6 +33,7 @@ _MOST_NAMES = 50
 _STATED_UNIT = re.compile(
     r"(?:\bin |\bunits?\b ?(?:is |are |of |in |[:=])? ?|[(\[=])\s*([a-z%][a-z0-9%/^*²-]*(?: s\^?-2)?)"
 )
+_WORD = re.compile(r"[^\W\d_]{2}")
 _MOST_G, _LEAST_CM_S = 10.0, 5.0
 """Levels of a whole curve: beyond in g, or below in cm/s, they are in another unit than its name implies."""
 _RARE, _ROUNDED = 0.02, 0.05
@@ -74,7 +75,8 @@ def read(file: HazardFile) -> list[Statement]:
 
 def _is_footnote(row: Sequence[str], columns: int) -> bool:
     """Whether the last row of a table is text below it: one cell of words, or words in other numbers of cells."""
-    return not is_numeral(row[0]) and (len(list(filter(None, row))) == 1 or len(row) != columns)
+    words = _WORD.search(row[0]) and not is_numeral(row[0])  # "O.4" is a damaged number
+    return bool(words) and (len(list(filter(None, row))) == 1 or len(row) != columns)
 
 
 def _curve(

@@ -161,6 +161,12 @@ def test_rates_of_a_header_are_no_probabilities_whatever_the_user_says(tmp_path)
         read_hazard(table, hints=Hints(years=50.0))
 
 
+def test_a_damaged_last_row_is_no_text_below_the_table(tmp_path):
+    path = written(tmp_path, "PGA (g),annual_rate", *rows(LEVELS_G, RATES), "O.9,0.00001,")
+    with pytest.raises(InputError, match="has 3 columns, the header 2"):
+        read_hazard(path)
+
+
 def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
     swapped = [line.replace("lon,lat", "lat,lon") for line in long("annual_rate")]
     with pytest.raises(InputError, match=r"the latitude is -118\.1"):

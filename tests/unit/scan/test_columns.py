@@ -9,6 +9,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
 from toppling.models.scan.read import read_clouds
+from toppling.models.scan.text import read_text
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,13 @@ def test_an_easting_where_the_height_should_be_is_refused(tmp_path, points):
     with pytest.raises(InputError, match=r"third column, about .*, is no height") as error:
         read_clouds([written(tmp_path / "cloud.csv", "", numbered)])
     assert "id,y,x,z" in error.value.remedy
+
+
+def test_a_height_of_850_m_in_millimetres_is_read_where_the_unit_is_given(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    low = np.array([0.0, 0.0, 850000.0])
+    np.savetxt(path, np.random.default_rng(1).uniform(low, low + 900.0, (50, 3)))
+    assert read_text(path, unit_given=True).points[:, 2].min() >= 850000.0
 
 
 def test_rows_of_a_grid_are_no_points(tmp_path):

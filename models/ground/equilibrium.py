@@ -82,8 +82,6 @@ def are_held(columns: Array, loads_m_s2: Array, size_m: float) -> Flags:
 
     A load is held where a mixture of the wrenches opposes it; sizes of loads do not matter.
     """
-    if columns.shape[1] == 0:
-        return np.zeros(len(loads_m_s2), bool)
     scaled = _scaled(columns, size_m)
     missed = [_missed(scaled, load) for load in loads_m_s2]
     return np.array([each is not None and np.linalg.norm(each) <= _HELD_WITHIN for each in missed], bool)
@@ -100,12 +98,16 @@ def _missed(scaled: Array, load_m_s2: Array) -> Array | None:
     By non-negative least squares, which end without error (Lawson and Hanson 1974), over the few wrenches that oppose
     most of what is left so far: a base on a curve has tens of thousands, of which at most six bear.
     """
+    if not load_m_s2.any():
+        return np.zeros(6)
     load = missed = np.append(load_m_s2 / np.linalg.norm(load_m_s2), np.zeros(3))
     bearing, before = np.zeros(0, int), np.inf
     while (size := float(np.linalg.norm(missed))) < before:
         along = missed @ scaled
         some = np.argpartition(along, _AT_ONCE)[:_AT_ONCE] if len(along) > _AT_ONCE else np.arange(len(along))
         some = some[along[some] < 0.0]
+        if len(some) == 0:  # SciPy aborts the process over no wrenches at all
+            break
         chosen, before = np.union1d(bearing, some), size
         try:
             shares = scipy.optimize.nnls(scaled[:, chosen], -load)[0]

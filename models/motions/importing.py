@@ -192,7 +192,7 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
             )
         else:
             found[path] = None
-    if not found:
+    if paths and not found:
         raise _without_records(paths)
     return list(found)
 

@@ -5,6 +5,7 @@ import gc
 import hashlib
 import sys
 import threading
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -40,7 +41,7 @@ def code() -> str:
             return str(read_json(kept, required=True)["code"])
     found, digest = _deciding(), hashlib.blake2b(digest_size=8)
     for path in sorted(found):
-        digest.update(_without_words(found[path]).encode())
+        digest.update(found[path].encode())
     if kept is not None:
         with suppress(OSError):
             write_json(kept, {"code": digest.hexdigest()})
@@ -55,23 +56,25 @@ def _bytes_read() -> str:
     return digest.hexdigest()
 
 
-def _deciding() -> dict[Path, ast.Module]:
-    """The modules of which a shake is made: all of `workers`, and what they, scenes and ensembles import of `models`.
+def _deciding() -> dict[Path, str]:
+    """Syntax of what a shake is made of: all of `workers`, and what they, scenes and ensembles import of `models`.
 
     How a scan becomes a scene decides the scene, not its shakes.
     """
     left = [path for path in _SOURCES if path.is_relative_to(_WORKERS)]
     left += [_MODELS / "scene.py", _MODELS / "motions/ensemble.py"]
-    found: dict[Path, ast.Module] = {}
+    found: dict[Path, str] = {}
     while left:
         path = left.pop()
         if path in found or path not in _SOURCES or path.parent == _MODELS / "scan":
             continue
-        found[path] = _parsed(_SOURCES[path])
-        for node in ast.walk(found[path]):
+        tree = _parsed(_SOURCES[path])
+        nodes = list(ast.walk(tree))
+        for node in nodes:
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
                 names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
                 left += [_MODELS.joinpath(*str(name).split(".")[2:]).with_suffix(".py") for name in names]
+        found[path] = _without_words(tree, nodes)
     return found
 
 
@@ -83,7 +86,8 @@ def _decisive(source: bytes) -> str:
     >>> _decisive(b"x = 1  # why") == _decisive(b"x = (1)")
     True
     """
-    return _without_words(_parsed(source))
+    tree = _parsed(source)
+    return _without_words(tree, ast.walk(tree))
 
 
 def _parsed(source: bytes) -> ast.Module:
@@ -101,8 +105,8 @@ def _parsed(source: bytes) -> ast.Module:
                 gc.enable()
 
 
-def _without_words(tree: ast.Module) -> str:
-    for node in ast.walk(tree):
+def _without_words(tree: ast.Module, nodes: Iterable[ast.AST]) -> str:
+    for node in nodes:
         body = getattr(node, "body", None)
         if isinstance(body, list):
             node.body = [one for one in body if not _stands_alone(one)]  # type: ignore[attr-defined]

@@ -72,6 +72,11 @@ class Lognormal:
         """Largest value that a job was shaken with, where that is known."""
         return self.basis.strongest_shaken if self.basis else None
 
+    @property
+    def is_beyond_shaken(self) -> bool:
+        """Whether the median lies beyond all that a job was shaken with."""
+        return self.strongest_shaken is not None and self.median > self.strongest_shaken
+
     def intensity(self, probability: float) -> float:
         """Intensity at which a toppling probability is reached."""
         return self.median * math.exp(self.beta * ndtri(probability))

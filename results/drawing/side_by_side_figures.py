@@ -86,14 +86,16 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
         last = curve.strongest_shaken or np.inf
         if curve.median_interval:
             axes.plot(np.minimum(curve.median_interval, last), [index, index], color=colour, lw=1.4)
-        axes.plot(min(curve.median, last), index, "o" if curve.median <= last else ">", ms=3.5, color=colour)
+        axes.plot(
+            min(curve.median, last), index, ">" if curve.is_beyond_shaken else "o", ms=3.5, color=colour
+        )
     axes.set_yticks(range(len(shown)), [cut(rock.name, _NAME_LETTERS) for rock in shown])
     more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
+    arrows = any(rock.curve and rock.curve.is_beyond_shaken for rock in shown)
+    arrow = " (arrow: beyond what was run)" if arrows else ""
     axes.set(
         xscale="log", xlabel=measure_label(measure), ylim=(-0.7, len(shown) - 0.3),
-        title=f"half topple at this {short_name(measure)} (arrow: beyond what was run){more}"
-        if any(rock.curve and rock.curve.median > (rock.curve.strongest_shaken or np.inf) for rock in shown)
-        else f"half topple at this {short_name(measure)}{more}",
+        title=f"half topple at this {short_name(measure)}{arrow}{more}",
     )  # fmt: skip
     axes.grid(axis="x", lw=0.4, alpha=0.5)
     plain_log(axes.xaxis)

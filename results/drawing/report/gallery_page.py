@@ -110,7 +110,7 @@ def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
 def _at(curve: Lognormal) -> str:
     """Where half topple."""
     median = within(curve.median, curve.strongest_shaken)
-    return median if median.startswith("beyond") else f"at {median}"
+    return median if curve.is_beyond_shaken else f"at {median}"
 
 
 def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:

@@ -52,7 +52,7 @@ def _what_topples(content: Content) -> str:
     curve = contact.headline
     unit, name = printed_unit(curve.measure), short_name(curve.measure)
     strongest = curve.strongest_shaken
-    if strongest is not None and curve.median > strongest:
+    if strongest is not None and curve.is_beyond_shaken:
         return (
             "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
             f"{name} of {strongest:.3g} {unit}, where {_percent(float(curve.probability(strongest)))} topple "
@@ -150,8 +150,7 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
                 f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
                 ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
             )  # fmt: skip
-        beyond = curve.strongest_shaken is not None and curve.median > curve.strongest_shaken
-        at = f"beyond {curve.strongest_shaken:.3g}" if beyond else f"at {curve.median:.2g}"
+        at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"
         axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
     return figure
 

@@ -66,17 +66,10 @@ def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Ta
     differ in engine, preset, scene or physics version, a query over `results` has to name the run or that column: rows
     that answer different questions are not pooled unasked.
 
-    Parameters
-    ----------
-    query : str
-        One SELECT, which reads nothing but these tables.
-    trusted : bool
-        Let the query do all that DuckDB can: read and write files, load extensions.
-
-    Raises
-    ------
-    InputError
-        If DuckDB refuses the query, two runs have the same name, or the query would pool rows of different questions.
+    query: one SELECT, which reads nothing but these tables.
+    trusted: let the query do all that DuckDB can: read and write files, load extensions.
+    Raises InputError if DuckDB refuses the query, two runs have the same name, or the query would pool rows of
+    different questions.
     """
 
     def answer() -> pa.Table:

@@ -76,10 +76,7 @@ def check_files(run: Path) -> None:
 
     Missing files are no matter of this check, and neither is a folder without a `run.json`.
 
-    Raises
-    ------
-    InputError
-        If one is of another run, by its name, or damaged.
+    Raises InputError if one is of another run, by its name, or damaged.
     """
     if not (run / _RUN_FILE).exists():
         return
@@ -214,10 +211,7 @@ LEAST_TELLING = 40
 def check_audit(run: Path, folder: Path) -> None:
     """Make sure that an audit's folder is of the run in whose folder it lies.
 
-    Raises
-    ------
-    InputError
-        If one of its files is of another run, or damaged.
+    Raises InputError if one of its files is of another run, or damaged.
     """
     drawn, jobs = folder / DRAWN_FILE, folder / _JOBS_FILE
     if drawn.exists():

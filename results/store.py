@@ -42,22 +42,11 @@ _Answer = TypeVar("_Answer")
 def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Append rows to a run as one new part file.
 
-    Parameters
-    ----------
-    rows : iterable of mapping
-        Column name to value; a nullable column may be left out, and NaN is kept as null.
-
-    Returns
-    -------
-    Path
-        The part file, on disk when this returns.
-
-    Raises
-    ------
-    ValueError
-        If there are no rows, a row has a column that the schema does not know, or lacks a required one.
-    FileNotFoundError
-        If there is no such folder: one that vanished under a run is not made again, its earlier rows are gone.
+    rows: column name to value; a nullable column may be left out, and NaN is kept as null.
+    Returns Path: the part file, on disk when this returns.
+    Raises ValueError if there are no rows, a row has a column that the schema does not know, or lacks a required one.
+    Raises FileNotFoundError if there is no such folder: one that vanished under a run is not made again, its earlier
+    rows are gone.
     """
     table = table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
@@ -78,10 +67,7 @@ def finished_ids(
     Where the run's jobs are `known`, a damaged part is set aside as `_NAME`, not merged. A job to `redo` counts only
     with an attempt above the one that stands there.
 
-    Raises
-    ------
-    InputError
-        As :func:`result_files`, and if a file has rows of others than the `known` jobs.
+    Raises InputError as :func:`result_files`, and if a file has rows of others than the `known` jobs.
     """
     return read_steady([run_folder], lambda: _finished_ids(run_folder, known, redo))
 
@@ -112,10 +98,7 @@ def compact(run_folder: PathLike) -> Path:
     The file's metadata carries the schema's units and descriptions, and `run.json` and `campaign.toml` as
     text where the run has them. A reader that meets both the file and its parts sees every job once.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the run has no readable results.
+    Raises FileNotFoundError if the run has no readable results.
     """
     run = Path(run_folder)
     files, table = read_steady([run], lambda: (files := result_files(run), newest_rows(files)))
@@ -142,11 +125,8 @@ def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]
     Damaged parts and files that hold no results are named in the log and left out; damaged ones are also renamed to
     `_NAME` where the caller, the run's writer, says so.
 
-    Raises
-    ------
-    InputError
-        If the compact file is damaged, a file lacks a column of `SCHEMA` or cannot be opened, or a file of the run is
-        of another run.
+    Raises InputError if the compact file is damaged, a file lacks a column of `SCHEMA` or cannot be opened, or a file
+    of the run is of another run.
     """
     run = Path(run_folder)
     required = has_digests(run)
@@ -163,10 +143,7 @@ def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]
 def has_digests(run: Path) -> bool:
     """Whether all files of a run carry digests, as its `run.json` does; older runs and loose results need not.
 
-    Raises
-    ------
-    InputError
-        If `run.json` is damaged.
+    Raises InputError if `run.json` is damaged.
     """
     return (run / "run.json").exists() and check(run / "run.json")
 
@@ -209,10 +186,8 @@ def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.T
 def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
     """Rows under `SCHEMA`.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If there are none, or a row has a column or a value that the schema does not know, or lacks a required one.
+    Raises ValueError, TypeError if there are none, or a row has a column or a value that the schema does not know, or
+    lacks a required one.
     """
     if not rows:
         raise ValueError("no rows to write")

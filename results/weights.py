@@ -60,10 +60,7 @@ class Weights:
     def of(self, contact: Contact) -> Array:
         """Weights under a contact.
 
-        Raises
-        ------
-        InputError
-            If the draws were not weighed under it.
+        Raises InputError if the draws were not weighed under it.
         """
         if contact not in self.by_contact:
             raise InputError(
@@ -93,10 +90,7 @@ class Weights:
     def read(cls, run: Path) -> Weights:
         """Read what :meth:`write` wrote into the folder of a run.
 
-        Raises
-        ------
-        InputError
-            If the file is not there, not as it was written, or of another run.
+        Raises InputError if the file is not there, not as it was written, or of another run.
         """
         path = run / WEIGHTS_FILE
         if not path.exists():
@@ -126,11 +120,8 @@ class Weights:
     def summary(self, frame: pd.DataFrame) -> dict[str, Any]:
         """What a program reads of the weights of the bases of some rows.
 
-        Returns
-        -------
-        dict
-            The evidence, reason, remarks, and in `contacts` of each contact of the rows: the contact, weights (of mean
-            1, by the number of the base), bases and effective_bases.
+        Returns dict: the evidence, reason, remarks, and in `contacts` of each contact of the rows: the contact, weights
+        (of mean 1, by the number of the base), bases and effective_bases.
         """
         contacts = []
         for contact, jobs in frame.groupby(CONTACT):

@@ -13,15 +13,8 @@ HALF_SECTOR_DEG = 17.5
 def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
     """The study's sector for any rock: 35 degrees around where the least constant acceleration topples it to.
 
-    Parameters
-    ----------
-    quasi_static : DataFrame or None
-        azimuth_deg of the ground's acceleration, and value in m/s2: the rock falls the opposite way.
-
-    Returns
-    -------
-    (float, float) or None
-        None where no constant acceleration is known to topple the rock.
+    quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2: the rock falls the opposite way.
+    None where no constant acceleration is known to topple the rock.
     """
     found = weakest(quasi_static)
     if found is None:

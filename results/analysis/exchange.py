@@ -92,10 +92,7 @@ def write_curves(
 def read_curves(path: Path) -> dict[str, Lognormal]:
     """Read curves from NRML, CSV or JSON, by measure.
 
-    Raises
-    ------
-    InputError
-        If the file is absent, of another kind, or holds no lognormal curve, or several over one measure.
+    Raises InputError if the file is absent, of another kind, or holds no lognormal curve, or several over one measure.
     """
     curves = _read(path, _from_nrml, _curves)
     if not curves:
@@ -131,10 +128,7 @@ def _in_si(curve: Lognormal, path: Path) -> Lognormal:
 def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
     """Read the fragility over some measures together from CSV or JSON; None where the file states none.
 
-    Raises
-    ------
-    InputError
-        If the file is absent, of another kind, or states one that cannot be read, or several.
+    Raises InputError if the file is absent, of another kind, or states one that cannot be read, or several.
     """
     found = _read(path, lambda _: [], _surfaces)
     found = [surface for surface in found if surface.measures == measures]

@@ -64,18 +64,12 @@ def findings(
 ) -> list[Finding]:
     """Check the study's list.
 
-    Parameters
-    ----------
-    main : DataFrame
-        Rows at friction 1 in all directions.
-    frictions_run : DataFrame
-        Rows of one direction with every friction.
-    weakest_azimuth_deg : float
-        Of the least ground acceleration that topples quasi-statically; the rock then topples the other way.
-    lines : DataFrame
-        From `analysis.plane_reference.reference_lines`.
-    directions : int
-        Bins of the vector PGA.
+    main: rows at friction 1 in all directions.
+    frictions_run: rows of one direction with every friction.
+    weakest_azimuth_deg: of the least ground acceleration that topples quasi-statically; the rock then topples the other
+    way.
+    lines: from `analysis.plane_reference.reference_lines`.
+    directions: bins of the vector PGA.
     """
     checks: tuple[Callable[[], Finding], ...] = (
         lambda: _rarely_below(main),

@@ -113,17 +113,10 @@ def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) 
 def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     """Toppling probability in each cell of a plane that holds a job.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results, all of one contact (`by_contact`).
-
-    Returns
-    -------
-    DataFrame
-        One row a cell: low and high value on both axes (and the level, where there are levels), jobs with an
-        answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share of the jobs
-        (see `Plane`), thin.
+    frame: rows of results, all of one contact (`by_contact`).
+    Returns DataFrame: one row a cell: low and high value on both axes (and the level, where there are levels), jobs
+    with an answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share of the jobs (see
+    `Plane`), thin.
     """
     jobs = frame.loc[_below(frame, plane.x) & _below(frame, plane.y)]
     x, y = _edges(jobs[plane.x.column], plane.x), _edges(jobs[plane.y.column], plane.y)

@@ -141,11 +141,8 @@ def simulate(
 ) -> pd.DataFrame:
     """Rock the plane sections along some azimuths under each of some records at every level.
 
-    Returns
-    -------
-    DataFrame
-        One row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2, pgv_pga_s,
-        toppled.
+    Returns DataFrame: one row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2,
+    pgv_pga_s, toppled.
     """
     found = {azimuth: _section(scene, azimuth) for azimuth in azimuths_deg}
     cuts = [cut for cut in found.values() if cut is not None]
@@ -191,10 +188,7 @@ def _notes(found: Mapping[float, Section | None]) -> Iterator[str]:
 def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
     """PGA at which the plane body topples with 1 and 99 %, by PGV/PGA and azimuth.
 
-    Returns
-    -------
-    DataFrame
-        azimuth_deg, pgv_pga_s, probability, pga_m_s2; an azimuth whose answers have no fit is left out.
+    Returns DataFrame: azimuth_deg, pgv_pga_s, probability, pga_m_s2; an azimuth whose answers have no fit is left out.
     """
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):

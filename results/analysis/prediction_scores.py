@@ -49,12 +49,9 @@ def share(toppled: Array) -> tuple[Array, Array]:
 def scores(overturned: _Truths, probability: Array) -> dict[str, Any]:
     """Scores of probabilities, called at one half where a score needs a call.
 
-    Returns
-    -------
-    dict
-        n, accuracy, balanced_accuracy, recall, specificity, brier, log_loss, calibration_slope (logistic regression of
-        the outcomes on the log odds; 1 is calibrated, less is overconfident; None where there are too few outcomes)
-        and confusion, a dict of counts.
+    Returns dict: n, accuracy, balanced_accuracy, recall, specificity, brier, log_loss, calibration_slope (logistic
+    regression of the outcomes on the log odds; 1 is calibrated, less is overconfident; None where there are too few
+    outcomes) and confusion, a dict of counts.
     """
     called = probability >= _CALLED_FROM
     fell_right, fell_wrong = (overturned & called).sum(), (overturned & ~called).sum()
@@ -101,11 +98,8 @@ def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
     drawn from is right, shares are not calibrated over its tests, and the slope is rarely 1. Scores outside of these
     intervals say that the specimen is none of the draws.
 
-    Parameters
-    ----------
-    toppled : (draws, tests) array
-        1, 0, or NaN where a draw has no answer. Draws that shook not all tests, such as those added where a share was
-        still unsure, are left out: easy tests are part of the scores.
+    toppled: (draws, tests), 1, 0, or NaN where a draw has no answer. Draws that shook not all tests, such as those
+    added where a share was still unsure, are left out: easy tests are part of the scores.
     """
     whole = toppled[np.isfinite(toppled).all(axis=1)]
     drawn = []
@@ -128,17 +122,10 @@ def calibration(overturned: _Truths, probability: Array) -> pd.DataFrame:
 def learnt(toppled: Array, overturned: _Truths, group: NDArray[Any]) -> Array:
     """Probabilities (tests,) from draws weighted by the likelihood of the outcomes of other records only.
 
-    Parameters
-    ----------
-    toppled : (draws, tests) array
-        1, 0, or NaN where a draw has no answer.
-    overturned : (tests,) array of bool
-    group : (tests,) array
-        The record of each test: none of its tests is looked at when it is predicted.
-
-    Returns
-    -------
-    (tests,) array
+    toppled: (draws, tests), 1, 0, or NaN where a draw has no answer.
+    overturned: (tests,).
+    group: (tests,), the record of each test: none of its tests is looked at when it is predicted.
+    Returns (tests,) array.
     """
     predicted = np.empty(len(overturned))
     for training, held_out in LeaveOneGroupOut().split(toppled.T, overturned, group):
@@ -190,17 +177,10 @@ def _weighted_draws(
 def simple_rules(intensity: pd.DataFrame, overturned: _Truths, group: NDArray[Any]) -> dict[str, Array]:
     """Probabilities of rules without mechanics, each fitted without the record that it predicts.
 
-    Parameters
-    ----------
-    intensity : DataFrame
-        pga_m_s2, pgv_m_s and pgv_pga_s of each test.
-    overturned : (tests,) array of bool
-    group : (tests,) array
-
-    Returns
-    -------
-    dict
-        By the rule's name; empty where all tests are of one record.
+    intensity: pga_m_s2, pgv_m_s and pgv_pga_s of each test.
+    overturned: (tests,).
+    group: (tests,).
+    Returns dict: by the rule's name; empty where all tests are of one record.
     """
     if len(np.unique(group)) < 2:
         return {}

@@ -74,21 +74,12 @@ class Fit:
 def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> Fit:
     """Fit toppling probability to one or several intensity measures by maximum likelihood.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results with an answer (`answered`).
-    measures : sequence of str
-        Columns, each positive throughout.
-    link : str
-        probit or logit.
-
-    Returns
-    -------
-    Fit
-        With a `problem` instead of coefficients where the maximum does not exist (one answer only, or
-        answers that a threshold separates, but for those at it: Albert and Anderson 1984), or where probability does
-        not rise with the one measure.
+    frame: rows of results with an answer (`answered`).
+    measures: columns, each positive throughout.
+    link: probit or logit.
+    Returns Fit: with a `problem` instead of coefficients where the maximum does not exist (one answer only, or answers
+    that a threshold separates, but for those at it: Albert and Anderson 1984), or where probability does not rise with
+    the one measure.
     """
     names = tuple(measures)
     toppled = frame["toppled"].to_numpy(bool)

@@ -95,23 +95,12 @@ def beside_each_other(
 ) -> tuple[list[Beside], Shared]:
     """Rocks with their fragilities over one measure, and what their jobs share.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Of one rock each.
-    measure : str
-        Column of the results.
-    samples : int
-        Bootstrap samples of records.
-    only_shared : bool
-        Fit to jobs with shared records at shared levels alone.
-    advance : callable
-        Called after each rock.
-
-    Raises
-    ------
-    InputError
-        If only what is shared is asked for, and nothing is.
+    runs: of one rock each.
+    measure: column of the results.
+    samples: bootstrap samples of records.
+    only_shared: fit to jobs with shared records at shared levels alone.
+    advance: called after each rock.
+    Raises InputError if only what is shared is asked for, and nothing is.
     """
     chosen = [_chief(run) for run in runs]
     shared = _shared([jobs for _, jobs in chosen], runs)

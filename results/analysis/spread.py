@@ -29,24 +29,13 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     Where bases do not weigh alike (`base_weight`, from `Run.weighted`), means and variances are of draws so weighted,
     with 1 - sum of squared shares in the place of (n - 1) / n.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results of one scene, preset and restitution.
-
-    Returns
-    -------
-    DataFrame
-        One row a level: level_pga_m_s2; probability of toppling; its standard deviation from record to record
-        (records), from base to base with the centre of mass drawn beside it (base), from friction to friction
-        (friction), and what depends on all together, or on chance (left); `_low` and `_high` (95 %) of the first three,
-        as other records and draws would have it; `share_` of the variance that these share among each other; jobs,
-        records_drawn and bases (draws, where the scene has none). The last row, whose level is null, holds their means.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than three records or realisations.
+    frame: rows of results of one scene, preset and restitution.
+    Returns DataFrame: one row a level: level_pga_m_s2; probability of toppling; its standard deviation from record to
+    record (records), from base to base with the centre of mass drawn beside it (base), from friction to friction
+    (friction), and what depends on all together, or on chance (left); `_low` and `_high` (95 %) of the first three, as
+    other records and draws would have it; `share_` of the variance that these share among each other; jobs,
+    records_drawn and bases (draws, where the scene has none). The last row, whose level is null, holds their means.
+    Raises InputError if there are fewer than three records or realisations.
     """
     rows = frame[frame["toppled"].notna()]
     drawn = rows[rows["realisation"] > 0]

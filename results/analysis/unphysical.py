@@ -84,10 +84,7 @@ class Unphysical:
 def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | None:
     """What jobs of a run are beyond nature; None where none is.
 
-    Parameters
-    ----------
-    frame : DataFrame or None
-        Its rows, weighted as they are to count; read from the run unless given.
+    frame: its rows, weighted as they are to count; read from the run unless given.
     """
     known = fits.answered(run.weighted(run.frame()) if frame is None else frame)
     factor = _factors(run, known)

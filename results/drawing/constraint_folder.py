@@ -31,15 +31,9 @@ def write_constraint(
 ) -> Iterator[Path]:
     """Write all of a constraint into a folder: page, statement, tables, figures, and the hazard with its new weights.
 
-    Parameters
-    ----------
-    statement : dict
-        Its statement, with the choices that led to it.
-    folder : Path
-        Made if absent; files of the same names are replaced.
-    ratio : float
-        By which the hazard's motions were multiplied.
-
+    statement: its statement, with the choices that led to it.
+    folder: made if absent; files of the same names are replaced.
+    ratio: by which the hazard's motions were multiplied.
     Yields each file, once it is complete.
     """
     yield from _write(statement, constraint.tables(), curve_drawings(constraint, statement), folder)

@@ -54,12 +54,8 @@ def few_records(records: int) -> str:
 def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     """Lognormal fits as a terminal shows them, and what so many records cannot tell.
 
-    Parameters
-    ----------
-    summary : DataFrame
-        From `analysis.fits.summary`.
-    known : DataFrame
-        Rows with an answer that the fits are of.
+    summary: from `analysis.fits.summary`.
+    known: rows with an answer that the fits are of.
     """
     curves = summary[(summary["link"] == "probit") & summary["measures"].isin(COMPARED)]
     if curves.empty:

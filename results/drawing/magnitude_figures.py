@@ -29,12 +29,8 @@ def magnitudes_figure(
 ) -> Figure:
     """Largest magnitude allowed at each distance.
 
-    Parameters
-    ----------
-    tables : dict of DataFrame by name of the occurrence
-        From `results.hazard.magnitudes.largest_magnitudes`.
-    limits : (low, high)
-        Magnitudes that the models are for.
+    tables: by name of the occurrence: from `results.hazard.magnitudes.largest_magnitudes`.
+    limits: (low, high), magnitudes that the models are for.
     """
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0), layout="constrained")
@@ -65,15 +61,10 @@ def faults_figure(
 ) -> Figure:
     """Map around a rock: traces by the largest magnitude that its standing allows, circles of least distance.
 
-    Parameters
-    ----------
-    faults : sequence of FaultTrace
-        Each with the largest magnitude that standing allows: infinite where none is excluded, minus infinity where all
-        are.
-    circles : dict of km by magnitude
-        Least distance of an earthquake of that magnitude.
-    limits : (low, high)
-        Magnitudes that the models are for.
+    faults: each with the largest magnitude that standing allows: infinite where none is excluded, minus infinity where
+    all are.
+    circles: by magnitude: least distance of an earthquake of that magnitude.
+    limits: (low, high), magnitudes that the models are for.
     """
     known = [one.magnitude for one in faults if one.magnitude is not None and math.isfinite(one.magnitude)]
     shades = Normalize(

@@ -114,15 +114,10 @@ def draw_settled(
 ) -> None:
     """Write a PNG of two panels: the contact in plan, and the least toppling acceleration by azimuth.
 
-    Parameters
-    ----------
-    scanned, stands : Scene
-        The rock as it was scanned, and once it has settled.
-    outline_m : (k, 3) array
-        Corners of the contact as scanned.
-    rose_scanned, rose_stands : sequence of (float, float)
-        Azimuth of the ground's acceleration, degrees counter-clockwise from east, and the least constant
-        acceleration that topples, m/s2.
+    scanned, stands: the rock as it was scanned, and once it has settled.
+    outline_m: (k, 3), corners of the contact as scanned.
+    rose_scanned, rose_stands: azimuth of the ground's acceleration, degrees counter-clockwise from east, and the least
+    constant acceleration that topples, m/s2.
     """
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 4.4), layout="constrained")

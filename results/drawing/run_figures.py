@@ -46,19 +46,11 @@ def write_maps(
 ) -> Iterator[Path]:
     """Write the maps of each plane, over all directions and direction by direction, and what is on none.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results; each contact goes to a folder of its own if there are several.
-    folder : Path
-        Made if absent; files of the same names are replaced.
-    directions : int
-        Direction bins of the vector PGA.
-    reference : DataFrame or None
-        From `analysis.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
-    run : Completeness or None
-        Of the run whose rows these are: an unfinished one is named above each figure.
-
+    frame: rows of results; each contact goes to a folder of its own if there are several.
+    folder: made if absent; files of the same names are replaced.
+    directions: direction bins of the vector PGA.
+    reference: from `analysis.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
+    run: of the run whose rows these are: an unfinished one is named above each figure.
     Yields each file, once it is complete.
     """
     planes = list(planes)
@@ -146,21 +138,12 @@ def write_fits(
 ) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results.
-    name : str
-        Of the rock, for other programs.
-    samples : int
-        Bootstrap samples of records.
-    audit_over : callable
-        Audits of the run, over a measure (`analysis.audit_statistics.audits_of`).
-    advance : callable
-        Told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
-    run : Completeness or None
-        Of the run whose rows these are: curves keep it, and an unfinished one is named above the figure.
-
+    frame: rows of results.
+    name: of the rock, for other programs.
+    samples: bootstrap samples of records.
+    audit_over: audits of the run, over a measure (`analysis.audit_statistics.audits_of`).
+    advance: told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
+    run: of the run whose rows these are: curves keep it, and an unfinished one is named above the figure.
     Yields each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():

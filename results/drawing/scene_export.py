@@ -20,10 +20,7 @@ def export_scene(scene: Scene, path: Path) -> None:
     In PLY and OBJ z is up, as in the scene. glTF prescribes that y is (its specification 2.0, section 3.4): there
     x is east, y up and z south. Every format is one file that needs no other beside it.
 
-    Raises
-    ------
-    InputError
-        If the file's extension is none of these.
+    Raises InputError if the file's extension is none of these.
     """
     if path.suffix.lower() not in _EXPORTS:
         raise InputError(

@@ -34,12 +34,8 @@ _THUMBNAIL_IN = 2.2
 def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Fragility of every rock that has one, and their medians with intervals of 95 %, the weakest below.
 
-    Parameters
-    ----------
-    measure : str
-        That all curves are over.
-    width_in : float
-        Two panels beside each other on a page's width, below each other on less.
+    measure: that all curves are over.
+    width_in: two panels beside each other on a page's width, below each other on less.
     """
     drawn = sorted(
         (rock for rock in rocks if rock.curve), key=lambda one: one.curve.median if one.curve else 0.0
@@ -204,12 +200,8 @@ _ROW_IN = 0.16
 def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     """Share of each rock's shakings that topple it under each scenario; below, where places are known, a map.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        From `orchestrator.studies.seismograms.check_sites`: rock, longitude, latitude, outcome.
-    matrix : DataFrame
-        Share by rock (rows) and scenario (columns).
+    rows: from `orchestrator.studies.seismograms.check_sites`: rock, longitude, latitude, outcome.
+    matrix: share by rock (rows) and scenario (columns).
     """
     placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
     height = 1.6 + _ROW_IN * min(len(matrix), _MOST_LABELS)

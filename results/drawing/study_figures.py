@@ -23,14 +23,9 @@ from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN
 def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: float) -> Figure:
     """Least PGA that topples by the waveform's PGV/PGA (figure 4).
 
-    Parameters
-    ----------
-    table : DataFrame
-        From `orchestrator.studies.ramp.summary`.
-    azimuth_deg : float
-        Of the motion.
-    quasi_static_m_s2 : float
-        Least constant acceleration of this azimuth that topples.
+    table: from `orchestrator.studies.ramp.summary`.
+    azimuth_deg: of the motion.
+    quasi_static_m_s2: least constant acceleration of this azimuth that topples.
     """
     toppled = table.dropna(subset=["toppling_pga_m_s2"])
     stood = table[table["toppling_pga_m_s2"].isna()]
@@ -64,10 +59,7 @@ def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: floa
 def topple_by_direction(frame: pd.DataFrame) -> pd.DataFrame:
     """Count toppled jobs by the direction bin of their vector PGA and the azimuth they toppled toward (figure 8).
 
-    Returns
-    -------
-    DataFrame
-        direction_deg, azimuth_deg (centres), toppled, share_of_toppled (of the direction's).
+    Returns DataFrame: direction_deg, azimuth_deg (centres), toppled, share_of_toppled (of the direction's).
     """
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)].dropna(
         subset=["topple_azimuth_deg", "pga_azimuth_deg"]
@@ -140,10 +132,7 @@ _FRONT_PANELS = {
 def front_figure(table: pd.DataFrame) -> Figure:
     """What each setting moves of the answer, against its cost; bars of one standard deviation over jobs.
 
-    Parameters
-    ----------
-    table : DataFrame
-        Columns setting, processor_s_per_job, and for each panel its shift and, with `_std`, the standard deviation.
+    table: columns setting, processor_s_per_job, and for each panel its shift and, with `_std`, the standard deviation.
     """
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 2.9))

@@ -70,10 +70,7 @@ def style() -> Iterator[None]:
 def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
     """Write a figure as PNG and SVG beside each other; each appears complete or not at all.
 
-    Parameters
-    ----------
-    remark : str
-        Stands above the figure, as that of an unfinished run (`results.completeness`).
+    remark: stands above the figure, as that of an unfinished run (`results.completeness`).
     """
     written = []
     with style():

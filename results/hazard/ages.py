@@ -94,27 +94,14 @@ def unit_years(name: str) -> float | None:
 def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     """Read an age as equally likely years.
 
-    Parameters
-    ----------
-    text : str
-        In years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15-30 ka`
-        (uniform); `20000+-3000` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal: its median,
-        and the factor of one standard deviation); or a path to a CSV of draws,
-        with the header `years` (or `ka`) and perhaps a second column `weight`.
-    where : str
-        Option that states it, for errors.
-    files : bool
-        Whether it may be a path.
-
-    Returns
-    -------
-    (n,) array
-        One year where it is known, else `_AGE_SAMPLES`.
-
-    Raises
-    ------
-    InputError
-        If the text is none of these, or the file has no header.
+    text: in years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15-30 ka`
+    (uniform); `20000+-3000` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal: its median, and
+    the factor of one standard deviation); or a path to a CSV of draws, with the header `years` (or `ka`) and perhaps a
+    second column `weight`.
+    where: option that states it, for errors.
+    files: whether it may be a path.
+    Returns (n,) array: one year where it is known, else `_AGE_SAMPLES`.
+    Raises InputError if the text is none of these, or the file has no header.
     """
     try:
         ages = _of_file(Path(text)) if files and _is_file(text) else _of_words(text)
@@ -136,10 +123,7 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
 def parse_since(text: str) -> Since:
     """Read when a rock became as fragile as it is: an age, or an age and the factor of its medians before, `8000:1.5`.
 
-    Raises
-    ------
-    InputError
-        If the age is none, or the factor is not above 1.
+    Raises InputError if the age is none, or the factor is not above 1.
     """
     age, colon, stouter = text.rpartition(":")
     if not colon or _is_file(text):
@@ -161,24 +145,12 @@ def parse_since(text: str) -> Since:
 def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: float = 0.0) -> Array:
     """Draw the ages of several rocks together.
 
-    Parameters
-    ----------
-    ages : sequence of (n,) arrays
-        Equally likely years of each rock.
-    common_date : bool
-        All rocks were uncovered by one event: each draw has one age for all. Needs one distribution for all.
-    common_error : float
-        Standard deviation of a relative error s that the dates share, such as that of a production rate:
-        A_i = A_i0 (1 + s), where A_i0 is as `ages` state it. Cut where an age would not be positive.
-
-    Returns
-    -------
-    (draws, rocks) array
-
-    Raises
-    ------
-    InputError
-        If rocks of one date have different ages.
+    ages: equally likely years of each rock.
+    common_date: all rocks were uncovered by one event: each draw has one age for all. Needs one distribution for all.
+    common_error: standard deviation of a relative error s that the dates share, such as that of a production rate:
+    A_i = A_i0 (1 + s), where A_i0 is as `ages` state it. Cut where an age would not be positive.
+    Returns (draws, rocks) array.
+    Raises InputError if rocks of one date have different ages.
     """
     draws = max([_AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
     random = np.random.default_rng(0)  # the same ages at every call
@@ -202,12 +174,8 @@ def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: f
 def fragile_years(ages: Array, since: Sequence[Since | None]) -> Array:
     """How long each rock has been as fragile as it is, (draws, rocks): the lesser of its age and that date.
 
-    Parameters
-    ----------
-    ages : (draws, rocks) array
-        From `joint_ages`.
-    since : sequence of Since or None
-        One a rock; None for one that has been as fragile as now since it stands.
+    ages: (draws, rocks), from `joint_ages`.
+    since: one a rock; None for one that has been as fragile as now since it stands.
     """
     draws = max(len(ages), *(len(one.years) for one in since if one), 1)
     fragile = np.resize(ages, (draws, ages.shape[1]))
@@ -222,12 +190,8 @@ def fragile_years(ages: Array, since: Sequence[Since | None]) -> Array:
 def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposure:
     """Find the sets of rocks that stood together, in which state, and how long in each draw.
 
-    Parameters
-    ----------
-    ages : (draws, rocks) array
-        From `joint_ages`.
-    since : sequence of Since or None
-        One a rock, as of `fragile_years`.
+    ages: (draws, rocks), from `joint_ages`.
+    since: one a rock, as of `fragile_years`.
     """
     late = [None] * ages.shape[1] if since is None else list(since)
     fragile = fragile_years(ages, late)

@@ -205,13 +205,9 @@ class EventUpdate:
     def before_and_after(self, measure: str, site: int = 0) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Annual rates of exceedance at a site before and after, and motions exceeded at some of them.
 
-        Returns
-        -------
-        DataFrame
-            level (SI), rate_prior_mean, rate_posterior_mean, and rate_prior_p05 ... rate_posterior_p95 (fractiles over
-            branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
-        DataFrame
-            As `update.changes_table` states motions of curves.
+        Returns DataFrame: level (SI), rate_prior_mean, rate_posterior_mean, and rate_prior_p05 ... rate_posterior_p95
+        (fractiles over branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
+        Returns DataFrame: as `update.changes_table` states motions of curves.
         """
         found = self._hazard(measure, site)
         if found is None:

@@ -48,15 +48,8 @@ class FaultTrace:
 def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     """Read fault traces from GeoJSON: lines in longitude and latitude, with a name and perhaps a magnitude.
 
-    Parameters
-    ----------
-    site : (longitude, latitude)
-        Of the rock, degrees.
-
-    Raises
-    ------
-    InputError
-        If the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
+    site: (longitude, latitude), of the rock, degrees.
+    Raises InputError if the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8-sig"))

@@ -55,10 +55,7 @@ class GroundMotionModel:
     The site lies beside a fault whose top edge is `depth_top_km` deep, on its footwall where it dips: the distance is
     that to the surface above the top edge (Joyner-Boore), from which the distance to the rupture follows.
 
-    Raises
-    ------
-    InputError
-        If pygmm is not installed, the model is unknown, or does not cover the site or the mechanism.
+    Raises InputError if pygmm is not installed, the model is unknown, or does not cover the site or the mechanism.
     """
 
     name: str  # one of `MODELS`

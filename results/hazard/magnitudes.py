@@ -78,10 +78,7 @@ def toppling_probability(
 ) -> Array:
     """Probability that motions with a lognormal distribution topple a rock.
 
-    Parameters
-    ----------
-    mean, sigma : arrays
-        Of the logarithm of the motion.
+    mean, sigma: of the logarithm of the motion.
     """
     centre, spread = np.broadcast_arrays(np.asarray(mean, float), np.asarray(sigma, float))
     if isinstance(fragility, Lognormal):
@@ -101,12 +98,8 @@ def motion_grid(
 ) -> MotionGrid:
     """Motions of models over the magnitudes and distances that all of them are for.
 
-    Parameters
-    ----------
-    weights : sequence of float
-        Summing to 1.
-    distances_km : array or None
-        Instead of those; nearer and farther ones than the models are for count as the nearest and farthest.
+    weights: summing to 1.
+    distances_km: instead of those; nearer and farther ones than the models are for count as the nearest and farthest.
     """
     if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
         raise InputError(
@@ -133,10 +126,7 @@ def one_event(confidence: float, events: int = 1) -> Occurrence:
 def recurring(confidence: float, years: Array, recurrence_years: float) -> Occurrence:
     """A source that repeats an earthquake at random, every so many years on average, while the rock stood.
 
-    Parameters
-    ----------
-    years : (n,) array
-        Equally likely ages.
+    years: (n,), equally likely ages.
     """
     exposure = np.asarray(years, float) / recurrence_years
     name = f"one event every {recurrence_years:,.0f} years"
@@ -156,16 +146,10 @@ def largest_magnitudes(
 ) -> pd.DataFrame:
     """Largest magnitude that the rock's standing allows at each distance.
 
-    Parameters
-    ----------
-    drawn : sequence of Lognormal
-        Of resampled records; empty where they are not known.
-
-    Returns
-    -------
-    DataFrame
-        One row a distance: distance_km, magnitude (infinite where no magnitude of the models is excluded, minus
-        infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null where not known).
+    drawn: of resampled records; empty where they are not known.
+    Returns DataFrame: one row a distance: distance_km, magnitude (infinite where no magnitude of the models is
+    excluded, minus infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null where not
+    known).
     """
     return _crossings(
         grid.magnitude, drawn, fragility, lambda one: excess(grid, one, occurrence).T, "distance_km", "magnitude",
@@ -178,11 +162,8 @@ def least_distances(
 ) -> pd.DataFrame:
     """Least distance that the rock's standing allows at each magnitude.
 
-    Returns
-    -------
-    DataFrame
-        One row a magnitude: magnitude, distance_km (0 where no distance of the models is excluded, infinite where
-        all are), distance_km_low, distance_km_high (95 %, resampled records; null where not known).
+    Returns DataFrame: one row a magnitude: magnitude, distance_km (0 where no distance of the models is excluded,
+    infinite where all are), distance_km_low, distance_km_high (95 %, resampled records; null where not known).
     """
     # Far is what is allowed: along falling distance the excess rises, as it does along magnitude.
     table = _crossings(
@@ -225,17 +206,10 @@ def excluded_bins(
 ) -> pd.DataFrame:  # fmt: skip
     """Toppling probability and verdict of the earthquake in the middle of each bin that contributes.
 
-    Parameters
-    ----------
-    models, weights : sequences
-        Ground-motion models, and their weights.
-
-    Returns
-    -------
-    DataFrame
-        One row an occurrence and bin: occurrence, magnitude, distance_km (middles), share (of the hazard that is taken
-        apart), topples (probability that one such earthquake topples the rock), excluded, beyond_models (outside what
-        the models are for, taken as their nearest). The largest share first.
+    models, weights: ground-motion models, and their weights.
+    Returns DataFrame: one row an occurrence and bin: occurrence, magnitude, distance_km (middles), share (of the hazard
+    that is taken apart), topples (probability that one such earthquake topples the rock), excluded, beyond_models
+    (outside what the models are for, taken as their nearest). The largest share first.
     """
     known = [one for one in bins if one.contribution > 0]
     magnitude = np.array([math.fsum(one.magnitude) / 2 for one in known])

@@ -40,10 +40,7 @@ def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[f
 def check_place(asked: Place) -> None:
     """Refuse a place that is none on Earth.
 
-    Raises
-    ------
-    InputError
-        If it is none.
+    Raises InputError if it is none.
     """
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
         raise InputError(
@@ -57,10 +54,7 @@ def check_place(asked: Place) -> None:
 def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
     """Numbers of the sites of a name, in any case.
 
-    Raises
-    ------
-    InputError
-        If none has it.
+    Raises InputError if none has it.
     """
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
@@ -75,10 +69,7 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
 def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     """Number of the site that is meant by a place.
 
-    Raises
-    ------
-    InputError
-        If the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
+    Raises InputError if the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
     """
     check_place(asked)
     east, north = np.transpose(sites)

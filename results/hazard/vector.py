@@ -77,17 +77,9 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint
     Rates of the first measure below its curve's first point are not counted, and those above its last point are
     continued as a power law over a factor of e^`_EXTENDED`.
 
-    Parameters
-    ----------
-    first, second : HazardCurve
-        Of one site; their measures differ.
-    scatter : float
-        Standard deviation of ln(second measure) given the first, sigma sqrt(1 - rho^2).
-
-    Raises
-    ------
-    InputError
-        If the curves are over one measure, or the scatter is none.
+    first, second: of one site; their measures differ.
+    scatter: standard deviation of ln(second measure) given the first, sigma sqrt(1 - rho^2).
+    Raises InputError if the curves are over one measure, or the scatter is none.
     """
     if first.measure == second.measure:
         raise _vector_error(f"two curves over {first.measure}", "curves of two measures")

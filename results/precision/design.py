@@ -215,23 +215,12 @@ def _first_free(free: NDArray[np.bool_], cell: int, order: _Numbers) -> tuple[in
 class Rounds:
     """The rounds of one contact's jobs, one after the other.
 
-    Parameters
-    ----------
-    precision : float
-        As `_judge` takes it.
-    seed : int
-        Of the campaign.
-
-    Attributes
-    ----------
-    chosen : (n,) int array
-        Rows of the plan of all rounds so far.
-    verdict : Verdict or None
-        Of the last round that was answered.
-    judged : int
-        How many of the chosen it rests on.
-    sizes : list of int
-        Of the rounds.
+    precision: as `_judge` takes it.
+    seed: of the campaign.
+    chosen: (n,), rows of the plan of all rounds so far.
+    verdict: of the last round that was answered.
+    judged: how many of the chosen it rests on.
+    sizes: of the rounds.
     """
 
     def __init__(self, pool: Pool, target: Target, precision: float, seed: int) -> None:
@@ -249,10 +238,7 @@ class Rounds:
     def advance(self, observed: Mapping[str, Answers] | None) -> None:
         """Judge the answers to all that is chosen, and choose the next round unless they are enough.
 
-        Parameters
-        ----------
-        observed : mapping or None
-            Answers by measure; None before the first round.
+        observed: answers by measure; None before the first round.
         """
         if observed is not None:
             self.verdict, self.judged = self._judged(observed), len(self.chosen)

@@ -39,16 +39,10 @@ def answers_of(
 ) -> dict[str, Answers]:
     """Answers to some jobs by measure, in their order whatever the order in which the rows came.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Rows of results; weights in `record_weight` where they are unlike.
-    jobs : sequence of str
-        Ids, in the order chosen.
-    measures : sequence of str
-        One that is not positive in every row is left out.
-    records : mapping
-        Number of each record.
+    frame: rows of results; weights in `record_weight` where they are unlike.
+    jobs: ids, in the order chosen.
+    measures: one that is not positive in every row is left out.
+    records: number of each record.
     """
     rows = frame.set_index("job_id").reindex(jobs)
     rows = rows[rows["toppled"].notna()]

@@ -18,21 +18,12 @@ _SCHEMA_VERSION = 1
 def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:
     """What the rounds of one contact say so far.
 
-    Parameters
-    ----------
-    rounds : Rounds
-        With a verdict.
-    answered, records : int
-        Jobs with an answer, and their records.
-    contact : mapping
-        Columns of the results and their values.
-
-    Returns
-    -------
-    dict
-        contact, target, measure, value, low, high, precision and asked (relative, of a probability in its own unit),
-        beta, jobs, records, rounds, ended, reason, how the answers contradict the curve (departure; None where they do
-        not), the words, and the sentence, which says too how it goes on.
+    rounds: with a verdict.
+    answered, records: jobs with an answer, and their records.
+    contact: columns of the results and their values.
+    Returns dict: contact, target, measure, value, low, high, precision and asked (relative, of a probability in its own
+    unit), beta, jobs, records, rounds, ended, reason, how the answers contradict the curve (departure; None where they
+    do not), the words, and the sentence, which says too how it goes on.
     """
     verdict = rounds.verdict
     assert verdict is not None
@@ -74,10 +65,7 @@ def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id
 def statements_of(run: Path) -> list[dict[str, Any]]:
     """What a run states; empty for one that was not asked.
 
-    Raises
-    ------
-    InputError
-        If the file is damaged, or of another run.
+    Raises InputError if the file is damaged, or of another run.
     """
     path = run / STATEMENT_FILE
     if not path.exists():

@@ -42,23 +42,12 @@ def gallery_page(
     folder: Path,
     advance: Callable[[], object] = lambda: None,
 ) -> str:
-    """Write the page.
+    """HTML of the page, with its pictures inside.
 
-    Parameters
-    ----------
-    atlases : sequence of Run
-        That the rocks are of.
-    measure : str
-        That all fragilities are over.
-    folder : Path
-        Of the page, from which reports are linked.
-    advance : callable
-        Called after each rock's picture.
-
-    Returns
-    -------
-    str
-        HTML with its pictures inside.
+    atlases: that the rocks are of.
+    measure: that all fragilities are over.
+    folder: of the page, from which reports are linked.
+    advance: called after each rock's picture.
     """
     unfinished = [f"{run.name}: {run.completeness().remark}" for run in atlases if run.completeness().remark]
     document = Document("; ".join(unfinished))

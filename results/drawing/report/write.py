@@ -28,22 +28,10 @@ _PRINTING_S = 300.0
 
 
 def report_page(content: Content, advance: Callable[[str], object] = lambda _: None) -> str:
-    """Write the page about a run.
+    """HTML of the page about a run, with its pictures inside.
 
-    Parameters
-    ----------
-    advance : callable
-        Told the name of each section once it is done.
-
-    Returns
-    -------
-    str
-        HTML with its pictures inside.
-
-    Raises
-    ------
-    InputError
-        If no job has an answer yet.
+    advance: told the name of each section once it is done.
+    Raises InputError if no job has an answer yet.
     """
     document = Document(content.completeness.remark)
     first = first_screen(content, document)
@@ -58,10 +46,7 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
 def write_pdf(text: str, target: Path) -> Path:
     """Print the page to PDF, with WeasyPrint if it is installed, else with a headless browser.
 
-    Raises
-    ------
-    InputError
-        If there is neither.
+    Raises InputError if there is neither.
     """
     try:
         from weasyprint import HTML

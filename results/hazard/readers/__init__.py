@@ -60,21 +60,12 @@ def read_hazard(
 ) -> list[HazardTree]:
     """Read trees of hazard, one for each intensity measure and site.
 
-    Parameters
-    ----------
-    paths : Path or sequence of Path
-        A file, a folder with the output of one calculation, or several. Several files of one calculation of OpenQuake
-        (its realizations.csv among them) are its tree; otherwise each path is a branch, or a part of the tree with
-        branches of its own.
-    weights : sequence of float or None
-        Of several paths, summing to 1; equal if not given.
-    hints : Hints or None
-        What the user says, where files do not, and the only site that is read.
-
-    Raises
-    ------
-    InputError
-        If a path is absent or holds no hazard; states neither unit nor time; or paths do not go together.
+    paths: a file, a folder with the output of one calculation, or several. Several files of one calculation of
+    OpenQuake (its realizations.csv among them) are its tree; otherwise each path is a branch, or a part of the tree
+    with branches of its own.
+    weights: of several paths, summing to 1; equal if not given.
+    hints: what the user says, where files do not, and the only site that is read.
+    Raises InputError if a path is absent or holds no hazard; states neither unit nor time; or paths do not go together.
     """
     hints = hints or Hints()
     given = [paths] if isinstance(paths, Path) else list(paths)

@@ -171,10 +171,8 @@ def chosen_tree(
 ) -> HazardTree:
     """The tree of a measure at the site that is meant.
 
-    Raises
-    ------
-    InputError
-        If there is none over the measure, none within reach of the site, or several sites and none is asked for.
+    Raises InputError if there is none over the measure, none within reach of the site, or several sites and none is
+    asked for.
     """
     of_measure = [tree for tree in trees if tree.measure == measure]
     if not of_measure:

@@ -161,23 +161,13 @@ def read_events(
 ) -> EventSet:
     """Read a set of events.
 
-    Parameters
-    ----------
-    path : Path
-        OpenQuake's output folder, or its ground-motion fields with the other files beside them; CyberShake's query of
-        intensity measures with the number of variations of each rupture beside it; or a table with a column
-        `annual_rate`, columns of measures, and perhaps `event_id` and `site_id`.
-    ratio : float
-        Peak of the horizontal vector over the component of the motions.
-    event_rate : float or None
-        Annual rate of a scenario, which states none.
-    catalogue_years : float or None
-        Time that each branch's events were simulated for, where no file states it.
-
-    Raises
-    ------
-    InputError
-        If there is no event set, several, or a part of it is missing or contradicts another.
+    path: OpenQuake's output folder, or its ground-motion fields with the other files beside them; CyberShake's query of
+    intensity measures with the number of variations of each rupture beside it; or a table with a column `annual_rate`,
+    columns of measures, and perhaps `event_id` and `site_id`.
+    ratio: peak of the horizontal vector over the component of the motions.
+    event_rate: annual rate of a scenario, which states none.
+    catalogue_years: time that each branch's events were simulated for, where no file states it.
+    Raises InputError if there is no event set, several, or a part of it is missing or contradicts another.
     """
     files = sorted((path if path.is_dir() else path.parent).glob("*.csv"))
     if path.is_file() and path not in files:

@@ -147,7 +147,8 @@ def _lines(console: Console) -> ProgressCallback:
 
 def _pace_and_counts(progress: RunProgress) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
-    parts = [pace(progress.rate), f"{progress.toppled} toppled", f"{progress.failed} failed"]
+    since = f"of {progress.done} now " if progress.before else ""
+    parts = [pace(progress.rate), f"{since}{progress.toppled} toppled", f"{progress.failed} failed"]
     if progress.left_s is not None and progress.before + progress.done < progress.total:
         parts.insert(1, f"{duration(progress.left_s)} left")
     return "  ".join(parts)

@@ -1,14 +1,16 @@
 """Headers of text files: which columns are east, north and up, and what is refused because nobody can tell."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from toppling.models.errors import InputError
+from toppling.models.files.text_file import text_of
 from toppling.models.lengths import in_degrees
 
-TEXT = "utf-8-sig"
-"""Encoding of text files: spreadsheets begin UTF-8 with a mark, which is no part of the first number or name."""
+_LARGEST_LIST_BYTES = 1 << 20
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _AXES = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
@@ -31,6 +33,38 @@ _OTHER_COLUMNS = frozenset(
 
 Columns = tuple[int, int, int]
 """Numbers of the columns of x, y and z."""
+
+
+def lines_of_list(path: Path, unusable: Callable[[str, object], InputError]) -> list[str]:
+    """Lines of a short list that a person made, such as of control points, in any encoding.
+
+    Raises what `unusable` makes of a reason and the path, if it is none.
+    """
+    try:
+        if path.stat().st_size > _LARGEST_LIST_BYTES:
+            raise unusable("is larger than 1 MB", path)
+        text = text_of(path.read_bytes())
+    except OSError as error:
+        raise unusable(f"cannot be read ({error})", path) from None
+    if text is None:
+        raise unusable("is no text", path)
+    return text.splitlines()
+
+
+def cells_of_list(line: str, counts: Sequence[int]) -> list[str]:
+    """Cells of a line of such a list, of which there should be one of some `counts`, with decimal points.
+
+    Examples
+    --------
+    >>> cells_of_list("P 1;1,5;2;3,25", (3, 4)), cells_of_list("1.5, 2, 3.25", (3, 4))
+    (['P 1', '1.5', '2', '3.25'], ['1.5', '2', '3.25'])
+    """
+    sign = next((sign for sign in ";\t" if sign in line), None)
+    cells = [cell.strip() for cell in line.split(sign) if cell.strip()]
+    decimal = [cell for cell in cells if "," in cell]
+    if len(cells) in counts and (decimal or sign) and all(map(_DECIMAL_COMMA.fullmatch, decimal)):
+        return [cell.replace(",", ".") for cell in cells]
+    return line.replace(",", " ").replace(";", " ").split()
 
 
 def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bool = False) -> Columns | None:

@@ -12,7 +12,7 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import plane_normal, slope_of_normal
 from toppling.models.scan.doubt import direction_told
-from toppling.models.scan.header import TEXT, named_columns
+from toppling.models.scan.header import cells_of_list, lines_of_list, named_columns
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels
@@ -94,12 +94,8 @@ class InterfaceHint:
         """
         rows: list[list[float]] = []
         columns = (0, 1, 2)
-        try:
-            lines = Path(path).read_text(encoding=TEXT).splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise _unusable(f"cannot be read ({error})", str(path)) from None
-        for number, line in enumerate(lines, 1):
-            words = line.replace(",", " ").replace(";", " ").split()
+        for number, line in enumerate(lines_of_list(Path(path), _unusable), 1):
+            words = cells_of_list(line, (3,))
             try:
                 row = [float(word) for word in words]
             except ValueError:

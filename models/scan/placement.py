@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import rotation_between
-from toppling.models.scan.header import TEXT
+from toppling.models.scan.header import cells_of_list, lines_of_list
 
 _ONE_LINE = 0.02
 """Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""
@@ -21,7 +21,6 @@ _LARGEST_SHARE = 0.02
 """Of the points' extent: residuals above it are mistakes and no scatter."""
 _SIGNIFICANT = 1e-4
 """Chance that scatter alone makes one of the points stand out as a mistake."""
-_LARGEST_BYTES = 1 << 20
 
 _unusable = refusals(
     expected="three or more lines of six numbers: x,y,z in the model, then x,y,z as surveyed; a name may stand before",
@@ -163,13 +162,7 @@ def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
     """
     if not isinstance(given, str | Path):
         return list(given)
-    path = Path(given)
-    try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise _unusable("is larger than 1 MB", path)
-        return path.read_text(encoding=TEXT).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise _unusable(f"cannot be read ({error})", path) from None
+    return lines_of_list(Path(given), _unusable)
 
 
 def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, ...], Array]:
@@ -178,7 +171,7 @@ def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, 
     rows: list[list[float]] = []
     header = ""
     for number, line in enumerate(lines, 1):
-        words = line.replace(",", " ").replace(";", " ").split()
+        words = cells_of_list(line, (6, 7))
         if not words or words[0].startswith("#"):
             header = header if rows else line or header
             continue

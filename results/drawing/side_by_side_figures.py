@@ -9,6 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from toppling.models.scene import Scene
+from toppling.models.spelling import counted
 from toppling.results.analysis.side_by_side import Beside
 from toppling.results.drawing.scene_figures import draw_view
 from toppling.results.drawing.style import (
@@ -68,7 +69,7 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
         axes.plot(intensity, curve.probability(intensity), color=colour, lw=1.0)
     axes.set(
         xscale="log", xlim=(low, high), ylim=(0, 1), xlabel=measure_label(measure), ylabel="toppling probability",
-        title=f"{len(curves)} rocks",
+        title=counted(len(curves), "rock"),
     )  # fmt: skip
     plain_log(axes.xaxis)
 

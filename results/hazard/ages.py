@@ -35,8 +35,12 @@ _UNITS = {
 _PRESENT = re.compile(r"\b(?:cal(?:ibrated)?\b\.?|bp\b|b\.p\.|before present|ago\b|b2k\b)")
 """Words for how years are counted back, which to a rock's age are one."""
 _ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?|between|from)")
-_SIGMAS = re.compile(r"[,;]?\s*\(?\s*([12])\s*-?\s*(?:σ|sigma|s\.?d\.?)\s*\)?\s*$")
-"""How many standard deviations an uncertainty is, where it is said behind it."""
+_SIGMAS = re.compile(
+    r"[,;]?\s*(?:\bat\b)?\s*\(?\s*(?:(1|2|one|two)\s*-?\s*(?:σ|sigma|s\.?[de]\.?|s)|(68|95|95\.4)\s*%(?:\s*(?:ci|c\.i\.|confidence))?)"
+    r"\s*\)?\s*(?=$|[a-z]+\s*$)"
+)
+"""How many standard deviations an uncertainty is, or its confidence, where it is said behind it or before the unit."""
+_DEVIATIONS = {"1": 1.0, "one": 1.0, "68": 1.0, "2": 2.0, "two": 2.0, "95": 1.96, "95.4": 2.0}
 _DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
 """Dots between thousands; nobody states an age to a thousandth of a year."""
 
@@ -239,7 +243,7 @@ def _of_words(text: str) -> Array:
         raise ValueError
     text = _ABOUT.sub("", _PRESENT.sub(" ", text))
     sigmas = _SIGMAS.search(text)
-    text = _SIGMAS.sub("", text)
+    text = _SIGMAS.sub(" ", text).rstrip()
     unit = _UNIT.search(text)
     plain = _UNIT.sub("", text)
     years = _UNITS[unit[1]] if unit else 1.0
@@ -249,7 +253,7 @@ def _of_words(text: str) -> Array:
         plain = _DOTTED.sub(lambda found: found[1].replace(".", ""), plain)
     for pattern, sign in _SPELLINGS:
         plain = re.sub(pattern, sign, plain)
-    return _years(plain, years, float(sigmas[1]) if sigmas else None)
+    return _years(plain, years, _DEVIATIONS[sigmas[1] or sigmas[2]] if sigmas else None)
 
 
 def _years(text: str, unit: float, sigmas: float | None) -> Array:

@@ -18,7 +18,7 @@ _SCREEN_PX_PER_IN = 132
 _LEAST_BROKEN = 12
 """Length of a cell in letters; shorter text breaks only at blanks."""
 
-_BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{40})(?=\S)")
+_BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{20})(?=\S)")
 """Places within a word where a line may break: within an id too, which is wider than a column on a narrow screen."""
 
 _MOST_BESIDE = 4

@@ -21,6 +21,9 @@ from toppling.results.drawing.style import (
     style,
 )
 
+_NAMED_CURVES = 5
+"""Rejected hazard curves that the first screen names; a table lists all."""
+
 
 def first_screen(content: Content, document: Document) -> str:
     """Name of the rock, three sentences, one picture."""
@@ -58,7 +61,11 @@ def _what_topples(content: Content) -> str:
             f"{name} of {strongest:.3g} {unit}, where {_percent(float(curve.probability(strongest)))} topple "
             f"({contact.words})."
         )
-    spread = " (95 %: {:.2g} to {:.2g})".format(*curve.median_interval) if curve.median_interval else ""
+    spread = ""
+    if curve.median_interval:
+        low, high = curve.median_interval
+        end = f"beyond {strongest:.2g}" if strongest is not None and high > strongest else f"{high:.2g}"
+        spread = f" (95 %: {low:.2g} to {end})"
     return (
         f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case in two, and with "
         f"{curve.intensity(0.05):.2g} {unit} in one in twenty ({contact.words})."
@@ -102,7 +109,8 @@ def _what_standing_says(content: Content) -> str:
     if "branches" not in event or content.standing is None:
         return said + "."
     rejected = [branch["name"] for branch in event["branches"] if branch["rejected"]]
-    named = f" ({', '.join(rejected)})" if rejected else ""
+    few = rejected[:_NAMED_CURVES]
+    named = f" ({', '.join(few)}{', ...' if rejected[len(few) :] else ''})" if rejected else ""
     return (
         f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(event['branches'])} "
         f"hazard curves{named}."

@@ -27,7 +27,7 @@ def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
     progress.count([{"status": "ok"}] * done)
     rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
     assert rate == pytest.approx(done / elapsed_s)
-    assert _pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  0 toppled")
+    assert _pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,13 @@ def test_an_outlines_columns_are_taken_by_the_names_of_the_header(tmp_path, head
     np.testing.assert_array_equal(outlined(tmp_path / "outline.csv", header, columns).anchors_m, CORNERS)
 
 
+@pytest.mark.parametrize(("sign", "encoding"), [(";", "utf-16"), ("\t", "utf-8"), (" ", "cp1252")])
+def test_an_outline_with_decimal_commas_is_read_in_any_encoding(tmp_path, sign, encoding):
+    rows = [sign.join(f"{one:.3f}".replace(".", ",") for one in corner) for corner in CORNERS]
+    (tmp_path / "outline.csv").write_text("\n".join(rows), encoding=encoding)
+    np.testing.assert_allclose(InterfaceHint.outline(tmp_path / "outline.csv").anchors_m, CORNERS, atol=6e-4)
+
+
 @pytest.mark.parametrize("header", ["", "x,y,z"])
 def test_a_byte_order_mark_costs_an_outline_no_vertex(tmp_path, header):
     hint = outlined(tmp_path / "outline.csv", header, (0, 1, 2), "utf-8-sig")

@@ -153,6 +153,14 @@ def test_a_file_that_holds_no_control_points_is_refused_with_its_line(tmp_path, 
         placement_of(gcp=tmp_path / "gcp.csv")
 
 
+@pytest.mark.parametrize(("sign", "encoding"), [(";", "utf-16"), ("\t", "utf-8"), (" ", "cp1252")])
+def test_control_points_with_decimal_commas_are_read_in_any_encoding(tmp_path, sign, encoding):
+    plain, saved = written(tmp_path / "plain.csv"), tmp_path / "saved.csv"
+    saved.write_text(plain.read_text().replace(",", sign).replace(".", ","), encoding=encoding)
+    for name, same in vars(placement_of(gcp=plain)).items():
+        np.testing.assert_array_equal(getattr(placement_of(gcp=saved), name), same)
+
+
 def test_control_points_say_scale_and_attitude_alone(tmp_path):
     path = written(tmp_path / "gcp.csv")
     for other in ({"up": "y"}, {"length": ((0, 0, 0), (1, 0, 0), 1.0)}):

@@ -234,7 +234,6 @@ def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
 
 
 def _too_much(what: str) -> InputError:
-    """Say that a query needs more than it gets."""
     return InputError(
         what,
         where="SQL",

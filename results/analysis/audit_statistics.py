@@ -56,6 +56,11 @@ class Estimate:
     low: float
     high: float
 
+    @classmethod
+    def around(cls, mean: float, half: float) -> "Estimate":
+        """With an interval as wide to either side."""
+        return cls(mean, mean - half, mean + half)
+
     def holds(self, truth: float) -> bool:
         """Whether the interval holds a value."""
         return self.low <= truth <= self.high
@@ -137,15 +142,11 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     found = {}
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_audit(run.path, place)
-        repeated = _repeated(place)
+        repeated = as_frame(read_steady([place], lambda place=place: newest_rows(result_files(place))))
         audit = _compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
-
-
-def _repeated(place: Path) -> pd.DataFrame:
-    return as_frame(read_steady([place], lambda: newest_rows(result_files(place))))
 
 
 def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
@@ -296,9 +297,7 @@ class _Fragility:
 def _share_shift(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -> Estimate:
     weight = known.get("record_weight", pd.Series(1.0, known.index)).to_numpy(float)
     values = differs * weight[place] / weight.mean()
-    half = _half_width(values, 1.0, len(known))
-    mean = float(values.mean())
-    return Estimate(mean, mean - half, mean + half)
+    return Estimate.around(float(values.mean()), _half_width(values, 1.0, len(known)))
 
 
 def _half_width(values: Array, typical: float, of_jobs: int) -> float:
@@ -318,8 +317,7 @@ def _tilt_log_ratio(standing: pd.DataFrame) -> Estimate:
     ratio = np.log(tilts["max_tilt_deg"] / tilts["max_tilt_deg_again"])
     if len(ratio) < 2:
         return Estimate(math.nan, math.nan, math.nan)
-    half = float(t.ppf(0.975, len(ratio) - 1) * ratio.sem())
-    return Estimate(float(ratio.mean()), float(ratio.mean()) - half, float(ratio.mean()) + half)
+    return Estimate.around(float(ratio.mean()), float(t.ppf(0.975, len(ratio) - 1) * ratio.sem()))
 
 
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:

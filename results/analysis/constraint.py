@@ -102,7 +102,6 @@ def _place(curve: HazardCurve, asked: tuple[float, float] | None) -> dict[str, A
 
 
 def _hazard(update: Update) -> dict[str, Any]:
-    """What the hazard is."""
     tree = update.tree
     return {
         "measure": tree.measure, "years": tree.years, "weights_from": tree.weights_from,

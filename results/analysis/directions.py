@@ -17,10 +17,12 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
     None where no constant acceleration is known to topple the rock.
     """
     found = weakest(quasi_static)
-    if found is None:
-        return None
-    toward = found[0] + 180.0
-    return (toward - HALF_SECTOR_DEG) % 360.0, (toward + HALF_SECTOR_DEG) % 360.0
+    return sector_around(found[0] + 180.0) if found else None
+
+
+def sector_around(azimuth_deg: float) -> tuple[float, float]:
+    """The study's sector around an azimuth."""
+    return (azimuth_deg - HALF_SECTOR_DEG) % 360.0, (azimuth_deg + HALF_SECTOR_DEG) % 360.0
 
 
 def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:

@@ -141,7 +141,7 @@ def _read(
     path: Path, of_nrml: Callable[[str], list[Any]], of_rows: Callable[[list[dict[str, Any]]], list[Any]]
 ) -> list[Any]:
     """What is found in a file: in the text of NRML, or in the rows of CSV or JSON."""
-    if path.suffix not in (".xml", *_ROWS):
+    if path.suffix not in (".xml", ".csv", ".json"):
         raise _suffix_error(path)
     check_size(path, _LARGEST_BYTES, "curves")
     try:
@@ -149,7 +149,7 @@ def _read(
         text = (text_of(content) or "") if path.suffix == ".csv" else content.decode("utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
             raise _curve_error("declares entities", path)
-        return of_nrml(text) if path.suffix == ".xml" else of_rows(_ROWS[path.suffix](text))
+        return of_nrml(text) if path.suffix == ".xml" else of_rows(_rows(text, path.suffix))
     except InputError:
         raise
     except FileNotFoundError:
@@ -241,10 +241,6 @@ def _csv(rows: list[dict[str, Any]], name: str) -> str:
     return text.getvalue()
 
 
-def _rows_of_csv(text: str) -> list[dict[str, Any]]:
-    return [row for row in csv.DictReader(plain_table(text.splitlines())) if any(row.values())]
-
-
 def _json(rows: list[dict[str, Any]], name: str) -> str:
     parts = {
         "curves": [row for row in rows if _PLANE[0] not in row],
@@ -253,12 +249,11 @@ def _json(rows: list[dict[str, Any]], name: str) -> str:
     return json.dumps({"rock": name} | {key: part for key, part in parts.items() if part}, indent=1) + "\n"
 
 
-def _rows_of_json(text: str) -> list[dict[str, Any]]:
+def _rows(text: str, suffix: str) -> list[dict[str, Any]]:
+    if suffix == ".csv":
+        return [row for row in csv.DictReader(plain_table(text.splitlines())) if any(row.values())]
     document = json.loads(text)
     return [*document.get("curves", ()), *document.get("surfaces", ())]
-
-
-_ROWS = {".csv": _rows_of_csv, ".json": _rows_of_json}
 
 
 def _surfaces(rows: Iterable[Mapping[str, Any]]) -> list[Surface]:
@@ -274,7 +269,6 @@ def _surface_row(surface: Surface) -> dict[str, Any]:
 
 
 def _of_surface_row(row: Mapping[str, Any]) -> Surface:
-    """Surface of a row of numbers or of their text."""
     measures = tuple(str(row["measure"]).split("+"))
     coefficients = tuple(float(row[name]) for name in _PLANE)
     if len(measures) != 2 or not np.isfinite(coefficients).all():
@@ -299,7 +293,7 @@ def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
             continue
         if absent := [name for name in _FIELDS if name not in row]:
             raise ValueError(f"it has no column {' and '.join(absent)}")
-        found.append(_of_row(row))
+        found.append(_with_row(Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"])), row))
     return found
 
 
@@ -307,11 +301,9 @@ def _row(curve: Lognormal) -> dict[str, Any]:
     row = {name: getattr(curve, name) for name in _FIELDS}
     row |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
     row |= asdict(curve.basis) if curve.basis else {}
-    return row | (
-        {"samples": _samples_text(curve.resampled, _median_and_beta)}
-        if curve.resampled and curve.basis
-        else {}
-    )
+    if curve.resampled and curve.basis:
+        row["samples"] = _samples_text(curve.resampled, _median_and_beta)
+    return row
 
 
 def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[float]]) -> str:
@@ -338,11 +330,6 @@ def _medians_and_betas(text: str, records: int) -> Resampled:
         raise ValueError("samples are pairs of median and beta, above zero")
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
     return Resampled(coefficients.reshape(-1, 2), fitted, records, reflected=True)
-
-
-def _of_row(row: Mapping[str, Any]) -> Lognormal:
-    """Curve of a row of numbers or of their text."""
-    return _with_row(Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"])), row)
 
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:

@@ -1,7 +1,6 @@
 """The findings of Veeraraghavan, Hudnut and Krishnan (2017), tested on the runs of a study of any rock."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +8,7 @@ import pandas as pd
 from scipy.stats import binomtest, spearmanr
 
 from toppling.models.frames import apart_deg
-from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
+from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_around, sector_share
 from toppling.results.analysis.fragility import DIRECTION_BINS, PLANES, effective_records, wilson
 from toppling.results.analysis.friction_comparison import (
     compare_cells,
@@ -46,11 +45,10 @@ class Finding:
     @property
     def line(self) -> str:
         """One line of a checked list."""
-        mark = {True: "[x]", False: "[ ]", None: "[?]"}[self.agrees]
-        verdict = {
-            True: "as in the study",
-            False: "this rock disagrees",
-            None: "these runs do not tell",
+        mark, verdict = {
+            True: ("[x]", "as in the study"),
+            False: ("[ ]", "this rock disagrees"),
+            None: ("[?]", "these runs do not tell"),
         }[self.agrees]
         return f"- {mark} {self.name}: {self.found} ({verdict}: {self.paper})"
 
@@ -71,18 +69,17 @@ def findings(
     lines: from `analysis.plane_reference.reference_lines`.
     directions: bins of the vector PGA.
     """
-    checks: tuple[Callable[[], Finding], ...] = (
-        lambda: _rarely_below(main),
-        lambda: _pga_falls_with(main, "pgv_pga_s", "toppling PGA falls with PGV/PGA"),
-        lambda: _pgv_hardly_on_duration(main, weakest_azimuth_deg, directions),
-        lambda: _pga_falls_with(main, "duration_energy_s", "toppling PGA falls with duration"),
-        lambda: _toward_the_overhang(main, (weakest_azimuth_deg + 180.0) % 360.0),
-        lambda: _directionality(main),
-        lambda: _lower_friction(frictions_run),
-        lambda: _within_the_band(frictions_run),
-        lambda: _lines_everywhere(lines, directions),
-    )
-    return [check() for check in checks]
+    return [
+        _rarely_below(main),
+        _pga_falls_with(main, "pgv_pga_s", "toppling PGA falls with PGV/PGA"),
+        _pgv_hardly_on_duration(main, weakest_azimuth_deg, directions),
+        _pga_falls_with(main, "duration_energy_s", "toppling PGA falls with duration"),
+        _toward_the_overhang(main, (weakest_azimuth_deg + 180.0) % 360.0),
+        _directionality(main),
+        _lower_friction(frictions_run),
+        _within_the_band(frictions_run),
+        _lines_everywhere(lines, directions),
+    ]
 
 
 def _rarely_below(main: pd.DataFrame) -> Finding:
@@ -125,12 +122,8 @@ def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
     paper = "it decreases"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
-    return Finding(
-        name,
-        paper,
-        _correlation(rank, p, records),
-        (rank < 0) if p < _UNSURE else (None if rank < 0 else False),
-    )
+    agrees = None if rank < 0 and p >= _UNSURE else rank < 0
+    return Finding(name, paper, _correlation(rank, p, records), agrees)
 
 
 def _pgv_hardly_on_duration(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> Finding:
@@ -166,13 +159,9 @@ def _correlation(rank: float, p: float, records: int) -> str:
 
 
 def _toward_the_overhang(main: pd.DataFrame, overhang_deg: float) -> Finding:
-    sector = sector_share(
-        main, (overhang_deg - HALF_SECTOR_DEG) % 360.0, (overhang_deg + HALF_SECTOR_DEG) % 360.0
-    )
-    name, paper = (
-        "topplings cluster around the overhang",
-        "60 % of the cases in a sector of 35 degrees around it",
-    )
+    sector = sector_share(main, *sector_around(overhang_deg))
+    name = "topplings cluster around the overhang"
+    paper = "60 % of the cases in a sector of 35 degrees around it"
     if not sector["toppled"]:
         return Finding(name, paper, "nothing toppled", None)
     azimuth = np.deg2rad(main["topple_azimuth_deg"].dropna().to_numpy(float))
@@ -209,10 +198,8 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
     pairs = paired_jobs(rows, highest)
     net = pairs["toppled"].astype(int) - pairs["toppled_reference"]
     by_record = net.groupby(pairs["record_id"]).sum()
-    percent, error = (
-        100.0 * net.mean(),
-        196.0 / max(len(net), 1) * math.sqrt(len(by_record)) * by_record.std(ddof=0),
-    )
+    percent = 100.0 * net.mean()
+    error = 196.0 / max(len(net), 1) * math.sqrt(len(by_record)) * by_record.std(ddof=0)
     more, fewer = int((by_record > 0).sum()), int((by_record < 0).sum())
     unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= _UNSURE
     votes = (
@@ -234,6 +221,5 @@ def _within_the_band(rows: pd.DataFrame) -> Finding:
 def _lines_everywhere(lines: pd.DataFrame, directions: int) -> Finding:
     there = lines["azimuth_deg"].nunique() if len(lines) else 0
     found = f"lines of 1 and 99 % in {there} of {directions} directions"
-    return Finding(
-        "two-contact reference lines in figure 6", "in every direction", found, there == directions
-    )
+    name = "two-contact reference lines in figure 6"
+    return Finding(name, "in every direction", found, there == directions)

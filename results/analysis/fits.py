@@ -22,10 +22,8 @@ def headline(models: Sequence[Fit]) -> Fit | None:
 
     Vertical shaking goes with the horizontal that topples, and topples nothing.
     """
-    return next(
-        (model for model in models if model.lognormal and not MEASURES[model.measures[0]].vertical),
-        None,
-    )
+    chosen = (model for model in models if model.lognormal and not MEASURES[model.measures[0]].vertical)
+    return next(chosen, None)
 
 
 def summary(models: Sequence[Fit]) -> pd.DataFrame:

@@ -186,17 +186,6 @@ def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[fl
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
-def _cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = DIRECTION_BINS) -> pd.DataFrame:
-    """`cells` of each direction bin of the vector PGA, whose centre is `direction_deg`."""
-    known = frame[frame["pga_azimuth_deg"].notna()]
-    directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
-    tables = [cells(jobs, plane).assign(direction_deg=centre) for centre, jobs in known.groupby(directions)]
-    table = (
-        pd.concat(tables, ignore_index=True) if tables else cells(known, plane).assign(direction_deg=np.nan)
-    )
-    return table[["direction_deg", *table.columns.drop("direction_deg")]]
-
-
 def records_on(frame: pd.DataFrame, plane: Plane) -> int:
     """Distinct records of the jobs with an answer on a plane's map."""
     known = frame["toppled"].notna() & frame[[plane.x.column, plane.y.column]].notna().all(axis=1)
@@ -207,7 +196,7 @@ def records_on(frame: pd.DataFrame, plane: Plane) -> int:
 class DirectionCells:
     """Cells of a plane in each direction bin of the vector PGA, and what they were counted from."""
 
-    table: pd.DataFrame  # from `_cells_by_direction`
+    table: pd.DataFrame  # `cells` of each bin, whose centre is `direction_deg`
     plane: Plane
     bins: int  # direction bins around the circle
     records: Mapping[float, int]  # distinct records (`records_on`) of each bin that holds a job
@@ -217,10 +206,12 @@ class DirectionCells:
     def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = DIRECTION_BINS) -> "DirectionCells":
         """Count the jobs of a run."""
         known = frame[frame["pga_azimuth_deg"].notna()]
-        by_bin = known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))
-        records = {float(centre): records_on(jobs, plane) for centre, jobs in by_bin}
-        missing = unplaced(frame, plane, by_direction=True)
-        return cls(_cells_by_direction(frame, plane, bins=bins), plane, bins, records, missing)
+        by_bin = dict(list(known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))))
+        tables = [cells(jobs, plane).assign(direction_deg=centre) for centre, jobs in by_bin.items()]
+        table = pd.concat(tables or [cells(known, plane).assign(direction_deg=np.nan)], ignore_index=True)
+        table = table[["direction_deg", *table.columns.drop("direction_deg")]]
+        records = {float(centre): records_on(jobs, plane) for centre, jobs in by_bin.items()}
+        return cls(table, plane, bins, records, unplaced(frame, plane, by_direction=True))
 
 
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
@@ -235,6 +226,11 @@ def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) ->
     return {
         _contact_name(dict(zip(differing, key, strict=True))): jobs for key, jobs in frame.groupby(differing)
     }
+
+
+def chief(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the contact with the highest friction."""
+    return max(by_contact(frame).values(), key=lambda jobs: tuple(jobs[FRICTION].iloc[0]))
 
 
 def _named(frame: pd.DataFrame) -> bool:
@@ -284,7 +280,6 @@ def _below(frame: pd.DataFrame, axis: Axis) -> "pd.Series[bool]":
 
 
 def _edges(values: pd.Series, axis: Axis) -> NDArray[np.floating]:
-    """Edges of the bins that the values need."""
     if axis.width is not None:
         last = int(np.floor(values.max() / axis.width + 1e-9)) if len(values) else 0
         return np.arange(last + 2) * axis.width

@@ -129,18 +129,13 @@ def learnt(toppled: Array, overturned: _Truths, group: NDArray[Any]) -> Array:
     """
     predicted = np.empty(len(overturned))
     for training, held_out in LeaveOneGroupOut().split(toppled.T, overturned, group):
-        weights, (stands, topples) = _weighted_draws(
-            toppled[:, training], overturned[training], group[training]
-        )
+        seen = toppled[:, training], overturned[training], group[training]
+        weights, (stands, topples) = _weighted_draws(*seen)
         known = np.isfinite(toppled[:, held_out])
         said = np.where(toppled[:, held_out] > 0.5, topples, stands)
-        evidence_weight = (weights[:, None] * known).sum(axis=0)
-        mean = (weights[:, None] * known * said).sum(axis=0)
-        predicted[held_out] = np.where(
-            evidence_weight > 0.0,
-            mean / np.where(evidence_weight > 0.0, evidence_weight, 1.0),
-            overturned[training].mean(),
-        )
+        evidence = (weights[:, None] * known).sum(axis=0)
+        mean = (weights[:, None] * known * said).sum(axis=0) / np.where(evidence > 0.0, evidence, 1.0)
+        predicted[held_out] = np.where(evidence > 0.0, mean, overturned[training].mean())
     return predicted
 
 
@@ -203,7 +198,6 @@ def simple_rules(intensity: pd.DataFrame, overturned: _Truths, group: NDArray[An
 def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """Scores of several predictors, one per row."""
     names = [
-        "n",
         "accuracy",
         "balanced_accuracy",
         "recall",
@@ -212,8 +206,8 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
         "log_loss",
         "calibration_slope",
     ]
-    frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
-    return frame.set_index("who").astype(dict.fromkeys(names[1:], float))
+    frame = pd.DataFrame([{"who": who, **row} for who, row in rows.items()], columns=["who", "n", *names])
+    return frame.set_index("who").astype(dict.fromkeys(names, float))
 
 
 def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str, list[float | None]]:
@@ -228,7 +222,6 @@ def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str
 
 
 def _rate(responsibility: Array, overturned: _Truths) -> float:
-    """Share that overturned of what draws told."""
     return float(jeffreys_mean((responsibility * overturned).sum(), responsibility.sum()))
 
 

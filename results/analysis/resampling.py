@@ -73,11 +73,9 @@ def sampled(
     frame: pd.DataFrame, fitted: Fit, samples: int = SAMPLES, advance: Callable[[], None] = lambda: None
 ) -> Fit:
     """A fit with its `bootstrap`; as it was where it has a problem."""
-    return (
-        fitted
-        if fitted.problem
-        else replace(fitted, resampled=bootstrap(frame, fitted, samples, advance=advance))
-    )
+    if fitted.problem:
+        return fitted
+    return replace(fitted, resampled=bootstrap(frame, fitted, samples, advance=advance))
 
 
 _TAIL = 0.975

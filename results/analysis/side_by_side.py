@@ -13,7 +13,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg, horizontal_unit_vector
 from toppling.results.analysis.directions import topple_rose, weakest
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
-from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
+from toppling.results.analysis.fragility import chief, contact_words
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
@@ -126,7 +126,7 @@ def _chief(run: Run) -> tuple[str, pd.DataFrame]:
     frame = run.weighted(run.frame())
     if frame.empty:
         return "", frame
-    jobs = max(by_contact(frame).values(), key=lambda one: tuple(one[FRICTION].iloc[0]))
+    jobs = chief(frame)
     return contact_words(jobs, frame), jobs
 
 
@@ -203,9 +203,8 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
     features = []
     for rock in rocks:
         if rock.place is not None:
-            properties = {
-                name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")
-            }
+            properties = rock.row
+            del properties["longitude"], properties["latitude"]
             features.append(_feature("Point", [rock.place], properties))
     return _collection(features)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 from scipy.stats import chi2, f
@@ -41,11 +39,8 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     drawn = rows[rows["realisation"] > 0]
     if drawn.groupby(["friction_static", "realisation"]).ngroups >= _LEAST:
         rows = drawn  # the nominal scene is no draw
-    found = []
-    for level, jobs in rows.groupby("level_pga_m_s2"):
-        one = _spread(float(level), jobs)
-        if one is not None:
-            found.append(one)
+    levels = (_spread(float(level), jobs) for level, jobs in rows.groupby("level_pga_m_s2"))
+    found = [one for one in levels if one is not None]
     if not found:
         raise InputError(
             "no level has three records and three realisations that were all answered",
@@ -93,15 +88,11 @@ def _spread(level: float, jobs: pd.DataFrame) -> dict[str, float] | None:
     friction = np.log(np.maximum(entries.columns.get_level_values(0).to_numpy(float) * factor, 1e-9))
     share = _explained(friction, by_draw, share_of)
     draws_in_effect = 1.0 / (1.0 - free_draws)
-    error = Mean(left, (records - 1) * (draws_in_effect - 1.0))
-    of_records_ends = _component_interval(
-        Mean(draws_in_effect * of_records + left, records - 1), error, draws_in_effect
-    )
-    of_draws_ends = _component_interval(
-        Mean(records * of_draws + left, draws_in_effect - 1.0), error, records
-    )
+    error = left, (records - 1) * (draws_in_effect - 1.0)
+    of_record = draws_in_effect * of_records + left, records - 1
+    of_draws_ends = _component_interval((records * of_draws + left, draws_in_effect - 1.0), error, records)
     ends = {
-        "records": of_records_ends,
+        "records": _component_interval(of_record, error, draws_in_effect),
         "base": of_draws_ends * (1.0 - share),
         "friction": of_draws_ends * share,
     }
@@ -116,27 +107,22 @@ def _spread(level: float, jobs: pd.DataFrame) -> dict[str, float] | None:
     }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Mean:
-    """A mean square of an analysis of variance, with its degrees of freedom."""
-
-    square: float
-    freedom: float
+_Mean = tuple[float, float]
+"""A mean square of an analysis of variance, with its degrees of freedom."""
 
 
-def _component_interval(of_cause: Mean, error: Mean, times: float) -> Array:
+def _component_interval(of_cause: _Mean, error: _Mean, times: float) -> Array:
     """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
 
     of_cause: its expectation is the error's and `times` the component.
 
-    Notes
-    -----
     Searle, Casella and McCulloch 1992, section 3.6; exact to within some per cent for normal effects, and on the wide
     side. It tells how far other records, or other bases, drawn alike would move the component.
     """
     tails = np.array([0.975, 0.025])
-    least = of_cause.square - error.square * f.ppf(tails, of_cause.freedom, error.freedom)
-    return np.maximum(least, 0.0) / (times * chi2.ppf(tails, of_cause.freedom) / of_cause.freedom)
+    (square, freedom), (error_square, error_freedom) = of_cause, error
+    least = square - error_square * f.ppf(tails, freedom, error_freedom)
+    return np.maximum(least, 0.0) / (times * chi2.ppf(tails, freedom) / freedom)
 
 
 def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:

@@ -12,7 +12,7 @@ import pandas as pd
 from toppling.models.files.documents import finite, listed
 from toppling.models.motions.beyond_recorded import LIMITS_WORDS, is_beyond, words
 from toppling.results.analysis import fits, regression
-from toppling.results.analysis.fragility import FRICTION, by_contact
+from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run
 
 _MOST_NAMED = 5
@@ -135,8 +135,8 @@ def _median(known: pd.DataFrame) -> float | None:
     """Median PGA of one rock with its highest friction, where it lies within what was shaken."""
     if known["scene_id"].nunique() != 1:
         return None
-    chief = max(by_contact(known).values(), key=lambda jobs: tuple(jobs[FRICTION].iloc[0]))
-    curve = regression.fit(chief.reset_index(drop=True), ["pga_m_s2"]).lognormal
+    jobs = chief(known).reset_index(drop=True)
+    curve = regression.fit(jobs, ["pga_m_s2"]).lognormal
     return (
-        curve.median if curve and chief["pga_m_s2"].min() <= curve.median <= chief["pga_m_s2"].max() else None
+        curve.median if curve and jobs["pga_m_s2"].min() <= curve.median <= jobs["pga_m_s2"].max() else None
     )

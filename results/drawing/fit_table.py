@@ -34,7 +34,6 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_interval(numbers: Iterable[float], strongest: float | None) -> str:
-    """A number with its interval."""
     ends = [within(one, strongest) for one in numbers]
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 

@@ -95,7 +95,6 @@ def faults_figure(
 
 
 def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None:
-    """Circles of least distance, their names along one direction."""
     round_about = np.linspace(0, 2 * np.pi, 200)
     for magnitude, distance in circles.items():
         if 0 < distance < math.inf:

@@ -137,7 +137,6 @@ def _close_grid(grid: NDArray[Any], panels: int) -> None:
 def _draw_direction(
     axes: Axes, counted: DirectionCells, direction_deg: float, reference: pd.DataFrame | None
 ) -> None:
-    """Draw the cells of one direction bin under its name and counts."""
     table, plane = counted.table, counted.plane
     there = table[table["direction_deg"] == direction_deg]
     number = _counted(there, counted.records.get(direction_deg, 0))

@@ -129,7 +129,6 @@ def _framed(replay: Replay, position: Array) -> tuple[Array, float]:
 
 
 def _stage(scene: Scene, target: Array, radius: float, azimuth_deg: float) -> dict[str, Any]:
-    """What the page's script needs to show a scene."""
     com = scene.rock.com_m
     rock = smooth_surface(scene.rock.vertices_m - com, scene.rock.faces, ROCK_COLOUR)
     eye = view_frame(ELEVATION_DEG, azimuth_deg)[:, 2]

@@ -87,7 +87,6 @@ def wind_of(azimuth_deg: float) -> str:
 
 
 def _view_title(elevation_deg: float, azimuth_deg: float) -> str:
-    """From where a panel looks, and toward where."""
     return (
         f"looking {wind_of(azimuth_deg + 180.0)}, {elevation_deg:.0f}° down\n"
         f"(eye at azimuth {azimuth_deg:.0f}°, compass {float(compass_deg(azimuth_deg)):.0f}°)"
@@ -158,7 +157,6 @@ def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dash
 
 
 def _draw_scale(axes: Axes, reach_m: float) -> None:
-    """A bar of a round length in the lower left corner."""
     decade = float(10 ** np.floor(np.log10(0.6 * reach_m)))
     length = max(step * decade for step in (1, 2, 5) if step * decade <= 0.6 * reach_m)
     left, bottom = axes.get_xlim()[0], axes.get_ylim()[0]

@@ -233,7 +233,6 @@ class EventUpdate:
 
 
 def _exceeded(values: Array, rate: Array, levels: Array) -> Array:
-    """Rate of events above each level."""
     order = np.argsort(values)
     summed = np.concatenate([np.cumsum(rate[order][::-1])[::-1], [0.0]])
     return summed[np.searchsorted(values[order], levels, side="right")]

@@ -262,7 +262,6 @@ def changes_of(
 
 
 def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
-    """Motions exceeded at an annual rate before and after, and their changes."""
     row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
     for name, averaged in (("prior", before), ("posterior", after)):
         curves = {} if averaged is None else {"mean": averaged.mean} | {
@@ -290,7 +289,6 @@ def _level_interval(
 
 
 def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
-    """Per cent by which the mean's rate at a level has changed."""
     if after is None or math.isnan(level):
         return math.nan
     positive = (after.mean > 0) & np.isfinite(after.mean)

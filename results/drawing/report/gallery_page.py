@@ -97,13 +97,11 @@ def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
 
 
 def _at(curve: Lognormal) -> str:
-    """Where half topple."""
     median = within(curve.median, curve.strongest_shaken)
     return median if curve.is_beyond_shaken else f"at {median}"
 
 
 def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
-    """Picture, median, weakest azimuth and link of a rock."""
     unit, row = printed_unit(measure), rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
     if rock.curve is not None and rock.curve.median_interval:

@@ -39,13 +39,11 @@ def first_screen(content: Content, document: Document) -> str:
 
 
 def _unfinished_sentence(content: Content) -> str:
-    """That the run was not finished; empty for a finished one."""
     remark = content.completeness.remark
     return f"This run is unfinished: {remark}. All numbers below rest on those that have." if remark else ""
 
 
 def _what_topples(content: Content) -> str:
-    """Intensity at which one in two shakings topples the rock."""
     contact = content.chief
     if contact.headline is None:
         return (
@@ -80,7 +78,6 @@ def _no_curve(contact: Contact) -> str:
 
 
 def _how_likely(content: Content) -> str:
-    """Share of shakings that topple, over all and along the levels of PGA."""
     contact = content.chief
     known = contact.known
     weight = known.get("base_weight", pd.Series(1.0, known.index))
@@ -96,7 +93,6 @@ def _how_likely(content: Content) -> str:
 
 
 def _what_standing_says(content: Content) -> str:
-    """What the standing rock rejects."""
     event = content.statement
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."
@@ -118,7 +114,6 @@ def _what_standing_says(content: Content) -> str:
 
 
 def _caption(content: Content) -> str:
-    """Self-contained caption of the picture."""
     contact, rock = content.chief, f"the rock {content.run.rock}"
     if contact.headline is None:
         return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 %, by record."

@@ -117,7 +117,6 @@ def _base_drawn(drawn: pd.DataFrame, scene: Scene | None) -> str:
 
 
 def _friction_drawn(drawn: pd.DataFrame, uniform: Sequence[float] | None) -> str:
-    """Distribution of friction, and what was drawn of it."""
     factor = drawn["friction_factor"].dropna()
     if uniform:
         return f"friction (static and kinetic alike, uniform, {uniform[0]:g} to {uniform[1]:g})"

@@ -47,7 +47,6 @@ _MOST_RECORDS = 150
 
 
 def _scene_section(content: Content, document: Document) -> str:
-    """Picture and measurements of the rock."""
     table, parts = content.run.scene(), []
     if table is None:
         return "<p>The run holds no scene.</p>"
@@ -83,7 +82,6 @@ def _scene_section(content: Content, document: Document) -> str:
 
 
 def _records_section(content: Content, document: Document) -> str:
-    """Records with their effect, and their figure."""
     frame = content.frame
     used = frame.drop_duplicates("record_id")
     lines = [
@@ -134,7 +132,6 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
 
 
 def _maps_section(content: Content, document: Document) -> str:
-    """Maps of each contact, two per row, and where the rock topples to."""
     return "".join(_maps_of(content, one, document) for one in content.contacts)
 
 
@@ -174,7 +171,6 @@ def _friction_section(content: Content, document: Document) -> str:
 
 
 def _fits_section(content: Content, document: Document) -> str:
-    """Curves, ranking of the measures and calibration of each contact."""
     return "".join(_fits_of(content, one, document) for one in content.contacts)
 
 
@@ -214,7 +210,6 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
 
 
 def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
-    """The ranking in words, to significant digits."""
     table = pd.DataFrame({"measure": [short_name(name) for name in ranking["measures"]]})
     names = {"brier": "Brier score", "log_loss": "log loss", "auc": "area under ROC", "worse_by": "log loss above best",
              "worse_by_low": "from", "worse_by_high": "to"}  # fmt: skip
@@ -240,7 +235,6 @@ def _verdict(ranking: pd.DataFrame) -> str:
 
 
 def _constraint_section(content: Content, document: Document) -> str:
-    """What the standing rock says about a single event, rates, and hazard curves."""
     constraint, said = content.constraint, content.statement
     if constraint is None or said is None:
         return paragraph("Without a fragility curve the standing rock gives no constraint.")
@@ -264,7 +258,6 @@ def _constraint_section(content: Content, document: Document) -> str:
 
 
 def _failures_section(content: Content, document: Document) -> str:
-    """How jobs ended, and which have no answer."""
     frame = content.frame
     counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
     parts = [document.table(counts.rename(columns={"ended_by": "ended by"}), "How the jobs ended.")]
@@ -280,7 +273,6 @@ def _failures_section(content: Content, document: Document) -> str:
 
 
 def _provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
-    """The program's version, and campaign and run as stored in the folder."""
     parts = [paragraph(f"Page written by toppling {version('toppling')}.")]
     for name in ("campaign.toml", "run.json"):
         path = content.run.path / name
@@ -291,7 +283,6 @@ def _provenance_section(content: Content, document: Document) -> str:  # noqa: A
 
 
 def _columns_section(content: Content, document: Document) -> str:
-    """Every column of every table, with unit and meaning."""
     rows = [{**row, "unit": _unit(row["unit"])} for row in content.run.describe()]
     parts = []
     for table in dict.fromkeys(row["table"] for row in rows):
@@ -326,7 +317,6 @@ def _unit(unit: str) -> str:
 
 
 def _accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
-    """Engine, preset and time step, deepest penetration, and the results of the run's audit."""
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.
     steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))

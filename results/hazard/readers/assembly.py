@@ -206,7 +206,6 @@ def _refuse_empty(tree: HazardTree) -> NoReturn:
 
 
 def _place_words(tree: HazardTree) -> str:
-    """Name and place of a tree's site."""
     place = f"longitude {tree.site[0]:g} latitude {tree.site[1]:g}" if tree.site else ""
     return (
         f"{tree.site_name} ({place})"

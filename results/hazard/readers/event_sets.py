@@ -31,7 +31,6 @@ _SITE_BYTES = 8
 def _read_fields(
     table: Table, beside: list[Table], ratio: float, event_rate: float | None, catalogue_years: float | None
 ) -> EventSet:
-    """Read fields with the tables beside them, as `read_events` does."""
     rows = table.frame()
     events, ruptures = only_one("events", beside), only_one("ruptures", beside)
     rows = _with_branches(rows, table, events)
@@ -48,7 +47,6 @@ def _read_fields(
 
 
 def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd.DataFrame:
-    """Rows of fields with the branch of each event."""
     if rows.duplicated([name for name in (BRANCH, EVENT, SITE) if name in rows]).any():
         raise event_error("states an event twice at one site", table.path)
     if BRANCH in rows:
@@ -66,7 +64,6 @@ def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd
 def _realizations(
     stated: Table | None, rows: pd.DataFrame, table: Table
 ) -> tuple[dict[int, float], dict[int, str]]:
-    """Weight and path of each branch."""
     if stated is None:
         if rows[BRANCH].nunique() > 1:
             raise event_error(

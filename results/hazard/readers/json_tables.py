@@ -99,7 +99,6 @@ def _points(node: Any, around: Mapping[str, Any], depth: int) -> Iterator[_Point
 
 
 def _said(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """What an object says about the curves in it."""
     said = {}
     for name, among in _ABOUT.items():
         value = next((keys[key] for key in among if keys.get(key) not in (None, "")), None)

@@ -130,7 +130,6 @@ def matches(file: HazardFile) -> bool:
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
-    """Place of the line that names the columns."""
     places = [n for n, line in enumerate(lines[:_MOST_ABOVE]) if line.strip()]
     places.sort(key=lambda n: is_comment(lines[n]))  # a remark may be the header where no other line is
     for n, below in zip_longest(places, places[1:]):

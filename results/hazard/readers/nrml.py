@@ -92,7 +92,6 @@ def _of_one_measure(
 
 
 def _kind(stated: dict[str, str]) -> tuple[str, float | str | None]:
-    """Which curve of a calculation it is."""
     if "quantileValue" in stated or stated.get("statistics", "").startswith("quantile"):
         value = stated.get("quantileValue") or stated["statistics"].partition("-")[2]
         return "fractile", float(value)

@@ -86,7 +86,6 @@ def _curve(
     pair: tuple[int, int],
     before: str,
 ) -> HazardCurve:
-    """Curve of a column of levels and one of values."""
     levels, values = pair
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
     years, rate_of = values_of(file, header[values], before)
@@ -135,7 +134,6 @@ def uncommented(line: str) -> str:
 
 
 def _names(line: str) -> list[str]:
-    """Names of a header's columns."""
     try:
         cells = next(csv.reader([",".join(cells_of([line])[0])]), [])
     except csv.Error:  # which `rows_of` tells of
@@ -295,7 +293,6 @@ def _columns(file: HazardFile, line: str, header: Sequence[str]) -> list[tuple[i
 
 
 def _refuse_columns(file: HazardFile, header: Sequence[str]) -> NoReturn:
-    """Refuse a table that may say several things."""
     file.refuse(
         f"has the columns {', '.join(header)[:200]}",
         "give one measure and one column of its values, or several that say the same",

@@ -17,7 +17,6 @@ from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     PLANES,
     DirectionCells,
-    _cells_by_direction,
     by_contact,
     cells,
     direction_bin_deg,
@@ -83,7 +82,7 @@ def test_copies_of_one_record_do_not_narrow_the_interval(hand_made):
 
 
 def test_direction_bins_are_centred_on_the_axes_of_the_study(hand_made):
-    table = _cells_by_direction(hand_made, PLANES["pga_pgv_pga"])
+    table = DirectionCells.of(hand_made, PLANES["pga_pgv_pga"]).table
     # 0, 22.4 and -22.5 degrees lie in the bin about 0; 337.4 in the one about 315; 22.5 in the one about 45.
     jobs = table.groupby("direction_deg")[["jobs", "no_answer"]].sum()
     assert jobs.to_dict("index") == {
@@ -179,7 +178,7 @@ def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
     for plane in (PLANES["pga_pgv_pga"], PLANES["pga_pgv"]):
         table = cells(crashed, plane)
         assert table["jobs"].sum() + table["no_answer"].sum() + unplaced(crashed, plane) == len(crashed)
-        split = _cells_by_direction(crashed, plane)
+        split = DirectionCells.of(crashed, plane).table
         missing = unplaced(crashed, plane, by_direction=True)
         assert split["jobs"].sum() + split["no_answer"].sum() + missing == len(crashed)
 

@@ -1,12 +1,16 @@
 """A shake as a moving picture: the rock across its fall, the seismogram below with a moving cursor."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import wrap
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
 from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
@@ -33,10 +37,11 @@ _OVERSAMPLING = 2
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What stays the same from frame to frame: pedestal, axes of the view, its middle and half width in metres."""
+    """What stays the same from frame to frame: the rock's surface, and the view of its pedestal."""
 
-    pedestal: Surface
-    frame: Array
+    rock: Surface  # about its centre of mass, as in its scene
+    frame: Array  # axes of the view
+    # Middle and half width of what is seen, along these axes.
     middle: Array
     half_m: float
 
@@ -53,13 +58,14 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     milliseconds = round(1000 / _FRAMES_HZ)
     speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
     view = _view_of(replay, position)
+    ground = _drawn(replay, view, surfaces_of(replay.scene))
     below = _seismogram(replay, times)
     heading = _heading(title, speed)
     frames = []
     for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
         picture = Image.new("RGB", (_WIDTH, heading.height + _WIDTH + _STRIP), "white")
         picture.paste(heading, (0, 0))
-        picture.paste(_pose(replay, view, centre_m, attitude, time), (0, heading.height))
+        picture.paste(_pose(replay, view, ground, centre_m, attitude, time), (0, heading.height))
         picture.paste(below, (0, heading.height + _WIDTH))
         draw = ImageDraw.Draw(picture)
         past = replay.topple_time_s is not None and time >= replay.topple_time_s
@@ -93,23 +99,44 @@ def _view_of(replay: Replay, position: Array) -> _View:
     reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
     centres = position @ frame[:, :2]
     low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    pedestal = surfaces_of(replay.scene)[1]
-    return _View(pedestal, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
+    surface = smooth_surface(rock.vertices_m - rock.com_m, rock.faces, ROCK_COLOUR)
+    return _View(surface, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
 
 
-def _pose(replay: Replay, view: _View, centre_m: Array, attitude: Array, time_s: float) -> Image.Image:
-    """Triangles painted from far to near (orthographic), and the ground's acceleration as an arrow."""
-    rock = smooth_surface(replay.placed(centre_m, attitude), replay.scene.rock.faces, ROCK_COLOUR)
-    triangles, colours, _ = painted((rock, view.pedestal), view.frame, replay.scene.pedestal)
+def _drawn(replay: Replay, view: _View, surfaces: Sequence[Surface]) -> tuple[NDArray[np.uint8], Array]:
+    """The last of some surfaces, seen orthographically: colour of each pixel, and its depth (infinitely far: none)."""
+    triangles, colours, of_rock = painted(surfaces, view.frame, replay.scene.pedestal)
+    chosen = of_rock if len(surfaces) == 1 else ~of_rock
+    triangles, colours = triangles[chosen], colours[chosen]
     size = _OVERSAMPLING * _WIDTH
-    places = view.pixels(triangles, size)
-    image = Image.new("RGB", (size, size), "#f4f6f8")
+    image = Image.new("I", (size, size))
     draw = ImageDraw.Draw(image)
-    for outline, shade in zip(
-        places.reshape(-1, 6).tolist(), (255 * colours).astype(int).tolist(), strict=True
-    ):
-        draw.polygon(outline, fill=tuple(shade))
-    _draw_arrow(draw, replay, view, time_s, size)
+    for number, outline in enumerate(view.pixels(triangles, size).reshape(-1, 6).tolist(), 1):
+        draw.polygon(outline, fill=number)
+    numbers = np.asarray(image)
+    depth = triangles[:, :, 2].mean(axis=1)
+    if len(surfaces) > 1 and replay.scene.pedestal.is_plane:  # the rock is on its triangles, which are large
+        depth = np.full(len(depth), -np.finfo(float).max)
+    shades = (255 * np.concatenate([[to_rgb("#f4f6f8")], colours])).astype(np.uint8)
+    return shades[numbers], np.concatenate([[-np.inf], depth])[numbers]
+
+
+def _pose(
+    replay: Replay,
+    view: _View,
+    ground: tuple[NDArray[np.uint8], Array],
+    centre_m: Array,
+    attitude: Array,
+    time_s: float,
+) -> Image.Image:
+    """Rock before or behind its pedestal, and the ground's acceleration as an arrow."""
+    turn = Rotation.from_quat(attitude).as_matrix().T
+    rock = replace(
+        view.rock, vertices_m=centre_m + view.rock.vertices_m @ turn, normals=view.rock.normals @ turn
+    )
+    colour, depth = _drawn(replay, view, [rock])
+    image = Image.fromarray(np.where((depth > ground[1])[:, :, None], colour, ground[0]))
+    _draw_arrow(ImageDraw.Draw(image), replay, view, time_s, image.width)
     return image.resize((_WIDTH, _WIDTH), Image.Resampling.BOX)
 
 

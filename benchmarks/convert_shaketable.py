@@ -11,8 +11,6 @@ some hertz the accelerometer drifts and the displacement is exact, above it is t
 fused by complementary filters. The constants were found by comparison with fused motions of the same experiment.
 """
 
-from __future__ import annotations
-
 import csv
 import lzma
 import math

@@ -76,7 +76,6 @@ def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str,
 
 
 def main() -> None:
-    """Print both tables."""
     one, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
     print(pd.Series(answers(one, other)).to_string(float_format=lambda value: f"{value:.4f}"))
     print(pd.DataFrame({name: differences(one, other, name) for name in PLANES}).round(4).to_string())

@@ -15,7 +15,6 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.estimate import estimate
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
@@ -30,12 +29,7 @@ CAMPAIGNS = {
 """Axes, and every which record is taken."""
 
 
-def silent(progress: RunProgress) -> None:
-    """Watch nothing."""
-
-
 def main() -> None:
-    """Print the table."""
     scene, ensemble = (Path(path).absolute() for path in sys.argv[1:3])
     workers = int(sys.argv[3]) if len(sys.argv) > 3 else 2
     rows = []
@@ -43,18 +37,11 @@ def main() -> None:
     for name, axes in CAMPAIGNS.items():
         told = {key: value for key, value in axes.items() if key != "every"}
         records = motions.record_ids[:: int(str(axes["every"]))]
-        content = {
-            "scene": str(scene),
-            "ensemble": str(ensemble),
-            "friction": [1.0],
-            "records": records,
-            **told,
-        }
-        campaign = Campaign.of(content, Path())
-        planned = plan(campaign, rock, motions)
+        inputs = {"scene": str(scene), "ensemble": str(ensemble), "friction": [1.0], "records": records}
+        planned = plan(Campaign.of(inputs | told, Path()), rock, motions)
         expected = estimate(planned)
         with tempfile.TemporaryDirectory() as folder:
-            progress = run(planned, Path(folder) / "run", local(workers), silent)
+            progress = run(planned, Path(folder) / "run", local(workers), lambda _: None)
         if expected is not None:
             rows.append({
                 "campaign": name, "jobs": len(planned), "expected_work_s": expected.work_s, "work_s": progress.work_s,

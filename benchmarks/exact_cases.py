@@ -1,7 +1,5 @@
 """Cases with exact answers, in groups of a kind: `front.py` runs them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

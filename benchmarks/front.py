@@ -7,8 +7,6 @@ rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the 
 rock, which show a small bias; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterable
@@ -43,6 +41,8 @@ LEVELS = (-0.3, 1.6)
 STRONG_PART = (0.05, 0.75)
 """Of a record's horizontal Arias intensity: its significant duration D5-75."""
 
+PRESETS = ("fast", "standard", "reference")
+"""Whose errors against exact answers are told."""
 SHORT = ("draft", "fast", "standard", "mujoco draft", "mujoco fast")
 
 
@@ -112,14 +112,19 @@ def compared(
     return table
 
 
+def to_the_end(setting: Setting) -> Setting:
+    """The same, by which no shake ends because it has calmed down."""
+    end = replace(setting.settings.termination, calmed_after=0.0)
+    return replace(setting, settings=replace(setting.settings, termination=end))
+
+
 def exact_errors() -> Iterable[str]:
     """Rows of the worst errors against exact answers by the presets."""
-    presets = ("fast", "standard", "reference")
     for labels, cases in track(CASES, "exact cases"):
-        worst = {preset: worst_errors(cases(preset), labels) for preset in presets}
+        worst = {preset: worst_errors(cases(preset), labels) for preset in PRESETS}
         for number, label in enumerate(labels):
             target = TARGET_OF_STANDARD.get(label)
-            cells = " | ".join(f"{100 * worst[preset][number]:.3g} %" for preset in presets)
+            cells = " | ".join(f"{100 * worst[preset][number]:.3g} %" for preset in PRESETS)
             yield f"| {label} | {cells} | {f'{100 * target:g} %' if target else '-'} |"
 
 
@@ -148,7 +153,6 @@ def rows_of(table: pd.DataFrame, against: str) -> Iterable[str]:
 
 
 def main() -> None:
-    """Measure and write the page."""
     count, short = (
         int(sys.argv[n]) if len(sys.argv) > n else default for n, default in ((1, 100), (2, 2000))
     )
@@ -172,25 +176,12 @@ def main() -> None:
     for name, scene in scenes().items():
         jobs = draw(scene, ensemble, count)
         table = compared(scene, ensemble, jobs, every, CONVERGED)
-        parts += [
-            f"## {name[0].upper()}{name[1:]}\n",
-            *rows_of(table, CONVERGED),
-            "",
-        ]
+        parts += [f"## {name[0].upper()}{name[1:]}\n", *rows_of(table, CONVERGED), ""]
     with tempfile.TemporaryDirectory() as folder:
         strong, rock = strong_parts(ensemble, Path(folder)), scenes()["demo's rock"]
-        ends = {
-            name: replace(
-                every[name],
-                settings=replace(
-                    every[name].settings,
-                    termination=replace(every[name].settings.termination, calmed_after=0.0),
-                ),
-            )
-            for name in SHORT
-        }
+        ends = {name: to_the_end(every[name]) for name in SHORT}
         table = compared(rock, strong, draw(rock, strong, short, seed=6), ends, "standard")
-        _draw(table)
+        save(front_figure(table), FIGURE)
         parts += [
             f"## {short} short jobs\n",
             "The demo's rock under the records' strong parts (5 to 75 % of the Arias intensity), against `standard`.\n",
@@ -198,21 +189,15 @@ def main() -> None:
             *rows_of(table, "standard"),
             "",
         ]
-    presets = " | ".join(("fast", "standard", "reference"))
     parts += [
         "## Cases with exact answers\n",
         "The largest error over the cases of `benchmarks/exact_cases.py`, without shortcuts. `tests/verification`",
         "checks these cases, and harder ones, on every change.\n",
-        f"| case | {presets} | target of `standard` |\n|---|---|---|---|---|",
+        f"| case | {' | '.join(PRESETS)} | target of `standard` |\n|---|---|---|---|---|",
         *exact_errors(),
     ]
     PAGE.write_text("\n".join(parts).rstrip() + "\n")
     print(PAGE.read_text())
-
-
-def _draw(table: pd.DataFrame) -> None:
-    FIGURE.parent.mkdir(exist_ok=True)
-    save(front_figure(table), FIGURE)
 
 
 if __name__ == "__main__":

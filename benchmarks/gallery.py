@@ -11,11 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FIGURES = ROOT / "docs" / "figures"
-TOPPLING = [
-    sys.executable,
-    "-c",
-    "from toppling.orchestrator.cli import main\nif __name__ == '__main__': main()",
-]
+TOPPLING = [sys.executable, "-m", "toppling"]
 
 DRAWN = (
     ("scene show {demo}/scene --out {out}", "scene.png", "demo_scene.png", "The rock, its interface and its pedestal"),

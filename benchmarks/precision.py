@@ -121,7 +121,6 @@ def told_measure(rounds: Rounds) -> str:
 
 
 def main() -> None:
-    """Print the tables."""
     campaigns = int(sys.argv[1]) if len(sys.argv) > 1 else 500
     lines: dict[str, dict[str, float]] = {}
     for beta, of_records in ((0.35, 0.5), (0.25, 0.7), (0.5, 0.3)):

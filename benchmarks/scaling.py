@@ -144,15 +144,7 @@ def peak_mb() -> float:
 def pretended_row(spec: JobSpec, wall_s: float = 0.0) -> Row:
     """Row that a job could have; every column is filled, as a real one's."""
     row = lost_row(spec, "ok", "")
-    measures = (
-        "pgv_m_s",
-        "pgd_m",
-        "arias_m_s",
-        "cav_m_s",
-        "max_tilt_deg",
-        "slip_m",
-        "penetration_m",
-    )
+    measures = ("pgv_m_s", "pgd_m", "arias_m_s", "cav_m_s", "max_tilt_deg", "slip_m", "penetration_m")
     toppled = spec.pga_m_s2 > 9
     return {
         **row, **dict.fromkeys(measures, spec.pga_m_s2 + 0.1), "pga_m_s2": spec.pga_m_s2, "attempt": 1,
@@ -218,14 +210,9 @@ def pretended_cluster(workers: int) -> Iterator[tuple[Client, dict[str, list[psu
     try:
         with Client(address) as client:
             client.wait_for_workers(workers, timeout=START_S)
-            yield (
-                client,
-                {
-                    "scheduler": [psutil.Process(scheduler.pid)],
-                    "client": [psutil.Process()],
-                    "workers": [psutil.Process(crew.pid) for crew in crews],
-                },
-            )
+            crew_processes = [psutil.Process(crew.pid) for crew in crews]
+            of_scheduler = [psutil.Process(scheduler.pid)]
+            yield client, {"scheduler": of_scheduler, "client": [psutil.Process()], "workers": crew_processes}
     finally:
         for process in (*crews, scheduler):
             process.kill()
@@ -363,11 +350,6 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     return (cost * seconds_per_job / cost.mean())[order], length[order]
 
 
-def tell_million() -> None:
-    print("a million jobs, planned, handed out, counted and stored in one process")
-    say(apart(million))
-
-
 def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
     print(f"pretended workers, for {seconds:g} s if nothing held them up")
     for workers, seconds_per_job in runs:
@@ -414,7 +396,8 @@ def main() -> None:
     parser.add_argument("--client-us", type=float, help="of the client for a job; measured unless given")
     given = parser.parse_args()
     if "million" in given.parts:
-        tell_million()
+        print("a million jobs, planned, handed out, counted and stored in one process")
+        say(apart(million))
     if "pretended" in given.parts:
         tell_pretended(given.pretend or PRETENDED, given.seconds)
     if "study" in given.parts:

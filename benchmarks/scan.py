@@ -26,8 +26,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-from base_rocks import base_rock, true_hints
-from blind_rocks import blind_rock
+from blind_rocks import base_rock, blind_rock, true_hints
 from numpy.typing import NDArray
 from pages import put
 from scipy.stats import t as student_t
@@ -383,12 +382,8 @@ def cost(million: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         cloud = Path(folder) / "cloud.laz"
         # A process of its own, so that the scanner's memory is gone when the scan is measured.
-        made = subprocess.run(
-            [sys.executable, __file__, "make", str(cloud), str(million)],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
+        make = [sys.executable, __file__, "make", str(cloud), str(million)]
+        made = subprocess.run(make, check=True, capture_output=True, text=True)
         scan = [str(Path(sys.executable).parent / "toppling"), "scan", str(cloud), "--out", f"{folder}/scene"]
         begin = time.perf_counter()
         with subprocess.Popen(scan, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:

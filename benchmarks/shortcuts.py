@@ -99,7 +99,6 @@ def compare(shaken: Callable[[list[Job], Setting], pd.DataFrame], jobs: list[Job
 
 
 def main() -> None:
-    """Measure and write the page."""
     each = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     ensemble = Ensemble.load(ENSEMBLE)
     scenes = [*(block(*one) for one in BLOCKS), Scene.load(SCANNED), faceted()]

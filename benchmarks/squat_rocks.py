@@ -4,8 +4,6 @@ Height over base width .7 to 4, a crevice 1 to 20 % of that width deep, every th
 block beside some, sloping ground, mixed pixels, three kinds of pedestal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ Every variant shakes all tests on draws of the same bases and of all else that n
 benchmarks/reports/validation.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from collections.abc import Iterator
@@ -68,7 +66,6 @@ def row(experiment: Experiment, said: Shaken) -> str:
 
 
 def main() -> None:
-    """Measure and write the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -16,7 +16,6 @@ import numpy as np
 from blind_rocks import blind_rock
 
 from toppling.models.files.mesh_files import write_ply
-from toppling.orchestrator.site_table import SITE_KEYS
 
 FIRST_SEED = 4600
 LEVELS_M_S2 = (2.0, 4.0, 7.0, 11.0, 16.0)
@@ -41,14 +40,10 @@ def called(*words: object) -> subprocess.CompletedProcess[str]:
 def table_of(scenes: Sequence[Path]) -> str:
     """Sites along a line of places, each rock at its own."""
     rows = [
-        f"{scene},site {number},{-117.5 + 0.05 * number:.3f},{34.0 + 0.03 * (number % 7):.3f}"
+        f"{scene},site {number},{-117.5 + 0.05 * number:.3f},{34.0 + 0.03 * (number % 7):.3f}\n"
         for number, scene in enumerate(scenes)
     ]
-    names = [key.name for key in SITE_KEYS if key.name in ("scene", "site", "longitude", "latitude")]
-    return (
-        "\n".join([",".join(sorted(names, key=["scene", "site", "longitude", "latitude"].index)), *rows])
-        + "\n"
-    )
+    return "scene,site,longitude,latitude\n" + "".join(rows)
 
 
 def main() -> None:
@@ -93,16 +88,8 @@ def main() -> None:
         f'sites = "sites.csv"\nensemble = "quakes"\npga_m_s2 = {list(LEVELS_M_S2)}\nazimuth_deg = [0]\n'
         f'friction = [0.8]\npreset = "{given.preset}"\naudit = 0\n'
     )
-    done = called(
-        "run",
-        out / "campaign.toml",
-        "--out",
-        out / "run",
-        "--workers",
-        given.workers,
-        "--no-estimate",
-        "--json",
-    )
+    words = ("--out", out / "run", "--workers", given.workers, "--no-estimate", "--json")
+    done = called("run", out / "campaign.toml", *words)
     if done.returncode not in (0, 3):
         raise SystemExit(done.stderr)
     told = json.loads(done.stdout.strip().splitlines()[-1])

@@ -176,20 +176,14 @@ class Campaign:
     def with_precision(self, precision: float) -> "Campaign":
         """The same campaign, to end once its target is known so well.
 
-        Raises
-        ------
-        InputError
-            If the precision is no share, or there are no levels.
+        Raises InputError if the precision is no share, or there are no levels.
         """
-        where = "--precision"
+        place = Place("--precision", expected="0.005 to 0.5")
         if self.sites:
-            raise Place(where).wrong(
-                "a campaign of many rocks", "a campaign of one", "give each rock a run of its own"
-            )
-        changed = dataclasses.replace(
-            self, precision=read_precision(precision, Place(where, expected="0.005 to 0.5"))
-        )
-        _check_together(changed, where, where, where)
+            remedy = "give each rock a run of its own"
+            raise place.wrong("a campaign of many rocks", "a campaign of one", remedy)
+        changed = dataclasses.replace(self, precision=read_precision(precision, place))
+        _check_together(changed, *[place.where] * 3)
         return changed
 
     @classmethod
@@ -235,13 +229,7 @@ class Campaign:
         return dataclasses.replace(self, scene=site.scene, ensemble=ensemble, friction=friction, sites=())
 
     def check_jobs(self, records: int) -> None:
-        """Refuse more jobs than a table can hold, before any is made.
-
-        Raises
-        ------
-        InputError
-            If there are more than `MOST_JOBS` with so many records.
-        """
+        """Refuse more jobs, with so many records, than a table can hold, before any is made."""
         axes = {
             "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": max(len(self.azimuth_deg), 1),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
@@ -256,14 +244,11 @@ class Campaign:
         """Write the campaign as TOML, every value written out, as it lies in a run's folder."""
         values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
         content = {name: one for name, one in values.items() if one not in (None, ())}
+        rocks = {"sites": SITES_FILE} if self.sites else {"scene": "scene"}
+        axes = {"pga_m_s2": self.pga_m_s2 or _AS_RECORDED, "azimuth_deg": self.azimuth_deg or _AS_RECORDED}
         if self.sites:
             del content["scene"]
-        content |= {
-            **({"sites": SITES_FILE} if self.sites else {"scene": "scene"}),
-            "ensemble": "ensemble",
-            "pga_m_s2": self.pga_m_s2 or _AS_RECORDED,
-        }
-        content["azimuth_deg"] = self.azimuth_deg or _AS_RECORDED
+        content |= {**rocks, "ensemble": "ensemble", **axes}
         if self.stood:
             content["stood"] = list(stood)
         if self.unmeasured is not None:

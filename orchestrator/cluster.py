@@ -75,8 +75,15 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
     most: as many as there may be where there is work for them; None for no more.
     Raises UsageError if they would be so many that they only crowd each other out.
     """
-    _refuse_crowd(max(workers, most or 0))  # at once, before anything is written
-    return _local_client(workers, most or workers)
+    cores, most = os.cpu_count() or 1, max(workers, most or 0)
+    bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
+    if most > bound:  # at once, before anything is written
+        raise UsageError(
+            f"{most} local workers, and this machine has {cores} cores",
+            where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
+            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)",
+        )  # fmt: skip
+    return _local_client(workers, most)
 
 
 @contextlib.contextmanager
@@ -88,17 +95,6 @@ def _local_client(workers: int, most: int) -> Iterator[Client]:
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
         let_resize(cluster, workers, most)
         yield client
-
-
-def _refuse_crowd(workers: int) -> None:
-    cores = os.cpu_count() or 1
-    bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
-    if workers > bound:
-        raise UsageError(
-            f"{workers} local workers, and this machine has {cores} cores",
-            where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
-            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)",
-        )  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -287,13 +283,15 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
         _warn_of_little_memory(kind, cores)
         prologue = dask.config.get(f"jobqueue.{kind}.job-script-prologue", None) or []
+        chosen = {VARIABLE: "1"} | {name: os.environ.get(name) for name in KERNEL_VARIABLES}
+        exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
         with kept_from_children():  # what submits and takes back batch jobs
             return getattr(jobqueue, QUEUES[kind])(
                 cores=cores,
                 processes=cores,
                 security=security,
                 shared_temp_directory=str(secrets),
-                job_script_prologue=[*prologue, f"export {VARIABLE}=1", *_kernels_of_user()],
+                job_script_prologue=[*prologue, *exports],
                 scheduler_options={
                     "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
                     **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
@@ -306,12 +304,6 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
             remedy="see https://jobqueue.dask.org/en/latest/configuration.html, and try --dry-run first",
         ) from None
-
-
-def _kernels_of_user() -> list[str]:
-    """Lines for batch jobs that choose the kernels which the user has chosen here."""
-    chosen = {name: os.environ.get(name) for name in KERNEL_VARIABLES}
-    return [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
 
 
 def _warn_of_little_memory(kind: str, processes: int) -> None:

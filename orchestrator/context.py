@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +17,6 @@ from toppling.orchestrator.task import Row, RunKey
 
 class RunError(RuntimeError):
     """The run cannot go on; what is stored stays, and the same command resumes."""
-
-
-class ProgressCallback(Protocol):
-    """Who wants to see a run go on."""
-
-    def __call__(self, progress: "RunProgress") -> None:
-        """Take note of the state; called often, must return at once."""
 
 
 @dataclass
@@ -57,14 +50,16 @@ class RunProgress:
     @property
     def left_s(self) -> float | None:
         """Time left at the rate so far: jobs go out in balanced blocks, so that those left cost as those done."""
-        left = self.total - self.before - self.done
-        return max(left, 0) / self.rate if self.done else None
+        return self._left / self.rate if self.done else None
 
     @property
     def work_left_s(self) -> float:
         """Work of one process that is left, at the mean of the jobs so far; 0 before the first."""
-        left = self.total - self.before - self.done
-        return max(left, 0) * self.work_s / self.done if self.done else 0.0
+        return self._left * self.work_s / self.done if self.done else 0.0
+
+    @property
+    def _left(self) -> int:
+        return max(self.total - self.before - self.done, 0)
 
     @property
     def failed(self) -> int:
@@ -73,17 +68,8 @@ class RunProgress:
 
     def summary(self) -> dict[str, Any]:
         """State in words that a program reads."""
-        return {
-            "done": self.done,
-            "stored": self.stored,
-            "total": self.total,
-            "again": self.again,
-            "toppled": self.toppled,
-            "failed": self.failed,
-            "workers": self.workers,
-            "deaths": self.deaths,
-            "elapsed_s": round(self.elapsed_s, 1),
-        }
+        names = ("done", "stored", "total", "again", "toppled", "failed", "workers", "deaths")
+        return {**{name: getattr(self, name) for name in names}, "elapsed_s": round(self.elapsed_s, 1)}
 
     def count(self, rows: Sequence[Row]) -> None:
         """Add rows."""
@@ -92,6 +78,10 @@ class RunProgress:
             self.status[row["status"]] += 1
             self.toppled += row.get("toppled") is True
             self.work_s += row.get("wall_s") or 0.0
+
+
+ProgressCallback = Callable[[RunProgress], None]
+"""Takes note of a run's state: called often, it must return at once."""
 
 
 @dataclass(frozen=True)

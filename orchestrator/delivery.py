@@ -11,7 +11,7 @@ import re
 import shutil
 import time
 import uuid
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -66,10 +66,13 @@ class Shelf:
             return bytes(files.get(file, b"")[offset : offset + size])
         return {each: len(content) for each, content in files.items()}
 
-    def holds(self, name: str, client: str, connected: Collection[str]) -> bool:
-        """Whether a name is there, now for this client too; what is of no connected client is forgotten."""
+    def keep_for(self, connected: Collection[str]) -> None:
+        """Forget what is of no connected client."""
         for known in [each for each, who in self._holders.items() if not who.intersection(connected)]:
             del self._kept[known], self._holders[known]
+
+    def holds(self, name: str, client: str) -> bool:
+        """Whether a name is there, now for this client too."""
         if name in self._kept:
             self._holders[name].add(client)
         return name in self._kept
@@ -90,26 +93,21 @@ def offer(client: Client, folders: Mapping[str, Path]) -> None:
     folders: folder by the id of its content; what the scheduler has already is not sent again.
     """
     for name, folder in folders.items():
-        if client.run_on_scheduler(_holds, name=name, client=client.id):
+        if client.run_on_scheduler(_shelf, Shelf.holds, name, client.id):
             continue
         upload = uuid.uuid4().hex
         for path in sorted(each for each in folder.iterdir() if each.is_file()):
             with path.open("rb") as source:
                 while piece := source.read(_PIECE_BYTES):
-                    client.run_on_scheduler(_add, upload=upload, file=path.name, piece=piece)
-        client.run_on_scheduler(_complete, upload=upload, name=name, client=client.id)
+                    client.run_on_scheduler(_shelf, Shelf.add, upload, path.name, piece)
+        client.run_on_scheduler(_shelf, Shelf.complete, upload, name, client.id)
 
 
-def _holds(name: str, client: str, dask_scheduler: Any = None) -> bool:
-    return Shelf.of(dask_scheduler).holds(name, client, dask_scheduler.clients)
-
-
-def _add(upload: str, file: str, piece: bytes, dask_scheduler: Any = None) -> None:
-    Shelf.of(dask_scheduler).add(upload, file, piece)
-
-
-def _complete(upload: str, name: str, client: str, dask_scheduler: Any = None) -> None:
-    Shelf.of(dask_scheduler).complete(upload, name, client)
+def _shelf(method: Callable[..., Any], *given: Any, dask_scheduler: Any = None) -> Any:
+    """Call a method of the scheduler's shelf, there."""
+    shelf = Shelf.of(dask_scheduler)
+    shelf.keep_for(dask_scheduler.clients)
+    return method(shelf, *given)
 
 
 def delivered(name: str) -> Path:

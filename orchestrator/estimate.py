@@ -1,7 +1,5 @@
 """How long a plan will take: a few of its jobs are done beforehand, in a process of their own, and timed."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -54,7 +54,9 @@ class PlannedScene:
     ensemble_id: str
     record_sha: dict[str, str]  # hash of every record in use
     duration_s: dict[str, float]  # duration of every record in use
-    site: Site | None = None  # of a rock among others
+    # Of a rock among others.
+    site: Site | None = None
+    rock: str | None = None
     # Their folders in the run's.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
@@ -63,12 +65,9 @@ class PlannedScene:
         """The same as one rock of an atlas."""
         scene, own = f"scenes/{site.rock}/scene", site.ensemble or site.seismograms
         ensemble = f"scenes/{site.rock}/ensemble" if own else "ensemble"
-        return dataclasses.replace(self, site=site, scene_place=scene, ensemble_place=ensemble)
-
-    @property
-    def rock(self) -> str | None:
-        """Name of a rock among others."""
-        return None if self.site is None else self.site.rock
+        return dataclasses.replace(
+            self, site=site, rock=site.rock, scene_place=scene, ensemble_place=ensemble
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,19 +114,11 @@ class Plan:
         number = {one.scene_id: number for number, one in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
         records = record.indices.to_numpy()
-        known = [[one.duration_s.get(name, np.nan) for name in self._records] for one in self.scenes]
+        names = record.dictionary.to_pylist()
+        known = [[one.duration_s.get(name, np.nan) for name in names] for one in self.scenes]
         axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
         duration_s = np.array(known)[scenes, records]
         return {"record_id": records, "scene_id": scenes, **axes, "duration_s": duration_s}
-
-    @cached_property
-    def _records(self) -> list[str]:
-        return self.jobs.column("record_id").combine_chunks().dictionary.to_pylist()
-
-    @property
-    def jobs_of_scenes(self) -> list[int]:
-        """Number of jobs of each scene."""
-        return np.bincount(self.columns["scene_id"], minlength=len(self.scenes)).tolist()
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -155,8 +146,8 @@ class Plan:
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        record, scene, *axes, _ = (column[row].item() for column in self.columns.values())
-        record_id, scene = self._records[record], self.scenes[scene]
+        _, number, *axes, _ = (column[row].item() for column in self.columns.values())
+        record_id, scene = self.jobs["record_id"][row].as_py(), self.scenes[number]
         return JobSpec(
             scene_id=scene.scene_id,
             record_id=record_id,
@@ -235,10 +226,11 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     the rock stood cannot be read or tells nothing of it, or a record is sampled too coarsely for the band that it is
     said to have.
     """
-    duration_s = _durations_s(campaign, ensemble)
+    duration_s = _durations_s(ensemble, campaign.records, str(campaign.ensemble))
     records = list(duration_s)
     campaign.check_jobs(len(records))
-    _check_band(campaign, ensemble, records)
+    if campaign.unmeasured and campaign.unmeasured.band_hz:
+        _check_band(campaign.unmeasured.band_hz, ensemble, records, str(campaign.ensemble))
     recorded = None
     if campaign.stood:
         check_weighable(scene, campaign.first_realisation + campaign.realisations - 1, str(campaign.scene))
@@ -279,49 +271,38 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     return Plan(campaign, scenes, jobs, recorded).with_ids()
 
 
-def _check_band(campaign: Campaign, ensemble: Ensemble, records: list[str]) -> None:
+def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: str) -> None:
     """Refuse before any job what :func:`models.motions.above_band.with_motion_above` would refuse in each."""
-    band_hz = campaign.unmeasured and campaign.unmeasured.band_hz
-    if not band_hz:
-        return
     step_s = dict(zip(ensemble.record_ids, ensemble.catalog["time_step_s"].to_pylist(), strict=True))
     coarsest = max(records, key=lambda record: step_s[record])
     highest_hz = HIGHEST_CORNER / step_s[coarsest]
     if band_hz > highest_hz:
         raise InputError(
             f"unmeasured.band_hz is {band_hz:g}, but record {coarsest} has a step of {step_s[coarsest]:g} s",
-            where=str(campaign.ensemble),
+            where=where,
             expected=f"at most {highest_hz:g} Hz: what is added is as strong as the octave below",
             remedy="give a smaller band_hz, or name finer records",
         )
 
 
-def _durations_s(campaign: Campaign, ensemble: Ensemble) -> dict[str, float]:
+def _durations_s(ensemble: Ensemble, asked: Sequence[str] | None, where: str) -> dict[str, float]:
     """Durations of the records to use by their ids, the longest motion first."""
-    known = ensemble.record_ids
-    there = set(known)
-    missing = [name for name in campaign.records or () if name not in there]
-    if missing:
+    catalog, known = ensemble.catalog, ensemble.record_ids
+    duration = dict(zip(catalog["record_id"].to_pylist(), catalog["duration_s"].to_pylist(), strict=True))
+    if missing := [name for name in asked or () if name not in duration]:
+        more = " ..." if len(missing) > 10 else ""
+        remedy = "correct 'records' in the campaign, or import the records into the ensemble"
         raise InputError(
-            f"records {', '.join(missing[:10])} are not in the ensemble"
-            + (" ..." if len(missing) > 10 else ""),
-            where=str(campaign.ensemble),
+            f"records {', '.join(missing[:10])} are not in the ensemble{more}",
+            where=where,
             expected=f"ids of its {len(known)} records, such as {', '.join(known[:5])}",
-            remedy=did_you_mean(
-                missing[0],
-                known,
-                "correct 'records' in the campaign, or import the records into the ensemble",
-            ),
+            remedy=did_you_mean(missing[0], known, remedy),
         )
-    chosen = list(campaign.records or known)
-    if not chosen:
-        what = "the ensemble holds no records, so there are no jobs"
+    if not duration:
         raise InputError(
-            what,
-            where=str(campaign.ensemble),
+            "the ensemble holds no records, so there are no jobs",
+            where=where,
             expected="at least one record",
             remedy="import some with 'toppling records import'",
         )
-    catalog = ensemble.catalog
-    duration = dict(zip(catalog["record_id"].to_pylist(), catalog["duration_s"].to_pylist(), strict=True))
-    return {name: duration[name] for name in sorted(chosen, key=lambda name: (-duration[name], name))}
+    return {name: duration[name] for name in sorted(asked or known, key=lambda name: (-duration[name], name))}

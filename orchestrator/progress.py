@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
@@ -31,12 +31,14 @@ class Advance:
     done: float = 0.0
     doing: str = ""
     began: float = field(default_factory=time.monotonic)
+    show: Callable[[Advance], object] = lambda _: None
 
     def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
         """Take note that so many parts more are done, and of what comes next."""
         self.done += parts
         self.doing = doing or self.doing
         self.total = self.total if total is None else total
+        self.show(self)
 
     def line(self, what: str) -> str:
         """How far the work is, in one line."""
@@ -63,18 +65,10 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, transient=True) as shown:
             task = shown.add_task(what, total=total)
-
-            class Shown(Advance):
-                def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
-                    super().__call__(parts, doing, total=total)
-                    shown.update(
-                        task,
-                        completed=self.done,
-                        total=self.total,
-                        description=f"{what} {self.doing}".rstrip(),
-                    )
-
-            yield Shown(total)
+            advance.show = lambda one: shown.update(
+                task, completed=one.done, total=one.total, description=f"{what} {one.doing}".rstrip()
+            )
+            yield advance
         return
 
     def speak() -> None:
@@ -107,23 +101,14 @@ def watcher() -> Iterator[ProgressCallback]:
     if not console.is_terminal:
         yield _lines(console)
         return
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[pace]}"),
-        console=console,
-    ) as bar:
-        shown = bar.add_task("shaking", total=None, pace="starting workers")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TextColumn("{task.fields[pace]}"), console=console) as shown:
+        task = shown.add_task("shaking", total=None, pace="starting workers")
 
-        def watch(progress: RunProgress) -> None:
-            done = progress.before + progress.done
-            bar.update(
-                shown,
-                description=progress.what,
-                total=progress.total,
-                completed=done,
-                pace=_pace_and_counts(progress),
+        def watch(one: RunProgress) -> None:
+            pace = _pace_and_counts(one)
+            shown.update(
+                task, total=one.total, completed=one.before + one.done, description=one.what, pace=pace
             )
 
         yield watch

@@ -1,7 +1,5 @@
 """Recorded motions that a rock is known to have stood: read, told apart, kept in a run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
@@ -29,10 +31,8 @@ class Settlings:
         found: dict[tuple[float, float], Settling | InputError] = {}
         for static, kinetic in sorted(set(campaign.friction)):
             try:
-                under = scene.with_contact(ContactProperties.of((static, kinetic)))
-                found[static, kinetic] = Settling.between(
-                    scene.rock, settled(under).rock, scene.pedestal.normal
-                )
+                stands = settled(scene.with_contact(ContactProperties.of((static, kinetic))))
+                found[static, kinetic] = Settling.between(scene.rock, stands.rock, scene.pedestal.normal)
             except InputError as error:
                 found[static, kinetic] = InputError(
                     f"with friction {static:g}: {error.what}",
@@ -99,20 +99,16 @@ def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
     if not plan.campaign.sites:
         settlings[0].checked()
         return {"settling": largest[0]}
-    entries = [
-        _scene_entry(scene, settles) | {"jobs": jobs, "settling": most}
-        for scene, settles, jobs, most in zip(
-            plan.scenes, settlings, plan.jobs_of_scenes, largest, strict=True
-        )
-    ]
+    counts = np.bincount(plan.columns["scene_id"], minlength=len(plan.scenes)).tolist()
+    entries = []
+    for scene, settles, jobs, most in zip(plan.scenes, settlings, counts, largest, strict=True):
+        site = scene.site
+        assert site is not None
+        entries.append({
+            "rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id,
+            "ensemble": scene.ensemble_place, "site": site.site, "longitude": site.longitude,
+            "latitude": site.latitude, "age": site.age, "problem": "; ".join(map(str, settles.problems)) or None,
+            "jobs": jobs, "settling": most,
+        })  # fmt: skip
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": entries, "left_out": left_out}
-
-
-def _scene_entry(scene: PlannedScene, settles: Settlings) -> dict[str, Any]:
-    site = scene.site
-    assert site is not None
-    problems = "; ".join(map(str, settles.problems))
-    ids = {"rock": site.rock, "scene_id": scene.scene_id, "ensemble_id": scene.ensemble_id}
-    location = {"site": site.site, "longitude": site.longitude, "latitude": site.latitude, "age": site.age}
-    return {**ids, "ensemble": scene.ensemble_place, **location, "problem": problems or None}

@@ -3,8 +3,9 @@
 import logging
 import os
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,13 @@ def run(
         for sentence, fields in remarks(folder):
             log.warning("%s", sentence, extra={"fields": fields})
         try:
-            begun = _Session(planned, folder, notes, again, selection)
-            progress = begun.carry_out(cluster, watch, limits, [Weighing(run), *stages])
+            finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+            redo = attempts_with(folder, again) if again else {}
+            if selection is planned:  # a run that was to end with a statement may go on to all of its jobs
+                set_jobs(folder, len(planned))
+            progress = RunProgress(len(selection), len(finished - redo.keys()), len(redo))
+            begun = _Session(planned, folder, notes, selection, redo, progress)
+            begun.carry_out(cluster, watch, limits, [Weighing(run), *stages], finished)
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -70,26 +76,16 @@ def run(
     return progress
 
 
+@dataclass
 class _Session:
     """The rows that a run is to have, and what becomes of its folder once they are there."""
 
-    def __init__(
-        self,
-        planned: Plan,
-        folder: Path,
-        notes: dict[str, Any],
-        again: Collection[str],
-        selection: JobSelection,
-    ) -> None:
-        self.planned, self.folder, self.notes = planned, folder, notes
-        self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
-        self.redo = attempts_with(folder, again) if again else {}
-        self.selection = selection
-        if selection is planned:  # a run that was to end with a statement may go on to all of its jobs
-            set_jobs(folder, len(planned))
-        self.progress = RunProgress(
-            len(self.selection), len(self.finished - self.redo.keys()), len(self.redo)
-        )
+    planned: Plan
+    folder: Path
+    notes: dict[str, Any]
+    selection: JobSelection
+    redo: Mapping[str, int]
+    progress: RunProgress
 
     def carry_out(
         self,
@@ -97,18 +93,22 @@ class _Session:
         watch: ProgressCallback,
         limits: Limits,
         stages: Sequence[Stage],
-    ) -> RunProgress:
-        """Do what is left, until all rows are there."""
+        finished: set[str],
+    ) -> None:
+        """Do what is left, until all rows are there.
+
+        finished: jobs that had rows when the session began.
+        """
         planned, folder, selection, progress = self.planned, self.folder, self.selection, self.progress
         first = [one for one in stages if one.before and one.due(planned, folder)]
         last = [one for one in stages if not one.before]
         if not first:
-            left = selection.pending(self.finished - self.redo.keys())
+            left = selection.pending(finished - self.redo.keys())
             if not len(left):
                 left = selection.pending(self.merge())
             progress.total = len(selection)
             if not len(left) and not any(one.due(planned, folder) for one in last):
-                return progress
+                return
         tell("work began", **progress.summary())
         with ExitStack() as until_done:
             client = until_done.enter_context(cluster)
@@ -133,7 +133,6 @@ class _Session:
             for stage in last:
                 if stage.due(planned, folder):
                     stage.carry_out(work)
-        return progress
 
     def merge(self) -> set[str]:
         """Merge the parts of a complete run; its finished jobs, of which some lack if a part was cut meanwhile.
@@ -141,12 +140,8 @@ class _Session:
         The session's notes come first: what `compact` puts into the results tells of this session too.
         """
         progress, folder = self.progress, self.folder
-        ended = {
-            "ended": "complete",
-            "done": progress.done,
-            "status": dict(progress.status),
-            "deaths": progress.deaths,
-        }
+        counts = {"done": progress.done, "status": dict(progress.status), "deaths": progress.deaths}
+        ended = {"ended": "complete", **counts}
         note(folder, self.notes | ended)
         if result_files(folder) != [folder / RESULTS_FILE]:
             with suppress(FileNotFoundError):  # no part is left that can be read

@@ -28,24 +28,19 @@ def state_of(run: Path) -> dict[str, Any]:
     """
     described = describe(run)
     rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))
-    jobs = described["jobs"]
-    stored = len(rows)
+    jobs, stored = described["jobs"], len(rows)
     running = is_running(run)
     sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
+    told = (last(run, "work began", "rows stored") if running else None) or {}
+    status = {entry["values"]: entry["counts"] for entry in pc.value_counts(rows["status"]).to_pylist()}
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
-        "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
-        "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
+        "jobs": jobs, "stored": stored, "again": told.get("again", 0), "toppled": pc.sum(rows["toppled"]).as_py() or 0,
+        "failed": stored - status.get("ok", 0), "status": status,
+        "failures": _failures(rows.filter(pc.not_equal(rows["status"], "ok"))), "rate_per_s": None, "left_s": None,
+        "workers": told.get("workers"), "deaths": told.get("deaths"), "sessions": sessions,
     }  # fmt: skip
-    if running and (summary := last(run, "work began", "rows stored")):
-        state["workers"], state["deaths"] = summary.get("workers"), summary.get("deaths")
-        state["again"] = summary.get("again", 0)
-    counted = pc.value_counts(rows["status"]).to_pylist()
-    state["status"] = {entry["values"]: entry["counts"] for entry in counted}
-    state["failed"] = stored - state["status"].get("ok", 0)
-    state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
-    state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _weighted(run)
     state["statements"], state["statement_sentences"] = _stated(run)

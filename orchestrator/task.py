@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import pyarrow as pa
 from distributed import Worker, get_worker
@@ -36,14 +36,6 @@ _ONE_AT_A_TIME = threading.Lock()
 """The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
 
 Row = dict[str, Any]
-
-
-class _Identified(Protocol):
-    @property
-    def id(self) -> str: ...
-
-
-_Asset = TypeVar("_Asset", bound=_Identified)
 
 
 class UnfitWorkerError(RuntimeError):
@@ -129,7 +121,7 @@ def _ensemble(content_id: str, folder: Path) -> Ensemble:
     return _loaded("ensemble", Ensemble.load, content_id, folder)
 
 
-def _loaded(what: str, load: Callable[[Path], _Asset], content_id: str, shared: Path) -> _Asset:
+def _loaded(what: str, load: Callable[[Path], Any], content_id: str, shared: Path) -> Any:
     """A run's scene or ensemble: as this host sees it on the client's disk, or else as the client sends it."""
     found, why = _tried(what, load, content_id, shared)
     if found is not None:
@@ -145,20 +137,16 @@ def _loaded(what: str, load: Callable[[Path], _Asset], content_id: str, shared: 
     return found
 
 
-def _tried(
-    what: str, load: Callable[[Path], _Asset], content_id: str, folder: Path
-) -> tuple[_Asset | None, str]:
+def _tried(what: str, load: Callable[[Path], Any], content_id: str, folder: Path) -> tuple[Any, str]:
     """What a folder holds, or why it is not what has that id."""
     try:
         found = load(folder)
     except (InputError, OSError) as error:
         why = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error)
         return None, f"cannot read the run's {what}: {why}"
-    return (
-        (found, "")
-        if found.id == content_id
-        else (None, f"{folder} holds {what} {found.id}, not {content_id}")
-    )
+    if found.id != content_id:
+        return None, f"{folder} holds {what} {found.id}, not {content_id}"
+    return found, ""
 
 
 def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:

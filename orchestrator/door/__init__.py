@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.constraining import constrain
     from toppling.orchestrator.public.fragility_figures import Bins, fragility
     from toppling.orchestrator.public.hazard_question import Dates
-    from toppling.orchestrator.public.making import check, scan
+    from toppling.orchestrator.public.making import scan, scan_again
     from toppling.orchestrator.public.reporting import query, report
     from toppling.orchestrator.public.running import plan, run
-    from toppling.orchestrator.public.scan_again import scan_again
+    from toppling.orchestrator.studies.seismograms import check
     from toppling.results.reader import Run, open_run
     from toppling.workers.outcome import ShakeResult
     from toppling.workers.shake import shake
@@ -68,7 +68,7 @@ _HOMES = {
     "Scene": "toppling.models.scene",
     "ShakeResult": "toppling.workers.outcome",
     "State": "toppling.workers.start",
-    "check": "toppling.orchestrator.public.making",
+    "check": "toppling.orchestrator.studies.seismograms",
     "constrain": "toppling.orchestrator.public.constraining",
     "fragility": "toppling.orchestrator.public.fragility_figures",
     "open_run": "toppling.results.reader",
@@ -77,7 +77,7 @@ _HOMES = {
     "report": "toppling.orchestrator.public.reporting",
     "run": "toppling.orchestrator.public.running",
     "scan": "toppling.orchestrator.public.making",
-    "scan_again": "toppling.orchestrator.public.scan_again",
+    "scan_again": "toppling.orchestrator.public.making",
     "shake": "toppling.workers.shake",
 }
 

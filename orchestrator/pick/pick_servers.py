@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from toppling.models.errors import InputError
 from toppling.models.files.folder import refuse_existing
-from toppling.models.hidden_base.inspection import Inspection, inspection_of
+from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.placement import Placement
@@ -17,9 +17,16 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.pick.page import UserHints
 from toppling.orchestrator.pick.picking import Answer, Picking, Placed
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.public.making import Scanned, written
-from toppling.orchestrator.public.scan_again import written_again
-from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud
+from toppling.orchestrator.public.making import (
+    Scanned,
+    hints_said,
+    of_base,
+    placed_by,
+    placed_cloud,
+    said_of_base,
+    written,
+    written_again,
+)
 
 _OF_THE_PAGE = ("units", "up", "length")
 """What the page itself says of the files; the rest stays as the command was told."""
@@ -30,21 +37,10 @@ def pick_server(
 ) -> PickServer:
     """Read clouds and make the server of their page.
 
-    Parameters
-    ----------
-    out : path
-        Folder that the page's scene is saved to; must not exist.
-    given : dict
-        Other options of the scan, by name.
-    saved : callable
-        Called with each scene that is saved.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or an option cannot be used.
-    FileExistsError
-        If the folder exists.
+    out: folder that the page's scene is saved to; must not exist.
+    given: other options of the scan, by name.
+    saved: called with each scene that is saved.
+    Raises InputError if a file cannot be read, or an option cannot be used, FileExistsError if the folder exists.
     """
     refuse_existing(out)
     known = inspection_of(given["contact"], **of_base(given))
@@ -57,7 +53,7 @@ def pick_server(
         "plane": given["plane"] and list(given["plane"]),
         "point": [list(each) for each in given["point"]],
         "outline": [] if hint is None else hint.anchors_m.tolist(),
-        **_said_of_base(known),
+        **said_of_base(known),
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
@@ -73,7 +69,7 @@ def pick_server(
 
     def read(said: UserHints) -> Placed:
         hints = cast(CloudHints, {**said.hints(), **surveyed})
-        return Placed(placed_cloud(files, hints), placed_by(hints)[0])
+        return Placed(placed_cloud(files, hints)[0], placed_by(hints)[0])
 
     try:
         placed = read(said)
@@ -89,28 +85,17 @@ def again_server(
 ) -> PickServer:
     """Make the server of a page that opens on what a scan has kept, for hints on the base.
 
-    Parameters
-    ----------
-    scene : path
-        Folder of a scanned scene, which the page's scene replaces.
-    out : path or None
-        A new folder, which it is saved to instead.
-    given, saved, port
-        As of :func:`pick_server`.
-
-    Raises
-    ------
-    InputError
-        If the folder keeps nothing of a scan, or an option cannot be used.
-    FileExistsError
-        If `out` exists.
+    scene: folder of a scanned scene, which the page's scene replaces unless it has a new folder, `out`.
+    given, saved, port: as of :func:`pick_server`.
+    Raises InputError if the folder keeps nothing of a scan, or an option cannot be used; FileExistsError if there is an
+    `out`.
     """
     if out is not None:
         refuse_existing(out)
     before = WorkedOut.read(scene)
     looked = inspection_of(given["contact"], **of_base(given))
     kept = before.with_hints(looked)
-    said = UserHints.of(_said_of_base(kept.inspection))
+    said = UserHints.of(said_of_base(kept.inspection))
     cloud, label = kept.cloud()
     # What the folder has is what these hints gave, unless others are given beside it.
     nothing_new = looked.says_nothing and not looked.touch_only
@@ -136,14 +121,3 @@ def again_server(
         ),
         port,
     )
-
-
-def _said_of_base(known: Inspection) -> dict[str, Any]:
-    """What is known of the base, as a page has it."""
-    return {
-        "touch": known.touching_m.tolist(),
-        "daylight": known.open_m.tolist(),
-        "pull": [list(each) for each in known.pulls],
-        "base": known.base,
-        "touch_only": known.touch_only,
-    }

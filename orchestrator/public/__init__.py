@@ -4,7 +4,7 @@ from typing import Any
 
 __all__ = [
     "REALISATIONS", "constraining", "fragility_figures", "hazard_question",
-    "making", "reporting", "rocks", "running", "scan_again", "scan_files",
+    "making", "reporting", "rocks", "running", "unseen",
 ]  # fmt: skip
 
 REALISATIONS = 8

@@ -1,22 +1,31 @@
-"""From clouds to a scene, and from a scene and seismograms to verdicts."""
+"""From clouds to a scene, and to one whose hidden base is drawn again; what lies in its folder beside the scene."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
-
-import pandas as pd
+from typing import Any, Unpack
 
 from toppling.models.errors import InputError
-from toppling.models.files.folder import refuse_existing
-from toppling.models.scan.hints_file import Hints
+from toppling.models.files.folder import new_folder, refuse_existing, replaced_folder
+from toppling.models.files.scene_document import LABELS, WORKED_OUT
+from toppling.models.hidden_base.inspection import Inspection, inspection_of
+from toppling.models.hidden_base.intervals import base_sentences
+from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
+from toppling.models.scan.interface_hint import InterfaceHint, hint_of
+from toppling.models.scan.measure import invention_warning
+from toppling.models.scan.parts import files_with, labelled, parts_of
+from toppling.models.scan.placement import Placement, control_point_lines, placement_of
+from toppling.models.scan.read import Cloud, read_clouds
+from toppling.models.scan.reference import Reference, of_user
+from toppling.models.scan.survey import SeparatedMeshes, Survey, save_survey, survey
+from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
+from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.public import REALISATIONS, unseen
-from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
-
-if TYPE_CHECKING:
-    from toppling.models.scan.survey import Survey
+from toppling.orchestrator.settling_notes import draw_settling, settling_notes
+from toppling.results.drawing.scene_figures import draw_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,45 +79,35 @@ def scan(
     InputError
         If the folder exists, a file cannot be read, or no rock is found in the clouds.
     """
-    from toppling.models.hidden_base.inspection import inspection_of
-    from toppling.models.scan.interface_hint import hint_of
-    from toppling.models.scan.survey import survey
-    from toppling.orchestrator.public import scan_files
-
-    scan_files.check_hints(hints)
-    clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
+    for name in hints:
+        if name not in KEYS:
+            raise TypeError(f"'{name}' is no hint of a scan: {did_you_mean(name, KEYS, ', '.join(KEYS))}")
+    folder = Path(out)
     refuse_existing(folder)
-    inspection = inspection_of(looked, **scan_files.of_base(hints))
+    inspection = inspection_of(contact, **of_base(hints))
     hint = hint_of(hints.get("plane"), list(hints.get("point", ())), hints.get("outline"))
     stage = partial(advance, 1)
 
     advance(0, "reading")
-    cloud = scan_files.placed_cloud(clouds, hints)
-    meshes = scan_files.brought_apart(clouds, hints, cloud)
+    cloud, meshes = placed_cloud(tuple(map(Path, files)), hints)
     make = partial(survey, cloud, stage, hints.get("near"), hint, bootstrap, inspection)
     try:
         result = make() if meshes is None else meshes.surveyed(make, hinted=not inspection.says_nothing)
     except InputError as error:
-        raise _in_files(error, [name for name, _ in cloud.files], looked) from None
+        raise _in_files(error, [name for name, _ in cloud.files], contact) from None
     advance(1, "letting the rock stand")
-    said = scan_files.hints_said(hints, inspection)
-    return Scanned(result.scene, folder, written(result, folder, said, advance))
+    return Scanned(result.scene, folder, written(result, folder, hints_said(hints, inspection), advance))
 
 
 def written(
-    result: "Survey",
+    result: Survey,
     folder: Path,
     said: dict[str, Any],
     advance: Callable[..., None] = unseen,
     replaces: bool = False,
 ) -> list[str]:
     """Write what a scan became, with its pictures and the hints that it was given; what is said of it."""
-    from toppling.models.scan.hints_file import HINTS, write_hints
-    from toppling.models.scan.measure import invention_warning
-    from toppling.models.scan.survey import save_survey
-    from toppling.orchestrator.public.scan_files import pictured
-
-    draw, notes = pictured(result.scene)
+    draw, notes = _pictured(result.scene)
     advance(1, "writing")
 
     def also(folder: Path) -> None:
@@ -122,13 +121,9 @@ def written(
     return [*notes, *result.notes, *([warning] if warning else [])]
 
 
-def _path(given: str | Path | None) -> Path | None:
-    return None if given is None else Path(given)
-
-
-def _in_files(error: InputError, files: list[str], contact: Path | None) -> InputError:
+def _in_files(error: InputError, files: list[str], contact: str | Path | None) -> InputError:
     """Name the files in an error that concerns all of them."""
-    of_contact = contact is not None and error.where.startswith(f"{contact}, ")
+    of_contact = contact is not None and error.where.startswith(f"{Path(contact)}, ")
     if of_contact or error.where in files:
         return error
     names = ", ".join(files[:3]) + (" ..." if len(files) > 3 else "")
@@ -137,73 +132,140 @@ def _in_files(error: InputError, files: list[str], contact: Path | None) -> Inpu
     )
 
 
-@dataclass(frozen=True)
-class Checked:
-    """What seismograms do to a rock.
-
-    Parameters
-    ----------
-    verdicts : list of Verdict
-        One a seismogram.
-    remarks : list of str
-        What was left out or processed, and why.
-    notes : list of (str, str)
-        What is odd in a seismogram: its name and the oddity.
-    """
-
-    verdicts: list[Verdict]
-    remarks: list[str] = field(default_factory=list)
-    notes: list[tuple[str, str]] = field(default_factory=list)
-
-    def frame(self) -> pd.DataFrame:
-        """One row a seismogram."""
-        return pd.DataFrame([asdict(one) for one in self.verdicts])
-
-
-def check(
-    scene: Scene | str | Path,
-    seismograms: Sequence[str | Path],
+def scan_again(
+    scene: str | Path,
+    out: str | Path | None = None,
     *,
-    friction: float | None = None,
-    metadata: str | Path | None = None,
-    missing_vertical: bool = False,
-    largest: float = 1.25,
-    neighbours: int = 5,
-    preset: str = "standard",
+    contact: str | Path | None = None,
+    touch: Sequence[Place] = (),
+    daylight: Sequence[Place] = (),
+    pull: Sequence[tuple[float, float]] = (),
+    base: str | None = None,
+    touch_only: bool = False,
     advance: Callable[..., None] = unseen,
-) -> Checked:
-    """Test whether seismograms, unscaled and in their own directions, topple a rock, as `toppling check` does.
+) -> Scanned:
+    """Draw the base of a scanned scene again, with what its scan has worked out: no clouds are read.
 
     Parameters
     ----------
-    scene : Scene or path
-    seismograms : sequence of path
-        Files, folders of files, or folders of ensembles.
-    friction : float or None
-        The scene's own unless given.
-    metadata : path or None
-        Table of what the files do not state, as for 'records import'.
-    missing_vertical : bool
-        Allow seismograms without a vertical component.
-    largest : float
-        Each is also shaken from 1/N to N times as strong, N being this factor.
-    neighbours : int
-        So many weaker and as many stronger ones; 0 for none.
-    preset : str
-        How finely each shake is resolved.
+    scene : path
+        Folder of a scene of :func:`scan`.
+    out : path, optional
+        A new folder for the result. Default: it takes the place of the scene.
+    contact, touch, daylight, pull, base, touch_only
+        As of :func:`scan`; those that are given replace the former ones of their kind.
     advance : callable
-        Called after each shake.
+        Called with (1, what) at each stage.
 
     Raises
     ------
     InputError
-        If the scene or a table cannot be read, or no file gives a seismogram.
+        If the folder keeps nothing of a scan, a file in it is of another scene, or a hint contradicts what was seen;
+        the scene is then left as it is.
     """
-    rock = scene if isinstance(scene, Scene) else Scene.load(Path(scene))
-    if friction is not None:
-        rock = rock.with_friction(friction)
-    read = read_seismograms(tuple(map(Path, seismograms)), _path(metadata), missing_vertical)
-    factors = neighbouring_factors(largest, neighbours)
-    advance(0, total=len(read.found) * len(factors))
-    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records()]
-    return Checked(verdicts, read.remarks, read.notes)
+    folder = Path(scene)
+    advance(0, "reading")
+    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pull, touch, daylight, base, touch_only))
+    advance(1, "drawing the hidden base")
+    drawn, kept = kept.scene()
+    advance(1, "writing")
+    return written_again(folder, None if out is None else Path(out), drawn, kept)
+
+
+def written_again(
+    scene: Path, out: Path | None, drawn: Scene, kept: WorkedOut, replaces: bool = False
+) -> Scanned:
+    """Write a scene whose base was drawn again in place of the former one, or into another folder.
+
+    scene: folder of the former one.
+    replaces: whether the other folder may be there already.
+    """
+    draw, notes = _pictured(drawn)
+    target = scene if out is None else out
+    with (replaced_folder if replaces or out is None else new_folder)(target) as staging:
+        kept.write(staging / WORKED_OUT)
+        if (scene / LABELS).exists():
+            shutil.copy2(scene / LABELS, staging)
+        drawn.write_into(staging)
+        write_hints(staging / HINTS, hints_said(kept.said, kept.inspection))
+        draw(staging)
+    return Scanned(drawn, target, notes)
+
+
+def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, SeparatedMeshes | None]:
+    """Points of files in metres, z up, by what files and user say; and rock and pedestal if each is given as a mesh.
+
+    Raises InputError if a file cannot be read, or what is said contradicts itself.
+    """
+    if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
+        raise InputError(
+            "--near is given with --rock or --pedestal",
+            where="--near",
+            expected="one word on which rock is meant",
+            remedy="leave out --near: what was separated is known",
+        )
+    placement, system = placed_by(hints)
+    parts = parts_of(hints.get("rock"), hints.get("pedestal"))
+    every = files_with(files, parts)
+    cloud = labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
+    if None in parts or len(every) != len(parts):
+        return cloud, None
+    meshes = dict(zip(every, cloud.meshes, strict=True))
+    body, surface = (
+        next((mesh for path, mesh in meshes.items() if part and part.among(path)), None) for part in parts
+    )
+    return cloud, None if body is None or surface is None else SeparatedMeshes(body, surface)
+
+
+def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
+    """How coordinates become metres, z up, and their coordinate system if the user names one.
+
+    Raises InputError if what is said contradicts itself.
+    """
+    crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
+    if crs and length:
+        raise InputError(
+            "--crs is given with --length",
+            where="--crs",
+            expected="a coordinate system of surveyed coordinates",
+            remedy="give control points (--gcp), which place the model in it, or leave --crs out",
+        )
+    system = of_user(crs) if crs else None
+    units = system["metres_per_unit"] if system else (1.0, 1.0)
+    return placement_of(hints.get("up"), length, gcp, units), system
+
+
+def of_base(hints: Mapping[str, Any]) -> dict[str, Any]:
+    """What hints say of the base, as :func:`inspection_of` takes it."""
+    return {
+        "pulls": hints.get("pull") or (), "touching_m": hints.get("touch") or (), "open_m": hints.get("daylight") or (),
+        "base": hints.get("base"), "touch_only": bool(hints.get("touch_only")),
+    }  # fmt: skip
+
+
+def said_of_base(known: Inspection) -> dict[str, Any]:
+    """What is known of the base by the names of hints, in lists and words."""
+    return {
+        "touch": known.touching_m.tolist(), "daylight": known.open_m.tolist(),
+        "pull": [list(each) for each in known.pulls], "base": known.base, "touch_only": known.touch_only,
+    }  # fmt: skip
+
+
+def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
+    """What was said of a scan, as `hints.toml` has it: what files hold, and not where they lie."""
+    gcp, outline = given.get("gcp"), given.get("outline")
+    said = {**given, **said_of_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
+    if isinstance(outline, str | Path):
+        said["outline"] = InterfaceHint.outline(outline).anchors_m
+    return {key: plain(key, said.get(key)) for key in KEYS}
+
+
+def _pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:
+    """What draws a scene's pictures into its folder, and what the user should know of its rest and base."""
+    notes = settling_notes(scene) + base_sentences(scene.report)
+
+    def draw(folder: Path) -> None:
+        draw_scene(scene, folder / "scene.png", notes)
+        draw_settling(scene, folder / "settling.png")
+
+    return draw, [*notes]

@@ -4,8 +4,6 @@ Answers near a threshold are chaotic. The share that flips is therefore read aga
 the converged setting when the rock's start is disturbed by a millionth of its height.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import math

@@ -5,8 +5,6 @@ Veeraraghavan, Hudnut and Krishnan validated their method by it on rock K (figur
 restitution.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, as_completed

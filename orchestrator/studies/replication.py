@@ -1,7 +1,5 @@
 """The whole study of Veeraraghavan, Hudnut and Krishnan (2017) on any rock and records, stage by stage, resumable."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -18,6 +18,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.processes import pool_of
+from toppling.orchestrator.public import unseen
 from toppling.orchestrator.site_table import Site, seismograms_in
 from toppling.workers.shake import shake
 
@@ -187,6 +188,80 @@ def read_seismograms(
             remedy="a metadata table adds what the files do not state (--metadata)",
         )
     return Seismograms(found + of_records(came.records), remarks, list(came.warnings))
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What seismograms do to a rock.
+
+    Parameters
+    ----------
+    verdicts : list of Verdict
+        One a seismogram.
+    remarks : list of str
+        What was left out or processed, and why.
+    notes : list of (str, str)
+        What is odd in a seismogram: its name and the oddity.
+    """
+
+    verdicts: list[Verdict]
+    remarks: list[str] = field(default_factory=list)
+    notes: list[tuple[str, str]] = field(default_factory=list)
+
+    def frame(self) -> pd.DataFrame:
+        """One row a seismogram."""
+        return pd.DataFrame([dataclasses.asdict(one) for one in self.verdicts])
+
+
+def check(
+    scene: Scene | str | Path,
+    seismograms: Sequence[str | Path],
+    *,
+    friction: float | None = None,
+    metadata: str | Path | None = None,
+    missing_vertical: bool = False,
+    largest: float = 1.25,
+    neighbours: int = 5,
+    preset: str = "standard",
+    advance: Callable[..., None] = unseen,
+) -> Checked:
+    """Test whether seismograms, unscaled and in their own directions, topple a rock, as `toppling check` does.
+
+    Parameters
+    ----------
+    scene : Scene or path
+    seismograms : sequence of path
+        Files, folders of files, or folders of ensembles.
+    friction : float or None
+        The scene's own unless given.
+    metadata : path or None
+        Table of what the files do not state, as for 'records import'.
+    missing_vertical : bool
+        Allow seismograms without a vertical component.
+    largest : float
+        Each is also shaken from 1/N to N times as strong, N being this factor.
+    neighbours : int
+        So many weaker and as many stronger ones; 0 for none.
+    preset : str
+        How finely each shake is resolved.
+    advance : callable
+        Called after each shake.
+
+    Raises
+    ------
+    InputError
+        If the scene or a table cannot be read, or no file gives a seismogram.
+    """
+    rock = scene if isinstance(scene, Scene) else Scene.load(Path(scene))
+    if friction is not None:
+        rock = rock.with_friction(friction)
+    read = read_seismograms(
+        tuple(map(Path, seismograms)), None if metadata is None else Path(metadata), missing_vertical
+    )
+    factors = neighbouring_factors(largest, neighbours)
+    advance(0, total=len(read.found) * len(factors))
+    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records()]
+    return Checked(verdicts, read.remarks, read.notes)
 
 
 def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:

@@ -3,8 +3,6 @@
 Everything here is fixed before any outcome is looked at, and the same for every specimen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace

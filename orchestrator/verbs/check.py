@@ -11,7 +11,6 @@ import pandas as pd
 
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.making import check as check_rock
 from toppling.orchestrator.site_table import read_sites
 from toppling.orchestrator.studies.seismograms import (
     Verdict,
@@ -21,6 +20,7 @@ from toppling.orchestrator.studies.seismograms import (
     read_seismograms,
     seismograms_of,
 )
+from toppling.orchestrator.studies.seismograms import check as check_rock
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import of, option

@@ -199,7 +199,7 @@ def scan(
     if again is None:
         made = _from_clouds(files, given)
     else:
-        from toppling.orchestrator.public.scan_again import scan_again
+        from toppling.orchestrator.public.making import scan_again
 
         with bar("scan again", 3) as advance:
             made = scan_again(

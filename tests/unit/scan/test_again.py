@@ -18,7 +18,7 @@ from toppling.models.scan.hints_file import HINTS, KEYS, _hints_text, read_hints
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
-from toppling.orchestrator.public.scan_files import hints_said, of_base
+from toppling.orchestrator.public.making import hints_said, of_base
 
 pytestmark = pytest.mark.usefixtures("few_draws", "no_pictures")
 

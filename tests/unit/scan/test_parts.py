@@ -10,7 +10,7 @@ from toppling.models.scan import virtual
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import work_out
-from toppling.orchestrator.public.scan_files import placed_cloud
+from toppling.orchestrator.public.making import placed_cloud
 
 LAS_CLASS = {ROCK: 40, PEDESTAL: 2, NEITHER: 5}
 
@@ -53,7 +53,7 @@ WAYS = {
 
 def separated(stump, way):
     files, hints = WAYS[way]
-    return placed_cloud([stump[0] / name for name in files], hints)
+    return placed_cloud([stump[0] / name for name in files], hints)[0]
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -68,9 +68,9 @@ def test_each_part_holds_its_points_in_whatever_way_it_is_named(stump, way):
 
 def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other(stump):
     folder, label, _ = stump
-    cloud = placed_cloud([], {"rock": str(folder / "rock.xyz"), "pedestal": str(folder / "ground.xyz")})
+    cloud = placed_cloud([], {"rock": str(folder / "rock.xyz"), "pedestal": str(folder / "ground.xyz")})[0]
     assert len(cloud.files) == 2
-    cloud = placed_cloud([folder / "all.las"], {"pedestal": "2"})
+    cloud = placed_cloud([folder / "all.las"], {"pedestal": "2"})[0]
     assert (cloud.label == ROCK).sum() == (label != PEDESTAL).sum()
 
 
@@ -105,7 +105,7 @@ def test_points_that_are_not_finite_shift_no_label(stump):
     rows = np.frombuffer(body, [("xyz", "f8", 3), ("label", "f4")]).copy()
     rows["xyz"][::7] = np.nan
     (folder / "holes.ply").write_bytes(head + b"end_header\n" + rows.tobytes())
-    cloud = placed_cloud([folder / "holes.ply"], {"rock": "1", "pedestal": "2"})
+    cloud = placed_cloud([folder / "holes.ply"], {"rock": "1", "pedestal": "2"})[0]
     np.testing.assert_array_equal(cloud.label, np.delete(label, np.s_[::7]))
 
 

@@ -1,11 +1,17 @@
-"""How hypothesis looks for examples in all tests."""
+"""How hypothesis looks for examples in all tests, how processes share them, and fixtures of many."""
 
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import zipfile
+from itertools import chain, groupby
 from pathlib import Path
+
+# Processes that test beside each other share the processors: threads of BLAS would only wait for each other.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -13,6 +19,22 @@ from hypothesis import HealthCheck, settings
 # An example may take long where other tests have the processors: time says nothing about a law.
 settings.register_profile("shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared machine")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Deal the files out to the processes, those of long tests first: none is left at the end with many of them."""
+    hands = [[] for _ in range(int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))]
+    if len(hands) == 1:
+        return
+
+    def long(tests):
+        return sum(any(map(test.get_closest_marker, ("thorough", "slow"))) for test in tests)
+
+    files = [list(tests) for _, tests in groupby(items, lambda test: test.path)]
+    for tests in sorted(files, key=long, reverse=True):
+        min(hands, key=long if long(tests) else len).extend(tests)
+    items[:] = chain.from_iterable(hands)
 
 
 @pytest.fixture(autouse=True)

@@ -142,11 +142,15 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     found = {}
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_audit(run.path, place)
-        repeated = as_frame(read_steady([place], lambda place=place: newest_rows(result_files(place))))
+        repeated = _repeated(place)
         audit = _compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
+
+
+def _repeated(place: Path) -> pd.DataFrame:
+    return as_frame(read_steady([place], lambda: newest_rows(result_files(place))))
 
 
 def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from toppling.results.drawing.style import (
     plain_log,
     style,
 )
-from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.curves import HazardCurve, bearing
 from toppling.results.hazard.tree import Branch, Statistics
 from toppling.results.hazard.update import Update
 
@@ -156,9 +156,9 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
         if update.after is not None and count > 1:
             _draw_band(axes, update.after, "5 to 95 % after")
         name = "mean before" if count > 1 else "hazard"
-        axes.plot(*_bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
+        axes.plot(*bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
         if update.after is not None and count > 1:
-            line = _bearing(update.after.levels, update.after.mean)
+            line = bearing(update.after.levels, update.after.mean)
             axes.plot(*line, color=MAIN_COLOUR, lw=1.6, label="mean after")
         _frame(axes, update, width_in)
         _legend_below(figure, axes, 1 if width_in < FULL_WIDTH_IN else 3)
@@ -179,7 +179,7 @@ def _draw_fractiles(axes: Axes, update: Update) -> None:
     """5 and 95 % of the branches, or of a lone curve the outermost that its files state."""
     if len(update.tree.branches) > 1:
         of, shown = "of the branches before", {q: update.before.fractiles[q] for q in (0.05, 0.95)}
-        lines = {q: _bearing(update.before.levels, rates) for q, rates in shown.items()}
+        lines = {q: bearing(update.before.levels, rates) for q, rates in shown.items()}
     else:
         of, stated = "as the files state them", sorted(update.tree.fractiles.items())
         lines = {q: (curve.intensity, curve.annual_rate) for q, curve in (*stated[:1], *stated[-1:])}
@@ -199,15 +199,9 @@ def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
     )  # fmt: skip
 
 
-def _bearing(levels: Array, rates: Array) -> tuple[Array, Array]:
-    """Points of a curve that have a rate."""
-    positive = np.isfinite(rates) & (rates > 0)
-    return levels[positive], rates[positive]
-
-
 def _frame(axes: Axes, update: Update, width_in: float) -> None:
     """Ends at what is asked for: intensities whose rates are drawn; return periods beside them."""
-    x, rates = _bearing(update.before.levels, update.before.mean)
+    x, rates = bearing(update.before.levels, update.before.mean)
     shown = rates >= _LEAST_RATE
     top = max(
         rates.max(), *(rate[np.isfinite(rate)].max(initial=0.0) for rate in update.before.fractiles.values())

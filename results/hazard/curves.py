@@ -83,14 +83,13 @@ class HazardCurve:
 
 
 def _curve_of_rates(
-    name: str, measure: str, levels: ArrayLike, annual_rate: ArrayLike, **stated: Any
+    name: str, measure: str, x: NDArray[np.float64], rate: NDArray[np.float64], **stated: Any
 ) -> HazardCurve:
     """Curve of annual rates as a file states them: rates of 0, and infinite ones, become levels without a rate.
 
     Raises InputError if levels neither rise nor fall throughout, or rates are negative, no numbers, or rise with
     the level.
     """
-    x, rate = np.asarray(levels, float), np.asarray(annual_rate, float)
     where = str(stated.get("source") or name)
     expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
     if len(x) > 1 and (np.diff(x) < 0).all():
@@ -139,11 +138,9 @@ def _wrong_levels(x: NDArray[np.float64]) -> str:
     if not len(falls):
         return ""
     before, after = x[falls[0]], x[falls[0] + 1]
-    return (
-        f"has the level {after:g} twice"
-        if after == before
-        else f"has the level {after:g} after {before:g}: intensities must rise, each level once"
-    )
+    if after == before:
+        return f"has the level {after:g} twice"
+    return f"has the level {after:g} after {before:g}: intensities must rise, each level once"
 
 
 def curve_of(
@@ -155,14 +152,13 @@ def curve_of(
 
     Raises InputError as `_curve_of_rates`; if the time is negative, or probabilities lie outside 0 to 1.
     """
-    levels, values = np.asarray(levels, float), np.asarray(values, float)
-    known = levels[np.isfinite(levels) & ~np.isnan(values)]
+    x, p = np.asarray(levels, float), np.asarray(values, float)
+    known = x[np.isfinite(x) & ~np.isnan(p)]
     if len(known):
-        within = (levels >= known.min()) & (levels <= known.max()) | ~np.isfinite(levels)
-        levels, values = levels[within], values[within]
+        within = (x >= known.min()) & (x <= known.max()) | ~np.isfinite(x)
+        x, p = x[within], p[within]
     if not years:
-        return _curve_of_rates(name, measure, levels, values, **stated)
-    p = np.asarray(values, float)
+        return _curve_of_rates(name, measure, x, p, **stated)
     where = str(stated.get("source") or name)
     if not 0 < years < math.inf:
         raise InputError(
@@ -172,11 +168,11 @@ def curve_of(
     if not ((p >= 0) & (p <= 1)).all():
         worst = int(np.argmax(~((p >= 0) & (p <= 1))))
         raise InputError(
-            what=f"states the probability {p[worst]:g} at the level {np.asarray(levels, float)[worst]:g}",
+            what=f"states the probability {p[worst]:g} at the level {x[worst]:g}",
             where=where, expected="probabilities of exceedance from 0 to 1",
             remedy="if these are annual rates, say so in the file",
         )  # fmt: skip
-    return _curve_of_rates(name, measure, levels, annual_rate_of(p, years), years=years, **stated)
+    return _curve_of_rates(name, measure, x, annual_rate_of(p, years), years=years, **stated)
 
 
 def annual_rate_of(probability: ArrayLike, years: float) -> NDArray[np.float64]:
@@ -188,6 +184,23 @@ def annual_rate_of(probability: ArrayLike, years: float) -> NDArray[np.float64]:
 def probability_of(annual_rate: ArrayLike, years: float) -> NDArray[np.float64]:
     """Probability of at least one Poisson event in some years."""
     return -np.expm1(-np.asarray(annual_rate, float) * years)
+
+
+def bearing(
+    levels: NDArray[np.float64], rates: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points of a curve that have a rate."""
+    positive = (rates > 0) & np.isfinite(rates)
+    return levels[positive], rates[positive]
+
+
+def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
+    """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
+    x, falling = bearing(levels, rates)
+    falling = np.minimum.accumulate(falling)
+    if len(x) < 2 or not falling[-1] <= annual_rate <= falling[0]:
+        return math.nan
+    return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
 
 
 def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:

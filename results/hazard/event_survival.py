@@ -59,6 +59,11 @@ class EventBranch:
         """Motions at one site, by measure."""
         return {name: values[:, site] for name, values in self.motions.items()}
 
+    def chosen(self, some: NDArray[np.bool_]) -> "EventBranch":
+        """The branch with some of its events (m,) alone."""
+        motions = {name: values[some] for name, values in self.motions.items()}
+        return replace(self, rate=self.rate[some], motions=motions)
+
 
 @dataclass(frozen=True, eq=False)
 class EventSet:

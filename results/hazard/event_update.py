@@ -35,56 +35,6 @@ _FACTOR_DRAWS = 60
 _LEVELS = 40
 
 
-def _scale_factor(
-    rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, confidence: float = 0.95
-) -> float:
-    """Largest factor by which a branch's motions may be multiplied for survival to stay above 1 - confidence.
-
-    Infinite where no factor topples the rocks often enough, 0 where none is small enough.
-    """
-
-    def above(logarithm: float) -> float:
-        scaled = [replace(rock, fragility=stouter(rock.fragility, math.exp(-logarithm))) for rock in rocks]
-        return survival(scaled, branch, exposure) - (1.0 - confidence)
-
-    return largest_factor(above, precision=1e-4)
-
-
-def _scale_factor_interval(
-    rocks: Sequence[FeltRock],
-    branch: EventBranch,
-    exposure: Exposure,
-    confidence: float = 0.95,
-    seed: int = 0,
-    sampled: bool = True,
-    readings: Sequence[EventBranch] = (),
-) -> tuple[float, float]:
-    """Interval (95 %) of the factor with everything uncertain resampled, as `bootstrap_branches` does."""
-    random = np.random.default_rng(seed)
-    readings = readings or (branch,)
-    found = []
-    for number in range(_FACTOR_DRAWS):
-        branch = readings[number % len(readings)]
-        times = random.poisson(1.0, len(branch.rate)) if sampled else np.ones(len(branch.rate))
-        drawn = replace(
-            branch,
-            rate=(branch.rate * times)[times > 0],
-            motions={name: values[times > 0] for name, values in branch.motions.items()},
-        )
-        once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
-        found.append(_scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
-    low, high = ends(np.array(found))
-    return float(low), float(high)
-
-
-def _rates_factor(
-    rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, confidence: float = 0.95
-) -> float:
-    """Largest factor by which a branch's rates may be multiplied for survival to stay above 1 - confidence."""
-    rates = any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate
-    return greatest_rate(rates @ exposure.years, 1.0 - confidence)
-
-
 @dataclass(frozen=True, eq=False)
 class EventUpdate:
     """A set of events and the rocks that have stood through them."""
@@ -123,12 +73,9 @@ class EventUpdate:
         with np.errstate(divide="ignore"):  # the draws of all branches are of the same rocks and ages
             drawn = np.exp(np.log(self.drawn) @ self.events.prior)
         low, high = np.quantile(drawn, [0.025, 0.975])
-        statement = {
-            "survival": survival(self.rocks, together[0], self.exposure),
-            "survival_low": low,
-            "survival_high": high,
-        }
-        return {"name": MEAN, **statement, **self._factors(together, drawn, len(self.events.branches))}
+        survives = survival(self.rocks, together[0], self.exposure)
+        statement = {"name": MEAN, "survival": survives, "survival_low": low, "survival_high": high}
+        return statement | self._factors(together, drawn, len(self.events.branches))
 
     def _together(self, branches: Sequence[EventBranch]) -> EventBranch:
         """The events of all branches, at their rates times the branches' weights."""
@@ -140,19 +87,44 @@ class EventUpdate:
 
     def _factors(self, readings: Sequence[EventBranch], drawn: Array, seed: int) -> dict[str, float]:
         """Factors of a branch, the first of its readings, and their intervals over the others."""
-        branch = readings[0]
         felt, *others = [self._felt(one) for one in readings]
-        motions = _scale_factor_interval(
-            self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled, others
+        motions = self._scale_factor_interval(others or [felt], seed)
+        allowed = (
+            any_topples(standing_shares(self.rocks, readings[0]), self.exposure.states) @ readings[0].rate
         )
         with np.errstate(divide="ignore"):
             rates = ends(math.log(1.0 - self.confidence) / np.log(drawn))
         return {
-            "scale_factor": _scale_factor(self.rocks, felt, self.exposure, self.confidence),
-            "scale_factor_low": motions[0], "scale_factor_high": motions[1],
-            "rate_factor": _rates_factor(self.rocks, branch, self.exposure, self.confidence),
+            "scale_factor": self._scale_factor(self.rocks, felt, self.exposure),
+            "scale_factor_low": float(motions[0]), "scale_factor_high": float(motions[1]),
+            "rate_factor": greatest_rate(allowed @ self.exposure.years, 1.0 - self.confidence),
             "rate_factor_low": rates[0], "rate_factor_high": rates[1],
         }  # fmt: skip
+
+    def _scale_factor(self, rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure) -> float:
+        """Largest factor by which a branch's motions may be multiplied for survival to stay above 1 - confidence.
+
+        Infinite where no factor topples the rocks often enough, 0 where none is small enough.
+        """
+
+        def above(logarithm: float) -> float:
+            scaled = [replace(one, fragility=stouter(one.fragility, math.exp(-logarithm))) for one in rocks]
+            return survival(scaled, branch, exposure) - (1.0 - self.confidence)
+
+        return largest_factor(above, precision=1e-4)
+
+    def _scale_factor_interval(self, readings: Sequence[EventBranch], seed: int) -> Array:
+        """Ends of 95 % of the factor with everything uncertain resampled, as `bootstrap_branches` does."""
+        random = np.random.default_rng(seed)
+        found = []
+        for number in range(_FACTOR_DRAWS):
+            branch = readings[number % len(readings)]
+            count = len(branch.rate)
+            times = random.poisson(1.0, count) if self.events.sampled else np.ones(count)
+            drawn = replace(branch, rate=branch.rate * times).chosen(times > 0)
+            once = self.exposure.drawn(int(random.integers(self.exposure.years.shape[1])))
+            found.append(self._scale_factor(drawn_rocks(self.rocks, number), drawn, once))
+        return ends(np.array(found))
 
     @cached_property
     def models(self) -> pd.DataFrame:
@@ -224,12 +196,7 @@ class EventUpdate:
         if len(branch.rate) < 2000:
             return branch
         scaled = [replace(rock, fragility=stouter(rock.fragility, 0.1)) for rock in self.rocks]
-        some = toppling_probabilities(scaled, branch) > NEGLIGIBLE
-        return replace(
-            branch,
-            rate=branch.rate[some],
-            motions={name: values[some] for name, values in branch.motions.items()},
-        )
+        return branch.chosen(toppling_probabilities(scaled, branch) > NEGLIGIBLE)
 
 
 def _exceeded(values: Array, rate: Array, levels: Array) -> Array:

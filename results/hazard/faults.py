@@ -63,9 +63,8 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
         lines = [_projected(line, site, path, number) for line in _lines(feature.get("geometry"))]
         if lines:
             properties = feature.get("properties") or {}
-            traces.append(
-                FaultTrace(_name(properties, feature, number), tuple(lines), _magnitude(properties, path))
-            )
+            name = _name(properties, feature, number)
+            traces.append(FaultTrace(name, tuple(lines), _magnitude(properties, path)))
     if not traces:
         raise _fault_error(f"holds no line among {len(features)} features", path)
     return traces
@@ -103,8 +102,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
         points = np.array([[float(point[0]), float(point[1])] for point in line])
     except (TypeError, ValueError, IndexError, KeyError):
         points = np.empty((0, 2))
-    good = len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()
-    if not good:
+    if not (len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()):
         raise _fault_error(f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)
     return _azimuthal_km(_straight(points), site)
 
@@ -142,15 +140,17 @@ def _least_distance(line: Array) -> float:
     return float(np.hypot(*(start + share[:, None] * along).T).min())
 
 
+def _first(properties: Mapping[str, Any], names: Sequence[str], otherwise: Any = None) -> Any:
+    return next((properties[name] for name in names if properties.get(name) not in (None, "")), otherwise)
+
+
 def _name(properties: Mapping[str, Any], feature: Mapping[str, Any], number: int) -> str:
-    found = next(
-        (properties[name] for name in _NAMES if properties.get(name) not in (None, "")), feature.get("id")
-    )
+    found = _first(properties, _NAMES, feature.get("id"))
     return str(found) if found not in (None, "") else f"fault {number + 1}"
 
 
 def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
-    found = next((properties[name] for name in _MAGNITUDES if properties.get(name) not in (None, "")), None)
+    found = _first(properties, _MAGNITUDES)
     if found is None:
         return None
     try:

@@ -13,7 +13,6 @@ an uncertain age A where E[exp(-P A / T)] <= 1 - C. Models are averaged by their
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -24,6 +23,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
+from toppling.results.hazard.gmm import GroundMotionModel
 from toppling.results.hazard.survival import greatest_rate
 
 _MAGNITUDE_STEP = 0.1
@@ -35,21 +35,6 @@ _QUADRATURE = np.linspace(-8.0, 8.0, 2001)
 
 TARGETS = (6.0, 6.5, 7.0, 7.5)
 """Magnitudes whose least distances are told."""
-
-
-class Model(Protocol):
-    """What is asked of a ground-motion model (`results.hazard.gmm`)."""
-
-    @property
-    def magnitudes(self) -> tuple[float, float]:
-        """Range that it is for."""
-
-    @property
-    def distances_km(self) -> tuple[float, float]:
-        """Range that it is for."""
-
-    def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[Array, Array]:
-        """Mean and standard deviation of the logarithm of the motion in SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +67,17 @@ def toppling_probability(
     """
     centre, spread = np.broadcast_arrays(np.asarray(mean, float), np.asarray(sigma, float))
     if isinstance(fragility, Lognormal):
+        if fragility.median == math.inf:
+            return 0.0 * centre
         total = np.maximum(np.hypot(spread, fragility.beta), 1e-300)
-        return (
-            ndtr((centre - math.log(fragility.median)) / total)
-            if fragility.median < math.inf
-            else 0.0 * centre
-        )
+        return ndtr((centre - math.log(fragility.median)) / total)
     share = np.exp(-(_QUADRATURE**2) / 2)
     motions = np.exp(centre[..., None] + spread[..., None] * _QUADRATURE)
     return fragility(motions) @ (share / share.sum())
 
 
 def motion_grid(
-    models: Sequence[Model], weights: Sequence[float], distances_km: ArrayLike | None = None
+    models: Sequence[GroundMotionModel], weights: Sequence[float], distances_km: ArrayLike | None = None
 ) -> MotionGrid:
     """Motions of models over the magnitudes and distances that all of them are for.
 
@@ -106,12 +89,12 @@ def motion_grid(
             what=f"the weights of {len(models)} models are {', '.join(f'{weight:g}' for weight in weights)}",
             where="--model", expected="positive weights that sum to 1", remedy="give NAME=WEIGHT for each model",
         )  # fmt: skip
-    low, high = (
-        (max(one.magnitudes[0] for one in models), min(one.magnitudes[1] for one in models)),
-        (max(one.distances_km[0] for one in models), min(one.distances_km[1] for one in models)),
+    least, most = (end(one.magnitudes[n] for one in models) for n, end in enumerate((max, min)))
+    near, far = (end(one.distances_km[n] for one in models) for n, end in enumerate((max, min)))
+    magnitude = np.linspace(least, most, 1 + round((most - least) / _MAGNITUDE_STEP))
+    distance = (
+        np.geomspace(near, far, _DISTANCES) if distances_km is None else np.clip(distances_km, near, far)
     )
-    magnitude = np.linspace(*low, 1 + round((low[1] - low[0]) / _MAGNITUDE_STEP))
-    distance = np.geomspace(*high, _DISTANCES) if distances_km is None else np.clip(distances_km, *high)
     found = [one.motion(magnitude[:, None], distance) for one in models]
     mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
     return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights))
@@ -201,7 +184,7 @@ def _last_allowed(along: Array, beyond: Array) -> Array:
 
 
 def excluded_bins(
-    bins: Sequence[Bin], models: Sequence[Model], weights: Sequence[float], fragility: Lognormal,
+    bins: Sequence[Bin], models: Sequence[GroundMotionModel], weights: Sequence[float], fragility: Lognormal,
     occurrences: Sequence[Occurrence],
 ) -> pd.DataFrame:  # fmt: skip
     """Toppling probability and verdict of the earthquake in the middle of each bin that contributes.

@@ -20,9 +20,6 @@ _SAME_SITE_KM = 0.2
 """Files of one site print its place with five decimals, some with two: nearer than this they mean the same."""
 
 EARTH_RADIUS_KM = 6371.0
-_LISTED = 12
-"""Names that a message lists, of many."""
-
 Place = tuple[float, float]
 """Longitude and latitude in degrees."""
 
@@ -35,6 +32,11 @@ def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[f
     lengths = np.sin((north - here[1]) / 2) ** 2
     widths = np.cos(north) * np.cos(here[1]) * np.sin((east - here[0]) / 2) ** 2
     return 2.0 * EARTH_RADIUS_KM * np.arcsin(np.sqrt(np.minimum(lengths + widths, 1.0)))
+
+
+def some_of(names: Sequence[str]) -> str:
+    """Names in a message, of many the first."""
+    return listed(names, 12)
 
 
 def check_place(asked: Place) -> None:
@@ -58,7 +60,7 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
     """
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
-        known = listed([*dict.fromkeys(filter(None, names))], _LISTED) or "none that has a name"
+        known = some_of([*dict.fromkeys(filter(None, names))]) or "none that has a name"
         raise InputError(
             f"has no site called {asked!r}: it has {known}", where=where, expected="the name of one of its sites",
             remedy="give one of its names, or --site LONGITUDE LATITUDE",
@@ -77,9 +79,8 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
         raise InputError(
-            what=f"the nearest site to {asked[0]:g} {asked[1]:g}, "
-            f"at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
-            f"is {away_km[number]:.0f} km away",
+            what=f"the nearest site to {asked[0]:g} {asked[1]:g}, at longitude {sites[number][0]:g} and latitude "
+            f"{sites[number][1]:g}, is {away_km[number]:.0f} km away",
             where=where,
             expected=f"a site within {SITE_REACH_KM:g} km",
             remedy="see that the longitude comes first, or compute the hazard at the rock",

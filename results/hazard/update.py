@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import ends
-from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
+from toppling.results.hazard.curves import (
+    HazardCurve,
+    annual_rate_of,
+    bearing,
+    intensity_at,
+    probability_of,
+    toppling_rate,
+)
 from toppling.results.hazard.survival import (
     Draws,
     Standing,
@@ -75,11 +82,9 @@ class Update:
     def before(self) -> Statistics:
         """Mean and fractiles under the prior weights; fractiles of the files where these state no branches."""
         curves = statistics(self.tree)
-        return (
-            replace(curves, fractiles=self._stated_fractiles(curves.levels))
-            if self._bare_fractiles
-            else curves
-        )
+        if not self._bare_fractiles:
+            return curves
+        return replace(curves, fractiles=self._stated_fractiles(curves.levels))
 
     @cached_property
     def after(self) -> Statistics | None:
@@ -117,6 +122,10 @@ class Update:
         return _mean_of(self.tree, self.before)
 
     @cached_property
+    def _curves(self) -> list[HazardCurve]:
+        return [*self.tree.curves, self.mean_curve]
+
+    @cached_property
     def draws(self) -> Draws | None:
         """Of fragilities and ages."""
         return draws_of(self.rocks)
@@ -125,14 +134,12 @@ class Update:
     def _drawn(self) -> dict[str, Array] | None:
         if self.draws is None:
             return None
-        curves = [*self.tree.curves, self.mean_curve]
-        found = drawn_factors(self.draws, curves, 1.0 - self.confidence, self._motion)
+        found = drawn_factors(self.draws, self._curves, 1.0 - self.confidence, self._motion)
         return dict(zip(("scale_factor", "rate_factor", "survival"), found, strict=True))
 
     @cached_property
     def _motion(self) -> list[float]:
-        chance = 1.0 - self.confidence
-        return [motion_factor(self.rocks, curve, chance) for curve in [*self.tree.curves, self.mean_curve]]
+        return [motion_factor(self.rocks, curve, 1.0 - self.confidence) for curve in self._curves]
 
     @cached_property
     def factors(self) -> pd.DataFrame:
@@ -141,12 +148,12 @@ class Update:
         name (of a branch, or `MEAN`), survival, scale_factor (of motions), rate_factor, and _low and _high of each (95
         %, over other records and ages; null where neither is known to vary).
         """
-        chance, curves = 1.0 - self.confidence, [*self.tree.curves, self.mean_curve]
+        chance = 1.0 - self.confidence
         table = pd.DataFrame({"name": [*(branch.name for branch in self.tree.branches), MEAN]})
         for name, values in (
             ("survival", np.append(self.survival, joint_survival(self.rocks, self.mean_curve))),
             ("scale_factor", self._motion),
-            ("rate_factor", [rate_factor(self.rocks, curve, chance) for curve in curves]),
+            ("rate_factor", [rate_factor(self.rocks, curve, chance) for curve in self._curves]),
         ):
             table[name] = values
             table[f"{name}_low"] = table[f"{name}_high"] = math.nan
@@ -162,9 +169,9 @@ class Update:
     @cached_property
     def drawn_posteriors(self) -> Array | None:
         """`drawn_weights` of the branches; None where neither records nor ages vary."""
-        return (
-            None if self._drawn is None else drawn_weights(self.tree.weights, self._drawn["survival"][:, :-1])
-        )
+        if self._drawn is None:
+            return None
+        return drawn_weights(self.tree.weights, self._drawn["survival"][:, :-1])
 
     @cached_property
     def drawn_means(self) -> Array | None:
@@ -182,20 +189,9 @@ def _mean_of(tree: HazardTree, curves: Statistics) -> HazardCurve:
     """The mean of a tree as a curve, of the levels at which it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]
-    positive = (curves.mean > 0) & np.isfinite(curves.mean)
-    rates = np.minimum.accumulate(curves.mean[positive])
-    return HazardCurve(MEAN, tree.measure, curves.levels[positive], rates, site=tree.site, years=tree.years)
-
-
-def _intensity_at(levels: Array, rates: Array, annual_rate: float) -> float:
-    """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
-    positive = (rates > 0) & np.isfinite(rates)
-    if positive.sum() < 2:
-        return math.nan
-    x, falling = levels[positive], np.minimum.accumulate(rates[positive])
-    if not falling[-1] <= annual_rate <= falling[0]:
-        return math.nan
-    return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
+    levels, rates = bearing(curves.levels, curves.mean)
+    falling = np.minimum.accumulate(rates)
+    return HazardCurve(MEAN, tree.measure, levels, falling, site=tree.site, years=tree.years)
 
 
 def rates_table(
@@ -241,7 +237,7 @@ def changes_table(update: Update) -> pd.DataFrame:
     """
     means = None if update.after is None else update.drawn_means
     kept, interval = update.without_rejected, update.draws.interval if update.draws else ends
-    levels = [math.nan if kept is None else _intensity_at(kept.levels, kept.mean, rate) for rate in RATES]
+    levels = [math.nan if kept is None else intensity_at(kept.levels, kept.mean, rate) for rate in RATES]
     return changes_of(update.before, update.after, means, interval).assign(level_kept_mean=levels)
 
 
@@ -264,13 +260,11 @@ def changes_of(
 def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
     row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
     for name, averaged in (("prior", before), ("posterior", after)):
-        curves = {} if averaged is None else {"mean": averaged.mean} | {
-            f"p{round(100 * q):02}": averaged.fractiles[q] for q in (0.05, 0.5, 0.95)
-        }  # fmt: skip
-        for key in ("mean", "p05", "p50", "p95"):
-            row[f"level_{name}_{key}"] = (
-                _intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
-            )
+        for key, q in (("mean", None), ("p05", 0.05), ("p50", 0.5), ("p95", 0.95)):
+            row[f"level_{name}_{key}"] = math.nan
+            if averaged is not None:
+                rates = averaged.mean if q is None else averaged.fractiles[q]
+                row[f"level_{name}_{key}"] = intensity_at(averaged.levels, rates, rate)
     level = row["level_prior_mean"]
     row["level_change_percent"] = 100.0 * (row["level_posterior_mean"] / level - 1.0)
     row["rate_change_percent"] = _rate_change(after, level, rate)
@@ -281,7 +275,7 @@ def _level_interval(
     levels: Array, means: Array | None, rate: float, interval: Callable[[Array], Array]
 ) -> tuple[float, float]:
     """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
-    found = np.array([_intensity_at(levels, drawn, rate) for drawn in (() if means is None else means)])
+    found = np.array([intensity_at(levels, drawn, rate) for drawn in (() if means is None else means)])
     if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
     low, high = interval(found)
@@ -291,8 +285,7 @@ def _level_interval(
 def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
     if after is None or math.isnan(level):
         return math.nan
-    positive = (after.mean > 0) & np.isfinite(after.mean)
-    x, rates = after.levels[positive], after.mean[positive]
+    x, rates = bearing(after.levels, after.mean)
     if not (len(x) > 1 and x[0] <= level <= x[-1]):
         return math.nan
     return 100.0 * (math.exp(np.interp(math.log(level), np.log(x), np.log(rates))) / rate - 1.0)

@@ -4,13 +4,9 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from toppling.models.errors import InputError
-from toppling.models.files.documents import listed
-from toppling.results.hazard.places import Place, nearest, of_name, same_place
+from toppling.results.hazard.places import Place, nearest, of_name, same_place, some_of
 from toppling.results.hazard.readers.stated import Realisations, Stated, Statement
 from toppling.results.hazard.tree import Branch, HazardTree
-
-_LISTED = 12
-"""Names that a message lists, of many."""
 
 
 def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
@@ -21,7 +17,7 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     """
     weights = [one for one in stated if isinstance(one, Realisations)]
     if len(weights) > 1:
-        _refuse(where, f"holds the realisations of {len(weights)} calculations: {_named([w.source for w in weights])}",
+        _refuse(where, f"holds the realisations of {len(weights)} calculations: {some_of([w.source for w in weights])}",
                 "give the folder of one calculation")  # fmt: skip
     groups: dict[tuple, list[Statement]] = {}
     for files in stated:
@@ -52,13 +48,8 @@ def _tree(group: Sequence[Statement], weights: Realisations | None, where: str) 
     parts = tuple(one.curve for one in by_kind.get("part", ()))
     realisations = by_kind.get("realisation", [])
     if len(realisations) > 1 or (realisations and weights):
-        return HazardTree(
-            measure,
-            _branches(realisations, weights, where),
-            str(weights and weights.source),
-            fractiles,
-            parts,
-        )
+        branches = _branches(realisations, weights, where)
+        return HazardTree(measure, branches, str(weights and weights.source), fractiles, parts)
     sole = [*by_kind.get("curve", []), *realisations]
     if not sole:
         return None
@@ -77,10 +68,10 @@ def _branches(
         curve = realisations[0].curve
         at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
         _refuse(weights.source, f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
-                f"{curve.measure}{at}: {_named([f'rlz-{n:03}' for n in absent])}",
+                f"{curve.measure}{at}: {some_of([f'rlz-{n:03}' for n in absent])}",
                 "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
     if unknown := [n for n in by_number if n not in weights.weights]:
-        _refuse(weights.source, f"states no weight of {_named([f'rlz-{n:03}' for n in unknown])}",
+        _refuse(weights.source, f"states no weight of {some_of([f'rlz-{n:03}' for n in unknown])}",
                 "give the realizations.csv of the same calculation")  # fmt: skip
     if not all(0 <= weight <= 1 for weight in weights.weights.values()):
         _refuse(weights.source, "states weights outside 0 to 1", "give weights that sum to 1")
@@ -98,7 +89,7 @@ def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
         alike = [one.curve.source for one in several if one.key == key]
         which = kind if key is None else f"{kind} {key}"
         _refuse(where, f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
-                f"{_named(alike)}", "give the files of one calculation, each once")  # fmt: skip
+                f"{some_of(alike)}", "give the files of one calculation, each once")  # fmt: skip
     calculations = {one.calculation for one in several if one.calculation}
     if kind == "realisation" and len(calculations) > 1:
         _refuse(where, f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
@@ -138,7 +129,7 @@ def combined(
                 found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
     if not found:
         places = [f"{name} at {_place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
-        _refuse("--hazard", f"the curves are of different sites: {_named(places)}",
+        _refuse("--hazard", f"the curves are of different sites: {some_of(places)}",
                 "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
     return found
 
@@ -159,8 +150,7 @@ def _joined(
     heads = stems if len(set(stems)) == len(stems) else list(names)
     branches = []
     for tree, head, share in zip(trees, heads, shares, strict=True):
-        inside = tree.weights
-        for branch, part in zip(tree.branches, inside, strict=True):
+        for branch, part in zip(tree.branches, tree.weights, strict=True):
             name = head if len(tree.branches) == 1 else f"{head} {branch.name}"
             branches.append(Branch(name, float(share * part), branch.curve, branch.path))
     return HazardTree(trees[0].measure, tuple(branches), "--hazard" if stated else "equal")
@@ -185,11 +175,8 @@ def chosen_tree(
     if isinstance(site, str):
         of_measure = [of_measure[n] for n in of_name([one.site_name for one in of_measure], site, where)]
     if len(of_measure) > 1:
-        raise InputError(
-            what=f"has {len(of_measure)} sites: {_named([_place_words(tree) for tree in of_measure])}",
-            where=where, expected="one site",
-            remedy="choose one with --site LONGITUDE LATITUDE, or by its name",
-        )  # fmt: skip
+        _refuse(where, f"has {len(of_measure)} sites: {some_of([_place_words(tree) for tree in of_measure])}",
+                "choose one with --site LONGITUDE LATITUDE, or by its name", "one site")  # fmt: skip
     if not _bears_rates(of_measure[0]):
         _refuse_empty(of_measure[0])
     return of_measure[0]
@@ -207,15 +194,9 @@ def _refuse_empty(tree: HazardTree) -> NoReturn:
 
 def _place_words(tree: HazardTree) -> str:
     place = f"longitude {tree.site[0]:g} latitude {tree.site[1]:g}" if tree.site else ""
-    return (
-        f"{tree.site_name} ({place})"
-        if tree.site_name and place
-        else tree.site_name or place or "an unknown place"
-    )
-
-
-def _named(names: Sequence[str]) -> str:
-    return listed(names, _LISTED)
+    if tree.site_name and place:
+        return f"{tree.site_name} ({place})"
+    return tree.site_name or place or "an unknown place"
 
 
 def _refuse(

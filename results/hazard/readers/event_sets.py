@@ -74,13 +74,11 @@ def _realizations(
     branches = stated.frame()
     weights = dict(zip(branches[BRANCH], branches["weight"].astype(float), strict=True))
     unknown = set(rows[BRANCH]) - set(weights)
-    if unknown or not abs(sum(weights.values()) - 1.0) < 1e-3 or min(weights.values()) < 0:
-        what = (
-            f"lacks the branch {min(unknown)}"
-            if unknown
-            else f"has weights that sum to {sum(weights.values()):g}, the least of them {min(weights.values()):g}"
-        )
-        raise event_error(what, stated.path)
+    if unknown:
+        raise event_error(f"lacks the branch {min(unknown)}", stated.path)
+    total, least = sum(weights.values()), min(weights.values())
+    if not abs(total - 1.0) < 1e-3 or least < 0:
+        raise event_error(f"has weights that sum to {total:g}, the least of them {least:g}", stated.path)
     paths = branches.get("branch_path", pd.Series("", index=branches.index)).astype(str)
     return weights, dict(zip(branches[BRANCH], paths, strict=True))
 
@@ -98,14 +96,10 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
         for full in places.index
         for name in [full if full in used else full.encode()[:_SITE_BYTES].decode(errors="ignore")]
     }
-    strangers = [name for name in used if name not in sites and name not in cut]
-    if strangers or len(sites) < len(places):
-        what = (
-            f"does not hold the site {strangers[0]}"
-            if strangers
-            else "has sites that the fields cannot tell apart"
-        )
-        raise event_error(f"{what} of {table.path.name}", mesh.path)
+    if strangers := [name for name in used if name not in sites and name not in cut]:
+        raise event_error(f"does not hold the site {strangers[0]} of {table.path.name}", mesh.path)
+    if len(sites) < len(places):
+        raise event_error(f"has sites that the fields cannot tell apart of {table.path.name}", mesh.path)
     return sites
 
 
@@ -219,17 +213,10 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
     rows[EVENT] = source.str.cat(others, sep="/")
     missing = int(rows.drop_duplicates(RUPTURE)["Num_Rup_Vars"].sum() - rows[EVENT].nunique())
     wide = rows.pivot_table(
-        index=[EVENT, "Site_Name", "annual_rate"],
-        columns="Period",
-        values="IM_Value",
-        aggfunc="first",
-        fill_value=0.0,
+        "IM_Value", [EVENT, "Site_Name", "annual_rate"], "Period", aggfunc="first", fill_value=0.0
     ).reset_index()
-    factors = {
-        period: (f"sa_{period:g}s_m_s2", 0.01 * ratio)
-        for period in wide.columns
-        if not isinstance(period, str)
-    }
+    periods = [name for name in wide.columns if not isinstance(name, str)]
+    factors = {period: (f"sa_{period:g}s_m_s2", 0.01 * ratio) for period in periods}
     notes = ["the probabilities of ruptures are taken to be over 1 year"]
     if missing:
         notes.append(

@@ -90,17 +90,11 @@ def _years(file: HazardFile, old: bool) -> float:
     stated: Any = None
     if root is not None:
         try:
-            stated = (
-                json.loads((root / "config.json").read_text(encoding="utf-8"))
-                .get("hazard", {})
-                .get("valueFormat")
-            )
+            config = json.loads((root / "config.json").read_text(encoding="utf-8"))
+            stated = config.get("hazard", {}).get("valueFormat")
         except (ValueError, AttributeError, RecursionError):
-            refuse(
-                root / "config.json",
-                "is no configuration of nshmp-haz",
-                "give the output folder as it was written",
-            )
+            what = "is no configuration of nshmp-haz"
+            refuse(root / "config.json", what, "give the output folder as it was written")
     return file.years_of_values(
         _FORMATS.get(stated, 0.0 if old else None),
         "does not say whether its values are annual rates or probabilities in one year",

@@ -12,7 +12,7 @@ import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.curves import HazardCurve, intensity_at
 from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement
 from toppling.results.hazard.readers.value_columns import is_probability, is_share, says_value, values_of
@@ -154,20 +154,16 @@ def _raised(
     file: HazardFile, header: list[str], rows: list[tuple[int, list[str]]]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Table with the values of columns of logarithms, under the names of what these are of."""
-    bare = [_bare(name) for name in header]
-    if not any(base for _, base in bare):
+    bases = [base for _, base in map(_bare, header)]
+    if not any(bases):
         return header, rows
-    raised = [
-        (
-            line,
-            [
-                repr(base ** file.number(line, cell)) if base else cell
-                for cell, (_, base) in zip(row, bare, strict=False)
-            ],
+    raised = []
+    for line, row in rows:
+        cells = zip(row, bases, strict=False)
+        raised.append(
+            (line, [repr(base ** file.number(line, cell)) if base else cell for cell, base in cells])
         )
-        for line, row in rows
-    ]
-    return [name for name, _ in bare], raised
+    return [name for name, _ in map(_bare, header)], raised
 
 
 def _with_units(
@@ -228,7 +224,7 @@ def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str
     own, most = ("g", _MOST_G) if quantity == "acceleration" else ("cm/s", math.inf)
     most_once = _MOST_G_ONCE["pga" if curve.measure == "pga_m_s2" else "sa"] if own == "g" else math.inf
     largest = max(curve.levels, default=0.0) / factor
-    once = _once_in(_RETURN_YEARS, curve) / factor
+    once = intensity_at(curve.intensity, curve.annual_rate, 1.0 / _RETURN_YEARS) / factor
     why = ""
     if other:
         why = f"the lines above say {other[0]!r}"
@@ -245,17 +241,8 @@ def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str
     if stated:
         return curve
     size = f": {once:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
-    return replace(
-        curve, assumed=f"{file.path.name} names no unit of {name}, which is taken to be {own}{size}."
-    )
-
-
-def _once_in(years: float, curve: HazardCurve) -> float:
-    """Level that is exceeded once in some years, in SI; not a number where the curve does not reach that rate."""
-    rate = curve.annual_rate
-    if not len(rate) or not rate[-1] <= 1.0 / years <= rate[0]:
-        return math.nan
-    return float(np.exp(np.interp(math.log(years), -np.log(rate), np.log(curve.intensity))))
+    assumed = f"{file.path.name} names no unit of {name}, which is taken to be {own}{size}."
+    return replace(curve, assumed=assumed)
 
 
 def _columns(file: HazardFile, line: str, header: Sequence[str]) -> list[tuple[int, int]]:
@@ -275,21 +262,13 @@ def _columns(file: HazardFile, line: str, header: Sequence[str]) -> list[tuple[i
     if len(header) == 2 and len(measures) == 1:
         return [(measures[0], 1 - measures[0])]
     if not measures:
-        first = next(
-            name for index, name in enumerate(header) if index not in values or len(values) == len(header)
-        )
-        remedy = "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)"
-        file.refuse(
-            f"is over {first!r}" if len(header) == 2 else f"has the columns {', '.join(header)[:200]}",
-            remedy,
-        )
+        first = next((name for index, name in enumerate(header) if index not in values), header[0])
+        what = f"is over {first!r}" if len(header) == 2 else f"has the columns {', '.join(header)[:200]}"
+        file.refuse(what, "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)")
     if not values:
         _refuse_columns(file, header)
-    return [
-        (level, value)
-        for value in sorted(values, key=lambda n: is_probability(header[n]))
-        for level in measures
-    ]
+    values.sort(key=lambda n: is_probability(header[n]))
+    return [(level, value) for value in values for level in measures]
 
 
 def _refuse_columns(file: HazardFile, header: Sequence[str]) -> NoReturn:

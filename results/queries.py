@@ -23,23 +23,16 @@ _APART = ("engine", "preset", "scene_id", "physics_version")
 _TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
 
 
-class Readable(Protocol):
+class _Readable(Protocol):
     """What a query asks of a run (`results.reader.Run`)."""
 
     @property
-    def name(self) -> str:
-        """Tells runs apart."""
-
+    def name(self) -> str: ...
     @property
-    def rocks(self) -> tuple[Any, ...]:
-        """Runs of its rocks, if it has many."""
-
+    def rocks(self) -> tuple[Any, ...]: ...
     @property
-    def root(self) -> Path:
-        """The folder with its rows."""
-
-    def dataset(self) -> ds.Dataset:
-        """Its rows."""
+    def root(self) -> Path: ...
+    def dataset(self) -> ds.Dataset: ...
 
 
 _MEMORY_BYTES = 2 << 30
@@ -58,7 +51,7 @@ _LOCKED = {
 """What keeps a query from everything but the tables that it is given."""
 
 
-def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Table:
+def ask(runs: Sequence[_Readable], query: str, *, trusted: bool = False) -> pa.Table:
     """Answer of a DuckDB query over one or several runs.
 
     The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where the
@@ -87,7 +80,7 @@ def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Ta
     return read_steady([run.root for run in runs], answer)
 
 
-def rows_where(run: Readable, where: str, trusted: bool) -> pa.Table:
+def rows_where(run: _Readable, where: str, trusted: bool) -> pa.Table:
     """Rows of `results` for which a condition holds.
 
     Raises InputError if DuckDB refuses it.
@@ -102,7 +95,7 @@ def rows_where(run: Readable, where: str, trusted: bool) -> pa.Table:
 
 
 @contextlib.contextmanager
-def _tables_of(runs: Sequence[Readable], trusted: bool) -> Iterator[duckdb.DuckDBPyConnection]:
+def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.DuckDBPyConnection]:
     """Tables of some runs as they are now, for a block within limits; what DuckDB says of it becomes an InputError."""
     with _connect(runs, trusted) as connection:
         try:
@@ -124,7 +117,7 @@ def _tables_of(runs: Sequence[Readable], trusted: bool) -> Iterator[duckdb.DuckD
             ) from error
 
 
-def _connect(runs: Sequence[Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
+def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
     """DuckDB connection with the views `results`, `motions`, `scene` and `bases` over some runs as they are now.
 
     Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its

@@ -236,9 +236,7 @@ class Run:
         motions = self.motions()
         if motions is None or "weight" not in motions.column_names:
             return frame
-        weights = dict(
-            zip(*(motions.column(name).to_pylist() for name in ("record_id", "weight")), strict=True)
-        )
+        weights = dict(zip(*(motions[name].to_pylist() for name in ("record_id", "weight")), strict=True))
         used = [weights[name] for name in frame["record_id"].unique() if name in weights]
         if len(set(used)) < 2:
             return frame
@@ -276,15 +274,17 @@ class Run:
         check_files(self.root)
         if self.rocks:
             return pa.concat_tables(table for one in self.rocks if (table := one.scene()) is not None)
+        scene = self._scene_document()
+        return _scene_table(scene, self.entry) if scene else None
+
+    def _scene_document(self) -> dict[str, Any]:
+        """Content of `scene.json`; empty where there is none."""
         path = self.scene_folder / "scene.json"
-        if not path.exists():
-            return None
-        return _scene_table(read_scene_document(path), self.entry)
+        return read_scene_document(path) if path.exists() else {}
 
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
-        path = self.scene_folder / "scene.json"
-        return dict(read_scene_document(path).get("report") or {}) if path.exists() else {}
+        return dict(self._scene_document().get("report") or {})
 
     def scene_id(self) -> str | None:
         """Hash of the rock's scene; None where the run does not say."""
@@ -293,10 +293,8 @@ class Run:
 
     def rock_m(self) -> tuple[float, ...] | None:
         """Centre of mass in metres of the coordinate system of the rock's scan; None where there is no scene."""
-        path = self.scene_folder / "scene.json"
-        if not path.exists():
+        if not (scene := self._scene_document()):
             return None
-        scene = read_scene_document(path)
         return tuple(map(sum, zip(scene["origin_m"], scene["rock"]["com_m"], strict=True)))
 
     def quasi_static(self) -> pd.DataFrame | None:
@@ -324,13 +322,11 @@ class Run:
 
 def atlas_of(path: Path) -> Path | None:
     """The atlas whose rock lies in a folder, if it does."""
-    root = path.absolute().parent.parent
-    known = (
-        path.absolute().parent.name == SCENES
-        and (root / SITES_FILE).exists()
-        and (root / "run.json").exists()
+    scenes = path.absolute().parent
+    whole = scenes.name == SCENES and all(
+        (scenes.parent / name).exists() for name in (SITES_FILE, "run.json")
     )
-    return root if known else None
+    return scenes.parent if whole else None
 
 
 def open_run(path: PathLike) -> Run:

@@ -43,22 +43,18 @@ class Replay:
 
     def ground_m_s2(self, time_s: ArrayLike) -> Array:
         """Acceleration of the ground at some times, (k, 3); zero after the motion."""
-        motion = self.motion
-        axes = [
-            np.interp(np.asarray(time_s, float), motion.time_s, axis, right=0.0)
-            for axis in motion.acceleration_m_s2.T
-        ]
+        times, motion = np.asarray(time_s, float), self.motion
+        axes = [np.interp(times, motion.time_s, axis, right=0.0) for axis in motion.acceleration_m_s2.T]
         return np.stack(axes, axis=-1)
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
         """Centres of mass (k, 3) and rotations (k, 4) at any times of the trajectory."""
-        position = np.column_stack(
-            [np.interp(time_s, self.trajectory.time_s, axis) for axis in self.trajectory.position_m.T]
-        )
-        times, first = np.unique(self.trajectory.time_s, return_index=True)
+        path = self.trajectory
+        position = np.column_stack([np.interp(time_s, path.time_s, axis) for axis in path.position_m.T])
+        times, first = np.unique(path.time_s, return_index=True)
         if len(times) < 2:
-            return position, np.repeat(self.trajectory.quaternion_xyzw[:1], len(time_s), axis=0)
-        turns = Slerp(times, Rotation.from_quat(self.trajectory.quaternion_xyzw[first]))
+            return position, np.repeat(path.quaternion_xyzw[:1], len(time_s), axis=0)
+        turns = Slerp(times, Rotation.from_quat(path.quaternion_xyzw[first]))
         return position, turns(np.clip(time_s, times[0], times[-1])).as_quat()
 
     def shown_s(self) -> tuple[float, float]:

@@ -36,9 +36,7 @@ _WRITTEN_ONCE = (
 )
 
 NEEDED = tuple(
-    name
-    for name in _WRITTEN_ONCE
-    if BASES not in name and not name.startswith("stood/") and name != SITES_FILE
+    name for name in _WRITTEN_ONCE if not name.endswith((BASES, SITES_FILE)) and not name.startswith("stood/")
 )
 """What every run of one rock is begun with."""
 
@@ -68,7 +66,7 @@ def written_once(run: Path) -> list[str]:
 
 def digests_of(run: Path) -> dict[str, str | None]:
     """Digest of each file of a run that was written at its beginning and is there; None for one without a digest."""
-    return {name: _stated(run / name) for name in written_once(run)}
+    return {name: _opened(run / name, stated) for name in written_once(run)}
 
 
 def check_files(run: Path) -> None:
@@ -116,15 +114,12 @@ def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
 
 def _document(run: Path) -> dict[str, Any]:
     path = run / _RUN_FILE
-    try:
-        return check_run_document(read_json(path), path, whole_document=False)
-    except OSError as error:
-        raise unopened(path, error) from error
+    return check_run_document(_opened(path, read_json), path, whole_document=False)
 
 
-def _stated(path: Path) -> str | None:
+def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
-        return stated(path)
+        return read(path)
     except OSError as error:
         raise unopened(path, error) from error
 

@@ -127,17 +127,11 @@ class Weights:
         for contact, jobs in frame.groupby(CONTACT):
             used = np.sort(jobs["base"].dropna().astype(int).unique())
             weights = self.of(tuple(map(float, contact)))[used]  # type: ignore[arg-type]  # of three columns
-            contacts.append(
-                {
-                    **dict(zip(CONTACT, map(float, contact), strict=True)),
-                    "weights": {
-                        str(base): float(each / weights.mean())
-                        for base, each in zip(used, weights, strict=True)
-                    },
-                    "bases": len(used),
-                    "effective_bases": effective_number(weights) if len(used) else 0.0,
-                }
-            )
+            share = zip(map(str, used), (weights / weights.mean()).tolist(), strict=True) if len(used) else ()
+            contacts.append({
+                **dict(zip(CONTACT, map(float, contact), strict=True)), "weights": dict(share),
+                "bases": len(used), "effective_bases": effective_number(weights) if len(used) else 0.0,
+            })  # fmt: skip
         return {**self.evidence, "reason": self.reason, "remarks": list(self.remarks), "contacts": contacts}
 
 

@@ -60,7 +60,7 @@ def _bases_on_surface(
         vertices = rock.vertices_m.copy()
         vertices[numbers] = interface.scene(places[number])
         standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")
-        ground = surface_of(interface)
+        ground = _surface_of(interface)
         body = GroundedBody.of(standing, ground, STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))
         if body.stands(body.touching(body.pose)):
             rock, nominal = standing, number
@@ -94,7 +94,7 @@ def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interf
 
 
 @kept
-def surface_of(interface: Interface) -> Pedestal:
+def _surface_of(interface: Interface) -> Pedestal:
     """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
     sheet = interface.sheet
     if sheet is None:

@@ -15,6 +15,7 @@ from toppling.orchestrator.public.hazard_question import Question, read_tree, sh
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_curves, read_surface
 from toppling.results.analysis.fits import answered, basis_of
+from toppling.results.analysis.lognormal import Surface
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name, within
@@ -24,7 +25,6 @@ from toppling.results.hazard.event_survival import EventBranch, EventSet, EventS
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.places import distance_km, nearest, of_name
 from toppling.results.hazard.readers.event_sets import read_events
-from toppling.results.hazard.surfaces import Surface, drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.tree import Branch, HazardTree
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
@@ -111,7 +111,7 @@ def _surface(
         frame = jobs.frame
         frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
         fitted = sampled(frame, fit(frame, measures), advance=advance) if len(frame) else None
-        surface, why = surface_of(fitted) if fitted else None, f" ({fitted.problem})" if fitted else ""
+        surface, why = fitted.surface if fitted else None, f" ({fitted.problem})" if fitted else ""
         if surface:
             surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
     if surface is None:
@@ -120,7 +120,7 @@ def _surface(
             where=str(path), expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
             remedy="give the run, or one --measure",
         )  # fmt: skip
-    return surface, drawn_surfaces(surface.resampled, measures) if surface.resampled else []
+    return surface, surface.resampled.surfaces(measures) if surface.resampled else []
 
 
 def _placed(
@@ -282,7 +282,7 @@ def _summary(
 
 def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any]:
     site = events.sites[rock.site]
-    measures, basis = measures_of(rock.fragility), rock.fragility.basis
+    measures, basis = rock.fragility.measures, rock.fragility.basis
     if len(measures) == 1:
         curve = rock.fragility
         median = within(curve.median, curve.strongest_shaken)  # type: ignore[union-attr]

@@ -30,9 +30,8 @@ from toppling.models.files.folder import instead, write_text
 from toppling.models.files.spreadsheet import plain_table
 from toppling.models.files.text_file import text_of
 from toppling.models.motions.measures import OPENQUAKE
-from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
-from toppling.results.hazard.surfaces import Surface
 
 _LARGEST_BYTES = 20_000_000
 """Of a file of curves: a thousand rocks with all that is known of each."""

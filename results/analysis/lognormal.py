@@ -1,6 +1,7 @@
-"""Lognormal fragility curves, what a fit of one rests on, and its samples."""
+"""Lognormal fragilities over one measure or several, what a fit of one rests on, and its samples."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,9 +78,43 @@ class Lognormal:
         """Whether the median lies beyond all that a job was shaken with."""
         return self.strongest_shaken is not None and self.median > self.strongest_shaken
 
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Its measure, as of a `Surface`."""
+        return (self.measure,)
+
+    def stouter(self, factor: float) -> "Lognormal":
+        """The same curve of a rock that takes a factor stronger motions."""
+        return replace(self, median=self.median * factor)
+
     def intensity(self, probability: float) -> float:
         """Intensity at which a toppling probability is reached."""
         return self.median * math.exp(self.beta * ndtri(probability))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Fragility over several measures: P(topple | x, y) = Phi(a + b ln x + c ln y)."""
+
+    measures: tuple[str, ...]  # columns of the results
+    coefficients: tuple[float, ...]  # a, then one slope a measure's natural logarithm
+    basis: Basis | None = None  # where it is known; its strongest shaking is in the first measure
+    # The same surface of resampled records, where it is known.
+    resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
+
+    def probability(self, motions: Mapping[str, Array]) -> Array:
+        """Toppling probability of events; 0 where a measure with a slope above 0 is 0."""
+        intercept, *slopes = self.coefficients
+        with np.errstate(divide="ignore", invalid="ignore"):
+            parts = [slope * np.log(motions[name]) for name, slope in zip(self.measures, slopes, strict=True)]
+            score = intercept + sum(parts)
+        felt = np.all([np.asarray(motions[name]) > 0 for name in self.measures], axis=0)
+        return np.where(felt, ndtr(score), 0.0)
+
+    def stouter(self, factor: float) -> "Surface":
+        """The same surface of a rock that takes a factor stronger motions."""
+        intercept, *slopes = self.coefficients
+        return replace(self, coefficients=(intercept - sum(slopes) * math.log(factor), *slopes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +152,13 @@ class Resampled:
         found = iter(self.coefficients)
         never = Lognormal(measure, math.inf, 0.0)
         return [lognormal_of(measure, *next(found)) if has_fit else never for has_fit in self.fitted]
+
+    def surfaces(self, measures: Sequence[str]) -> list[Surface]:
+        """The same over several measures."""
+        found = iter(self.coefficients)
+        never = -math.inf, *(0.0 for _ in measures)
+        rows = (tuple(next(found).tolist()) if has_fit else never for has_fit in self.fitted)
+        return [Surface(tuple(measures), row) for row in rows]
 
 
 def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:

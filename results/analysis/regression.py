@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.special import expit, ndtr, ndtri
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
+from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, lognormal_of, with_samples
 from toppling.results.schema import SCHEMA, describe
 
 _FLATTEST_SLOPE = 0.1
@@ -65,6 +65,13 @@ class Fit:
         if self.problem or self.link != "probit" or len(self.measures) != 1:
             return None
         return with_samples(lognormal_of(self.measures[0], *self.coefficients), self.resampled)
+
+    @property
+    def surface(self) -> Surface | None:
+        """The same over its measures, of any probit."""
+        if self.problem or self.link != "probit":
+            return None
+        return Surface(self.measures, self.coefficients, resampled=self.resampled)
 
     def probability(self, frame: pd.DataFrame) -> Array:
         """Toppling probability of each row's measures."""

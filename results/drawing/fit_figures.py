@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from scipy.special import ndtr, ndtri
 
 from toppling.results.analysis.fits import FEW_TOPPLED
-from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
     HALF_WIDTH_IN,
@@ -24,7 +24,6 @@ from toppling.results.drawing.style import (
     style,
     within,
 )
-from toppling.results.hazard.surfaces import Surface
 
 _FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
@@ -56,15 +55,8 @@ def fit_figure(
             else ((3, 1), {"hspace": 0.5, "bottom": 0.11, "left": 0.27, "right": 0.95, "top": 0.96})
         )
         left, middle, right = figure.subplots(*shape, gridspec_kw=room)
-        figure.text(
-            0.5,
-            0.008,
-            (" " if beside else "\n").join(_FIT_CAPTION),
-            ha="center",
-            va="bottom",
-            size=6.5,
-            color="0.25",
-        )
+        caption = (" " if beside else "\n").join(_FIT_CAPTION)
+        figure.text(0.5, 0.008, caption, ha="center", va="bottom", size=6.5, color="0.25")
         draw_curve(left, curve, observed)
         if too_few:
             left.set_title(f"too few topplings for a curve ({toppled})")

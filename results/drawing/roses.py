@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from toppling.models.arrays import Array
+from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
@@ -19,8 +21,6 @@ from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
 _WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
 """Azimuths are counter-clockwise from east; the four winds stand where a map has them."""
-
-_COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 def rose_figure(
@@ -43,18 +43,12 @@ def rose_figure(
             (2, 1), {"top": 0.87, "bottom": 0.05, "hspace": 0.5}
         )  # fmt: skip
         left, right = figure.subplots(*shape, subplot_kw={"projection": "polar"}, gridspec_kw=room)
-        width = 2 * np.pi / len(rose)
-        left.bar(
-            np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR,
-            edgecolor="white", lw=0.4,
-        )  # fmt: skip
+        draw_petals(left, rose, edgecolor="white", lw=0.4)
         within = "" if sector is None else (
             f"\n{sector['low_deg']:g}° to {sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of "
             f"{sector['jobs']:,} jobs,\n{100 * sector['share_of_toppled']:.0f} % of the toppled"
         )  # fmt: skip
         left.set_title(f"toppled toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
-        emptiest = int(rose["toppled"].rolling(3, center=True, min_periods=1).sum().argmin())
-        mark_winds(left, float(rose["azimuth_deg"].iloc[emptiest]))
         if quasi_static is not None and len(quasi_static):
             _draw_round(
                 right, quasi_static["azimuth_deg"].to_numpy(float), quasi_static["value"].to_numpy(float)
@@ -66,6 +60,16 @@ def rose_figure(
         else:
             right.set_visible(False)
     return figure
+
+
+def draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
+    """Shares of the topplings by the azimuth they went to, the scale where the fewest went."""
+    width = 2 * np.pi / len(rose)
+    axes.bar(
+        np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR, **look
+    )
+    nearby = rose["toppled"].rolling(3, center=True, min_periods=1).sum()
+    mark_winds(axes, float(rose["azimuth_deg"].iloc[int(nearby.argmin())]))
 
 
 def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray) -> None:
@@ -86,10 +90,15 @@ def by_compass(directions_deg: Iterable[float]) -> list[float]:
     return sorted(directions_deg, key=lambda azimuth: float(compass_deg(azimuth)))
 
 
+def wind_of(azimuth_deg: float) -> str:
+    """Nearest of the sixteen winds toward an azimuth (degrees counter-clockwise from east)."""
+    return WINDS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
+
+
 def direction_words(direction_deg: float, bins: int) -> str:
     """Compass name of a direction bin, with its azimuths."""
     compass, half = float(compass_deg(direction_deg)), 180.0 / bins
-    wind = _COMPASS[round(compass / 45.0) % 8] if compass % 45.0 == 0.0 else f"compass {compass:g}°"
+    wind = wind_of(direction_deg) if compass % 45.0 == 0.0 else f"compass {compass:g}°"
     return f"{wind} ({direction_deg - half:g}° to {direction_deg + half:g}°)"
 
 

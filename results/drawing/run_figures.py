@@ -30,7 +30,6 @@ from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
-from toppling.results.hazard.surfaces import surface_of
 
 FIT_PARTS = 20
 """Parts of work that the fits of a contact count as: they take longer than a figure."""
@@ -56,7 +55,6 @@ def write_maps(
     planes = list(planes)
     for contact, jobs in by_contact(frame).items():
         target = folder / contact
-        target.mkdir(parents=True, exist_ok=True)
         left_out, title = [], contact_words(jobs, frame)
         for plane in planes:
             outside = beyond(jobs, plane)
@@ -90,7 +88,6 @@ def write_directions(
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact
-        target.mkdir(parents=True, exist_ok=True)
         rose, sector = topple_rose(jobs), None
         yield write_csv(rose, target / "directions.csv")
         (target / "sector.csv").unlink(missing_ok=True)
@@ -111,7 +108,6 @@ def write_friction(
     """
     for surroundings, table, jobs in compare_frictions(frame, plane):
         target = folder / surroundings
-        target.mkdir(parents=True, exist_ok=True)
         yield write_csv(table, target / "friction_cells.csv")
         yield write_csv(jobs, target / "friction_jobs.csv")
         yield from save(friction_figure(table, jobs), target / "friction", _remark(run))
@@ -148,11 +144,8 @@ def write_fits(
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact / "fits"
-        target.mkdir(parents=True, exist_ok=True)
-        for former in (
-            *(file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")),
-            target / "calibration.csv",
-        ):
+        former_ones = [file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")]
+        for former in (*former_ones, target / "calibration.csv"):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
         yield from _write_contact(jobs, target, name, samples, audit_over, advance, run)
 
@@ -185,7 +178,7 @@ def _write_contact(
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
         for each in of_two
-        if each.measures == regression.SURFACES[0] and (surface := surface_of(each))
+        if each.measures == regression.SURFACES[0] and (surface := each.surface)
     ]
     for surface in surfaces:
         yield from save(surface_figure(surface, contact.known), target / "surface", _remark(run))

@@ -14,11 +14,10 @@ from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
-from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import faces_eye, hidden, painted, surfaces_of, view_frame
-from toppling.results.drawing.roses import emptiest_deg, mark_winds
+from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
 _VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
@@ -58,12 +57,11 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             lines_in = 0.13 * len(printed)
             figure = Figure(figsize=(width_in, 2.75 + max(2.9, lines_in + 0.2)), layout="constrained")
             grid = figure.add_gridspec(2, 3, height_ratios=(2.6, max(2.9, lines_in + 0.2)))
-            places = [grid[0, 0], grid[0, 1], grid[0, 2], grid[1, 0], grid[1, 1], grid[1, 2]]
         else:
             heights = (3.4, 3.4, 3.4, 3.2, 3.4, 0.14 * len(printed) + 0.1)
             figure = Figure(figsize=(width_in, sum(heights) + 0.4), layout="constrained")
             grid = figure.add_gridspec(6, 1, height_ratios=heights)
-            places = [grid[k, 0] for k in range(6)]
+        places = [grid[k] for k in range(6)]
         FigureCanvasAgg(figure)
         for place, (elevation, azimuth) in zip(places[:3], _VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
@@ -79,11 +77,6 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             0.0, 1.0, "\n".join(printed), va="top", size=6.5, linespacing=1.35, transform=axes.transAxes
         )
     return figure
-
-
-def wind_of(azimuth_deg: float) -> str:
-    """Nearest of the sixteen winds toward an azimuth (degrees counter-clockwise from east)."""
-    return WINDS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
 
 
 def _view_title(elevation_deg: float, azimuth_deg: float) -> str:
@@ -138,22 +131,13 @@ def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dash
     at = np.linspace(0.0, along[-1], _POINTS_ON_LINE)
     points = np.column_stack([np.interp(at, along, axis) for axis in line.T])
     behind = hidden(points, corners, tolerance_m)
+    seen, covered = (np.where((behind == there)[:, None], points[:, :2], np.nan).T for there in (False, True))
+    axes.plot(*covered, ":", lw=0.8, alpha=0.9, color=colour)
     halo = [
         Stroke(linewidth=2.8, foreground="white", alpha=0.8),
         withStroke(linewidth=2.2, foreground="white"),
     ]
-    projected, covered = (
-        np.where((behind == is_hidden)[:, None], points[:, :2], np.nan) for is_hidden in (False, True)
-    )
-    axes.plot(covered[:, 0], covered[:, 1], ":", lw=0.8, alpha=0.9, color=colour)
-    axes.plot(
-        projected[:, 0],
-        projected[:, 1],
-        dashes,
-        lw=1.5,
-        color=colour,
-        path_effects=halo if dashes == "-" else None,
-    )
+    axes.plot(*seen, dashes, lw=1.5, color=colour, path_effects=halo if dashes == "-" else None)
 
 
 def _draw_scale(axes: Axes, reach_m: float) -> None:

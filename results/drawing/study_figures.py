@@ -16,7 +16,7 @@ from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
 from toppling.results.analysis.directions import topple_rose
 from toppling.results.analysis.fragility import DIRECTION_BINS, direction_bin_deg
-from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
+from toppling.results.drawing.roses import by_compass, direction_words, draw_petals
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
 
 
@@ -87,14 +87,10 @@ def topple_direction_figure(table: pd.DataFrame) -> Figure:
         )  # fmt: skip
         for axes, direction in zip(grid.flat, directions, strict=False):
             petals = table[table["direction_deg"] == direction]
-            width = 2 * np.pi / len(petals)
-            angle = np.deg2rad(petals["azimuth_deg"].to_numpy(float))
-            axes.bar(angle, 100 * petals["share_of_toppled"], width, color=COLOURS(0.35), lw=0)
+            draw_petals(axes, petals, lw=0)
             axes.set_title(
                 f"{direction_words(direction, DIRECTION_BINS)}\n{petals['toppled'].sum():,} toppled", pad=4
             )
-            nearby = petals["toppled"].rolling(3, center=True, min_periods=1).sum()
-            mark_winds(axes, float(petals["azimuth_deg"].iloc[int(nearby.argmin())]))
             axes.tick_params(labelsize=6)
             axes.yaxis.set_major_locator(MaxNLocator(3))
         for axes in grid.flat[len(directions) :]:

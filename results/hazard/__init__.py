@@ -25,7 +25,6 @@ __all__ = [
     "magnitudes",
     "measure_names",
     "places",
-    "surfaces",
     "survival",
     "tree",
     "update",

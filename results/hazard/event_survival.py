@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
+from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.hazard.ages import AS_NOW, STOUTER, Exposure, Since
-from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
 from toppling.results.hazard.tree import branch_weights
 
 _DRAWS = 200
@@ -34,6 +34,12 @@ NEGLIGIBLE = 1e-12
 
 _LEAST_LOGARITHM = -745.0
 """Of a probability of survival: exp gives 0, and 0 times it is 0."""
+
+
+Motions = Mapping[str, Array]
+"""Values of each measure, in its SI unit, of some events; 0 where an event is not felt."""
+
+Fragility = Lognormal | Surface
 
 
 @dataclass(frozen=True)
@@ -110,13 +116,30 @@ class FeltRock:
     since: Since | None = None  # when it became as fragile as it is; None where it has always been
 
 
+def topples(fragility: Fragility, motions: Motions) -> Array:
+    """Toppling probability of events, given their motions.
+
+    Raises InputError if the motions lack a measure of the fragility.
+    """
+    lacking = [name for name in fragility.measures if name not in motions]
+    if lacking:
+        raise InputError(
+            what=f"states {', '.join(motions)}, and no {', '.join(lacking)}", where="--hazard",
+            expected=f"motions in {', '.join(fragility.measures)}, as the rock's fragility is over them",
+            remedy="choose another --measure, or compute fields of that measure too",
+        )  # fmt: skip
+    if isinstance(fragility, Surface):
+        return fragility.probability(motions)
+    return fragility.probability(motions[fragility.measure])
+
+
 def standing_shares(rocks: Sequence[FeltRock], branch: EventBranch) -> tuple[NDArray, NDArray]:
     """Logarithms of 1 - F of each rock in each event, (rocks, m): as the rocks are, and as they were before."""
     now = np.array([_log_standing(rock.fragility, branch.at(rock.site)) for rock in rocks])
     before = now.copy()
     for number, rock in enumerate(rocks):
         if rock.since is not None and math.isfinite(rock.since.factor):
-            then = stouter(rock.fragility, rock.since.factor)
+            then = rock.fragility.stouter(rock.since.factor)
             before[number] = _log_standing(then, branch.at(rock.site))
     return now, before
 

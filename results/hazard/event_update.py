@@ -26,7 +26,6 @@ from toppling.results.hazard.event_survival import (
     survival,
     toppling_probabilities,
 )
-from toppling.results.hazard.surfaces import stouter
 from toppling.results.hazard.survival import greatest_rate, largest_factor
 from toppling.results.hazard.tree import Statistics, drawn_weights, statistics_of
 from toppling.results.hazard.update import MEAN, changes_of, decided_by, rates_table
@@ -108,7 +107,7 @@ class EventUpdate:
         """
 
         def above(logarithm: float) -> float:
-            scaled = [replace(one, fragility=stouter(one.fragility, math.exp(-logarithm))) for one in rocks]
+            scaled = [replace(one, fragility=one.fragility.stouter(math.exp(-logarithm))) for one in rocks]
             return survival(scaled, branch, exposure) - (1.0 - self.confidence)
 
         return largest_factor(above, precision=1e-4)
@@ -195,7 +194,7 @@ class EventUpdate:
         """A branch without the events that topple nothing even a factor stronger: a large set has few others."""
         if len(branch.rate) < 2000:
             return branch
-        scaled = [replace(rock, fragility=stouter(rock.fragility, 0.1)) for rock in self.rocks]
+        scaled = [replace(rock, fragility=rock.fragility.stouter(0.1)) for rock in self.rocks]
         return branch.chosen(toppling_probabilities(scaled, branch) > NEGLIGIBLE)
 
 

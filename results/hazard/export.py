@@ -16,7 +16,6 @@ from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.measure_names import UNSCALED, imt_of
-from toppling.results.hazard.surfaces import measures_of
 from toppling.results.hazard.tree import FRACTILES, common_levels, statistics_of
 from toppling.results.hazard.update import Update
 
@@ -71,7 +70,7 @@ def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0)
     numbers = range(len(update.events.branches))
     places = {site: update.events.sites[site] for site in dict.fromkeys(rock.site for rock in update.rocks)}
     curves = []
-    for measure in measures_of(update.rocks[0].fragility):
+    for measure in update.rocks[0].fragility.measures:
         levels, rates = update.counted(measure, list(places))
         after = [statistics_of(levels, of_site, update.posterior) for of_site in rates.swapaxes(0, 1)]
         kinds = _kinds(numbers, rates, np.array([one.mean for one in after]), {

@@ -57,11 +57,11 @@ class Verdict:
     """What the jobs so far say, and whether they are enough."""
 
     measure: str  # that predicts best, or that the target states
-    curve: Curve | None  # None before both answers have come
-    estimate: Estimate | None
-    ended: bool
-    reason: str  # why the precision cannot be reached; empty where it is reached, or may still be
-    jobs_needed: int  # in all, by what is known
+    curve: Curve | None = None  # None before both answers have come
+    estimate: Estimate | None = None
+    ended: bool = False
+    reason: str = ""  # why the precision cannot be reached; empty where it is reached, or may still be
+    jobs_needed: int = 0  # in all, by what is known
     departure: Departure | None = None  # how the answers contradict the curve, where they do
 
 
@@ -87,7 +87,7 @@ def _judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precisio
     toppled = observed[any_measure].toppled
     jobs, count = len(toppled), int(toppled.sum())
     least = min(count, jobs - count)
-    unknown = Verdict(any_measure, None, None, ended=False, reason="", jobs_needed=max(2 * jobs, _LEAST_JOBS))
+    unknown = Verdict(any_measure, jobs_needed=max(2 * jobs, _LEAST_JOBS))
     if least == 0:
         if jobs < _ONE_SIDED_JOBS:
             return unknown
@@ -246,15 +246,7 @@ class Rounds:
                 self.target = replace(self.target, measure=self.verdict.measure)
             if self.ended:
                 return
-        start = Verdict(
-            self.target.measure or next(iter(self.pool.log_x)),
-            None,
-            None,
-            ended=False,
-            reason="",
-            jobs_needed=0,
-        )
-        known = self.verdict or start
+        known = self.verdict or Verdict(self.target.measure or next(iter(self.pool.log_x)))
         size = _round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
         new = _choose(self.pool, self.chosen, size, self.seed, known, self.target)
         if not len(new):
@@ -266,5 +258,5 @@ class Rounds:
     def _judged(self, observed: Mapping[str, Answers]) -> Verdict:
         if not len(next(iter(observed.values())).toppled):
             reason = f"none of {len(self.chosen)} jobs has an answer"
-            return Verdict("", None, None, ended=True, reason=reason, jobs_needed=0)
+            return Verdict("", ended=True, reason=reason)
         return _judge(self.pool, observed, self.target, self.precision)

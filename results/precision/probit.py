@@ -121,13 +121,8 @@ class Curve:
         target: of the coefficients (2,).
         """
         step = _DIFFERENCE * np.sqrt(np.diag(self.independent))
-        shifts = np.diag(step)
-        slope = np.array(
-            [
-                (target(self.coefficients + shift) - target(self.coefficients - shift)) / (2.0 * one)
-                for shift, one in zip(shifts, step, strict=True)
-            ]
-        )
+        ends = [[target(self.coefficients + sign * shift) for sign in (1, -1)] for shift in np.diag(step)]
+        slope = -np.diff(ends)[:, 0] / (2.0 * step)
         return float(slope @ self.independent @ slope), float(slope @ self.pairs @ slope)
 
 
@@ -199,9 +194,8 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
     """Gradient of half the logarithm of the information's determinant, by central differences."""
 
     def log_det(at: Array) -> float:
-        return 0.5 * float(
-            np.linalg.slogdet((answers.weight * probit_weights(design @ at)[1] * design.T) @ design)[1]
-        )
+        information = (answers.weight * probit_weights(design @ at)[1] * design.T) @ design
+        return 0.5 * float(np.linalg.slogdet(information)[1])
 
     shifts = _DIFFERENCE * np.eye(2)
     ends = [(log_det(coefficients + one), log_det(coefficients - one)) for one in shifts]

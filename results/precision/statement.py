@@ -35,11 +35,8 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     }  # fmt: skip
     found, curve = verdict.estimate, verdict.curve
     if found is None or curve is None:
-        return {
-            **content,
-            "value": None,
-            "sentence": f"nothing can be stated yet: {verdict.reason or 'too few answers'}",
-        }
+        sentence = f"nothing can be stated yet: {verdict.reason or 'too few answers'}"
+        return {**content, "value": None, "sentence": sentence}
     words = rounds.target.words(verdict.measure, found.value, found.low, found.high)
     words += f", from {rounds.judged} jobs with {records} records"
     if verdict.departure is not None:

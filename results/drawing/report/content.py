@@ -83,11 +83,8 @@ class Content:
     def scene(self) -> Scene | None:
         """The run's scene, where it holds one."""
         folder = self.run.scene_folder
-        return (
-            Scene.load(folder)
-            if (folder / "scene.json").exists() and (folder / "rock.ply").exists()
-            else None
-        )
+        whole = all((folder / name).exists() for name in ("scene.json", "rock.ply"))
+        return Scene.load(folder) if whole else None
 
     @cached_property
     def ensemble(self) -> Ensemble | None:

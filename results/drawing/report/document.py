@@ -52,11 +52,9 @@ class Document:
     ) -> str:
         """A numbered figure from the content of PNG files: of a page's width and, where given, of a narrow screen's."""
         self.figures += 1
-        source = (
-            f'<source media="screen and (max-width: 640px)" srcset="{_data(narrow)}">'
-            if narrow is not None
-            else ""
-        )
+        source = ""
+        if narrow is not None:
+            source = f'<source media="screen and (max-width: 640px)" srcset="{_data(narrow)}">'
         image = f'<img alt="{safe(caption)}" style="width: {round(_SCREEN_PX_PER_IN * width_in)}px" src="{_data(png)}">'
         return (
             f'<figure id="figure-{self.figures}"><picture>{source}{image}</picture>'
@@ -102,6 +100,11 @@ def heading(text: str, level: int) -> str:
 def paragraph(text: str) -> str:
     """A paragraph of plain text."""
     return f"<p>{safe(text)}</p>"
+
+
+def sentence(text: str) -> str:
+    """A paragraph of one sentence, given without its capital and its full stop."""
+    return paragraph(f"{text[0].upper()}{text[1:]}.")
 
 
 def pair(*figures: str) -> str:

@@ -11,7 +11,7 @@ from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.side_by_side import Beside, Shared
 from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
-from toppling.results.drawing.scene_figures import wind_of
+from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
 from toppling.results.reader import Run

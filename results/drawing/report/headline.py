@@ -1,7 +1,6 @@
 """The first screen: three sentences and one picture with the result."""
 
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toppling.models.spelling import counted
@@ -132,7 +131,9 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
         figure = Figure(figsize=(width_in, 3.0))
         axes = figure.subplots(gridspec_kw={"left": 0.14, "right": 0.96, "bottom": 0.15, "top": 0.9})
         if contact.headline is None:
-            _draw_shares(axes, observed_shares(contact.known, "level_pga_m_s2"))
+            observed = observed_shares(contact.known, "level_pga_m_s2")
+            draw_shares(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+            axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
             axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
             return figure
         curve = contact.headline
@@ -156,11 +157,6 @@ def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figur
         at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"
         axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
     return figure
-
-
-def _draw_shares(axes: Axes, observed: pd.DataFrame) -> None:
-    draw_shares(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
-    axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
 
 
 def _ends_and_middle(share: pd.Series) -> list[int]:

@@ -32,13 +32,9 @@ def methods_section(content: Content, document: Document) -> str:  # noqa: ARG00
 
 def _methods(content: Content) -> str:
     """What was done, in the past tense, with the run's own numbers."""
-    parts = [_unfinished(content), _rock(content), _shaking(content), _engine(content), _statistics(content)]
-    return " ".join(filter(None, parts))
-
-
-def _unfinished(content: Content) -> str:
     remark = content.completeness.remark
-    return f"The ensemble was not completed: {remark}." if remark else ""
+    parts = [f"The ensemble was not completed: {remark}."] if remark else []
+    return " ".join([*parts, _rock(content), _shaking(content), _engine(content), _statistics(content)])
 
 
 def _rock(content: Content) -> str:
@@ -47,13 +43,12 @@ def _rock(content: Content) -> str:
         return "The rock and its pedestal were taken as rigid bodies."
     row = table.to_pylist()[0]
     report = content.scene.report if content.scene is not None else {}
-    stations = report.get("registration", {}).get("stations")
-    scanned = (
-        f"{stations} laser scans of rock and pedestal were merged, and the rock was separated from its pedestal "
-        "and closed; "
-        if stations
-        else ""
-    )
+    scanned = ""
+    if stations := report.get("registration", {}).get("stations"):
+        scanned = (
+            f"{stations} laser scans of rock and pedestal were merged, and the rock was separated from its "
+        )
+        scanned += "pedestal and closed; "
     return (
         f"{scanned}the rock ({row['volume_m3']:.3g} m³, {row['height_m']:.3g} m high, homogeneous) and its pedestal "
         f"(interface dipping {row['slope_deg']:.1f}°) were taken as rigid bodies under a gravity of "
@@ -125,16 +120,13 @@ def _friction_drawn(drawn: pd.DataFrame, uniform: Sequence[float] | None) -> str
 
 
 def _engine(content: Content) -> str:
-    versions = content.run.provenance().get("versions", {})
-    frame = content.frame
-    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique())) or versions.get(
-        "physics", "unknown"
-    )
+    provenance, frame = content.run.provenance(), content.frame
+    versions, cited = provenance.get("versions", {}), provenance.get("engine", {})
+    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique()))
+    physics = physics or versions.get("physics", "unknown")
     presets = ", ".join(sorted(frame["preset"].unique()))
-    cited = content.run.provenance().get("engine", {})
-    engines = " and ".join(
-        _engine_words(name, versions, cited) for name in sorted(frame["engine"].unique(), reverse=True)
-    )
+    names = sorted(frame["engine"].unique(), reverse=True)
+    engines = " and ".join(_engine_words(name, versions, cited) for name in names)
     answered = int(frame["toppled"].notna().sum())
     return (
         f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "

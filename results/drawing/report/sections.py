@@ -27,7 +27,7 @@ from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
 from toppling.results.drawing.report.constraint_page import branches_table, rejected_drawing
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
+from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe, sentence
 from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.scene_figures import scene_picture
@@ -52,20 +52,15 @@ def _scene_section(content: Content, document: Document) -> str:
         return "<p>The run holds no scene.</p>"
     settling = (content.run.provenance().get("settling") or {}).get("sentence")
     if content.scene is not None:
-        drawn = partial(scene_picture, content.scene, [settling] if settling else [])
+        scene, notes = content.scene, [settling] if settling else []
         caption = (
             f"The rock {content.run.rock} on its pedestal, from three sides and from above; least constant ground "
             "acceleration that topples it, by azimuth (degrees counter-clockwise from east)."
         )
-        parts.append(document.figure(lambda width: drawn(width_in=width), caption))
-        parts += [
-            paragraph(f"{each[0].upper()}{each[1:]}.") for each in base_sentences(content.run.scene_report())
-        ]
+        parts.append(document.figure(lambda width: scene_picture(scene, notes, width), caption))
+        parts += map(sentence, base_sentences(content.run.scene_report()))
     if weights := content.run.weights():
-        parts += [
-            paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
-            for sentence in sentences(weights.summary(content.frame))
-        ]
+        parts += map(sentence, sentences(weights.summary(content.frame)))
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [
         {
@@ -84,11 +79,8 @@ def _scene_section(content: Content, document: Document) -> str:
 def _records_section(content: Content, document: Document) -> str:
     frame = content.frame
     used = frame.drop_duplicates("record_id")
-    lines = [
-        paragraph(
-            f"{counted(len(used), 'record')} of {counted(used['event'].nunique(), 'named earthquake')}."
-        )
-    ]
+    events = counted(used["event"].nunique(), "named earthquake")
+    lines = [paragraph(f"{counted(len(used), 'record')} of {events}.")]
     if (weight := records_weight(frame)) is not None:
         least, most = weight[used.index].min(), weight[used.index].max()
         lines.append(
@@ -111,9 +103,8 @@ def _records_section(content: Content, document: Document) -> str:
         counts = counts.merge(_as_recorded(motions.to_pandas()), how="left")
     counts = counts.sort_values(["toppled", "record_id"], ascending=[False, True])
     some = f", the {_MOST_RECORDS} that topple the rock most often" if len(counts) > _MOST_RECORDS else ""
-    shown = counts.head(_MOST_RECORDS)
-    order = [name for name in shown.columns if name not in ("jobs", "toppled")]
-    shown = shown[[*order, "jobs", "toppled"]].rename(columns={"record_id": "record"})
+    order = [*counts.columns.drop(["jobs", "toppled"]), "jobs", "toppled"]
+    shown = counts.head(_MOST_RECORDS)[order].rename(columns={"record_id": "record"})
     caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."
     lines.append(document.table(shown, caption))
     return "".join(lines)
@@ -187,24 +178,20 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
     if (curve := contact.best) is not None:
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
         observed = ranking.observed_shares(contact.known, curve.measure)
-        draw = partial(fit_figure, curve, observed, contact.ranking, calibrated, contact.toppled)
+        data = curve, observed, contact.ranking, calibrated, contact.toppled
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
             f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records left out "
             "of the fit. Right: predicted probability against observed share."
         )
-        parts.append(document.figure(lambda width: draw(width_in=width), caption))
+        parts.append(document.figure(lambda width: fit_figure(*data, width), caption))
+    ranked, fitted = _ranking_table(contact.ranking), fit_table(summary, contact.known)
     parts += [
-        document.table(
-            _ranking_table(contact.ranking), f"Measures of intensity, best first ({contact.words})."
-        ),
-        document.table(
-            fit_table(summary, contact.known), f"Lognormal fragility over each measure ({contact.words})."
-        ),
+        document.table(ranked, f"Measures of intensity, best first ({contact.words})."),
+        document.table(fitted, f"Lognormal fragility over each measure ({contact.words})."),
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
-        f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. "
-        f"{few} "
-        "Beyond the strongest shaking the jobs say nothing.</p>",
+        f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. {few} Beyond "
+        "the strongest shaking the jobs say nothing.</p>",
     ]
     return "".join(parts)
 
@@ -283,16 +270,12 @@ def _provenance_section(content: Content, document: Document) -> str:  # noqa: A
 
 
 def _columns_section(content: Content, document: Document) -> str:
-    rows = [{**row, "unit": _unit(row["unit"])} for row in content.run.describe()]
+    rows = pd.DataFrame(content.run.describe()).rename(columns={"description": "meaning"})
+    rows["unit"] = [_unit(unit) for unit in rows["unit"]]
     parts = []
-    for table in dict.fromkeys(row["table"] for row in rows):
-        shown = [
-            {"column": row["column"], "unit": row["unit"], "meaning": row["description"]}
-            for row in rows
-            if row["table"] == table
-        ]
+    for table, of_table in rows.groupby("table", sort=False):
         caption = f"Columns of the table {table}, as 'toppling query' reads it."
-        parts.append(document.table(pd.DataFrame(shown), caption))
+        parts.append(document.table(of_table[["column", "unit", "meaning"]], caption))
     return "".join(parts)
 
 

@@ -21,9 +21,8 @@ from toppling.results.analysis.exchange import (
     write_curves,
 )
 from toppling.results.analysis.fragility import CONTACT_COLUMNS
-from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, with_samples
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface, with_samples
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.hazard.surfaces import Surface
 from toppling.results.schema import SCHEMA, describe
 
 CURVES = st.builds(

@@ -7,10 +7,9 @@ import pytest
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
-from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.event_survival import FeltRock, toppling_probabilities
-from toppling.results.hazard.surfaces import Surface, topples
+from toppling.results.hazard.event_survival import FeltRock, topples, toppling_probabilities
 from toppling.results.hazard.vector import SCATTERS, joint_rate
 
 PGA, PGV = "pga_m_s2", "pgv_m_s"

@@ -40,20 +40,36 @@ def modules():
 
 
 @cache
+def tree(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def importing(path):
+    """The places of a module, wherever in it, that import something."""
+    return [node for node in ast.walk(tree(path)) if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)
+            and (not isinstance(node, ast.Call) or called(node) == "import_module")]  # fmt: skip
+
+
+def called(node):
+    return getattr(node.func, "attr", getattr(node.func, "id", ""))
+
+
+@cache
 def imported(path):
     """Full dotted names that a module imports, wherever in it."""
     return tuple(_imported(path))
 
 
 def _imported(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in importing(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import hides which room it means"
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        else:
             yield from (name.value for name in node.args if isinstance(name, ast.Constant))
 
 
@@ -155,7 +171,7 @@ def test_imports_go_round_in_no_circle():
 
     def taken(path):
         """Modules of the house that a module imports: of `from package import module` the module alone."""
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in importing(path):
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names if alias.name in names)
             elif isinstance(node, ast.ImportFrom) and node.module in names:
@@ -179,7 +195,7 @@ def test_a_function_that_only_its_own_module_uses_begins_with_an_underscore():
     offences = {
         f"{path.relative_to(ROOT)}:{node.name}"
         for path in modules()
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in tree(path).body
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and words[node.name] == 1
     }
     assert not offences
@@ -187,7 +203,7 @@ def test_a_function_that_only_its_own_module_uses_begins_with_an_underscore():
 
 def named_in_face(path):
     """Content of a module's `__all__`."""
-    body = ast.parse(path.read_text(encoding="utf-8")).body
+    body = tree(path).body
     (value,) = (
         node.value for node in body if isinstance(node, ast.Assign) and ast.unparse(node.targets) == "__all__"
     )

@@ -1,6 +1,7 @@
 """Files, functions and signatures that one can take in at once."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,11 +23,14 @@ def modules():
     return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 
 
+@cache
 def functions(path):
     """Each function of a module, named by its place: classes of a file may have functions of one name."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield f"{path.relative_to(ROOT)}:{node.lineno}:{node.name}", node
+    return [
+        (f"{path.relative_to(ROOT)}:{node.lineno}:{node.name}", node)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
 
 
 def parameters(function):

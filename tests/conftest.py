@@ -67,12 +67,26 @@ def no_pictures():
 
 
 @pytest.fixture
-def empty_figures(monkeypatch):
+def drawn_alone(monkeypatch):
+    """Say which figures are drawn, as SVG: all others are files without a picture, for laws about the files."""
+    from matplotlib.figure import Figure
+
+    def draw(*stems, savefig=Figure.savefig):
+        named = tuple(f".{stem}.svg." for stem in stems)
+
+        def saved(figure, place, **options):
+            if isinstance(place, Path):
+                savefig(figure, place, **options) if place.name.startswith(named) else place.touch()
+
+        monkeypatch.setattr(Figure, "savefig", saved)
+
+    return draw
+
+
+@pytest.fixture
+def empty_figures(drawn_alone):
     """Figures are files without a picture: for laws about the tables beside them."""
-    monkeypatch.setattr(
-        "matplotlib.figure.Figure.savefig",
-        lambda figure, place, **options: place.touch() if isinstance(place, Path) else None,
-    )
+    drawn_alone()
 
 
 ROOT = Path(__file__).parents[1]

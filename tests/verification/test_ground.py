@@ -117,9 +117,17 @@ def cone_programme(scene, azimuth_deg):
     )
 
 
-@pytest.mark.parametrize("friction", [0.6, 0.8])
 @pytest.mark.parametrize(
-    ("left", "right"), [(5, 5), (30, 30), (-15, -15), (-30, -30), (0, -30), (0, 30), (0, 15)]
+    ("left", "right", "friction"),
+    [
+        (5, 5, 0.6),
+        (30, 30, 0.6),
+        (30, 30, 0.8),
+        (-15, -15, 0.8),
+        (-30, -30, 0.6),
+        (0, -30, 0.8),
+        (0, 15, 0.6),
+    ],
 )
 def test_static_threshold_on_two_facets_is_that_of_the_friction_cones(left, right, friction):
     scene = block_on(left, right, friction)

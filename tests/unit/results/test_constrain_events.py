@@ -234,6 +234,7 @@ def test_options_of_ages_need_ages(rocks, options):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("empty_figures")
 def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     run = tmp_path / "run"
     run.mkdir()

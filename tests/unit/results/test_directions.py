@@ -57,7 +57,8 @@ def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("has_scene", [True, False])
-def test_no_rock_is_given_the_sector_of_the_studys_rock(tmp_path, has_scene):
+def test_no_rock_is_given_the_sector_of_the_studys_rock(drawn_alone, tmp_path, has_scene):
+    drawn_alone("directions")
     write_part(tmp_path, rows(records=3, azimuths=(0.0,)))
     if has_scene:
         Scene.block(0.1, 0.2, 0.6).save(tmp_path / "scene")  # thin along x: it topples toward west first

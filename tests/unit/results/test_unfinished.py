@@ -75,7 +75,8 @@ def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
 
 
 @pytest.mark.thorough
-def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, tmp_path):
+def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone, tmp_path):
+    drawn_alone("pga_pgv", "directions", "fits")
     asked = ["fragility", str(unfinished), "--fit", "--samples", "4", "--out", str(tmp_path)]
     said = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout
     assert said.startswith(f"{unfinished} is unfinished: {REMARK}\n")

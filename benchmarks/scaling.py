@@ -350,19 +350,6 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     return (cost * seconds_per_job / cost.mean())[order], length[order]
 
 
-def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
-    print(f"pretended workers, for {seconds:g} s if nothing held them up")
-    for workers, seconds_per_job in runs:
-        say(pretended_run(int(workers), seconds_per_job, seconds))
-
-
-def tell_study(seconds_per_job: float, run: Path | None) -> None:
-    cost, length = study_costs(seconds_per_job, run)
-    print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
-    for workers in WORKERS:
-        say(played(cost, workers, length))
-
-
 def tell_atlas(seconds_per_job: float, client_us: float | None) -> None:
     per_job_s = client_us * 1e-6 if client_us else client_s()
     print(f"an atlas of {math.prod(ATLAS)} jobs; the client takes {1e6 * per_job_s:.0f} us for each")
@@ -399,9 +386,14 @@ def main() -> None:
         print("a million jobs, planned, handed out, counted and stored in one process")
         say(apart(million))
     if "pretended" in given.parts:
-        tell_pretended(given.pretend or PRETENDED, given.seconds)
+        print(f"pretended workers, for {given.seconds:g} s if nothing held them up")
+        for workers, seconds_per_job in given.pretend or PRETENDED:
+            say(pretended_run(int(workers), seconds_per_job, given.seconds))
     if "study" in given.parts:
-        tell_study(given.seconds_per_job, given.run)
+        cost, length = study_costs(given.seconds_per_job, given.run)
+        print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
+        for number in WORKERS:
+            say(played(cost, number, length))
     if "atlas" in given.parts:
         tell_atlas(given.seconds_per_job, given.client_us)
 

@@ -29,11 +29,8 @@ from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_j
 from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent
-PAGE, ENSEMBLE, SCANNED = (
-    Path(__file__).parent / "reports" / "shortcuts.md",
-    ROOT / "demo" / "ensemble",
-    ROOT / "demo" / "scene",
-)
+PAGE = ROOT / "benchmarks" / "reports" / "shortcuts.md"
+ENSEMBLE, SCANNED = ROOT / "demo" / "ensemble", ROOT / "demo" / "scene"
 KEPT = ROOT / "runs" / "shortcuts"
 BLOCKS = (
     ((0.2, 0.2, 0.6), 5.0, 0.0),

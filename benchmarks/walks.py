@@ -153,22 +153,13 @@ def job() -> Walk:
     from toppling.orchestrator.public.running import run
 
     def row_of(spec: JobSpec, assets: Assets) -> dict[str, Any]:  # noqa: ARG001
-        answer = {
-            "status": "ok",
-            "outcome": "toppled",
-            "toppled": True,
-            "pga_m_s2": spec.pga_m_s2,
-            "wall_s": 0.1,
-        }
-        return {**identity(spec), **answer, "physics_version": "0", "friction_factor": 1.0}
+        answer = {"status": "ok", "outcome": "toppled", "toppled": True, "pga_m_s2": spec.pga_m_s2}
+        return {**identity(spec), **answer, "wall_s": 0.1, "physics_version": "0", "friction_factor": 1.0}
 
     def as_it_is(scene: Scene, pool: Any = None) -> Scene:  # noqa: ARG001
         return scene
 
-    def nothing() -> None:
-        pass
-
-    task.run_job, task.compile_once, rocks_of_run.settled = row_of, nothing, as_it_is
+    task.run_job, task.compile_once, rocks_of_run.settled = row_of, lambda: None, as_it_is
     kinds = (
         "Campaign", "Plan", "PlannedScene", "Planned", "JobSpec", "_Session", "Work", "Execution", "Dispatch",
         "Batch",

@@ -17,7 +17,6 @@ from toppling.models.files.folder import local
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.site_table import Site, ensemble_folder, joined, read_sites, scenes_matching
-from toppling.orchestrator.target_spec import TargetSpec, read_precision, read_target
 from toppling.results.run_integrity import SITES_FILE
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
@@ -42,6 +41,63 @@ _OTHER_LEVELS = {
 """What to do instead of levels of other measures or units."""
 _LARGEST_DISPLACEMENT_M = 1000.0
 _HIGHEST_BAND_HZ = 1000.0
+
+
+_FINEST, _COARSEST = 0.005, 0.5
+_SHARES = ("median", "p05", "p95")
+_TARGET_KEYS = (
+    Key("of", word(_SHARES), f"{', '.join(map(repr, _SHARES))}", "share that topples", None, "the median"),
+    Key("measure", word(LEVEL_MEASURES), f"one of {', '.join(LEVEL_MEASURES)}", "of the intensity", None, "the best"),
+    Key("at", number(lambda one: one > 0), "a positive intensity, with its measure", "whose probability is asked for",
+        None, "the share"),
+    Key("hazard", path, "the path of a file of one hazard curve", "whose failure rate is asked for", None, "the share"),
+)  # fmt: skip
+"""Keys of `target`."""
+
+
+@dataclass(frozen=True)
+class TargetSpec:
+    """A number that a run is to state."""
+
+    of: str = _SHARES[0]  # median, p05, p95: the intensity at which so many topple
+    measure: str | None = None  # column of the results; None for whichever predicts best
+    at: float | None = None  # intensity at which the probability is asked for instead
+    hazard: Path | None = None  # file of the hazard curve under which the failure rate is asked for instead
+
+    def content(self, hazard: str | None = None) -> dict[str, Any]:
+        """The table of a campaign's file, with the hazard's path as given."""
+        of = self.of if self.at is None and self.hazard is None else None
+        table: dict[str, Any] = {"of": of, "measure": self.measure, "at": self.at}
+        return {**table, "hazard": hazard or (str(self.hazard) if self.hazard else None)}
+
+
+def _precision(value: Any, place: Place) -> float:
+    """Half of the interval of 95 % that is asked for.
+
+    Raises InputError if it is no share.
+    """
+    if not is_number(value) or not _FINEST <= value <= _COARSEST:
+        percent = is_number(value) and _FINEST <= value / 100.0 <= _COARSEST
+        raise place.wrong(
+            shown(value), remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05"
+        )
+    return float(value)
+
+
+def _target(value: Any, place: Place) -> TargetSpec:
+    """What is asked for, by a word or a table.
+
+    Raises InputError if it is neither, or contradicts itself.
+    """
+    table = {"of": value} if isinstance(value, str) else value
+    if not isinstance(table, dict) or not table:
+        raise place.wrong(shown(value))
+    read = read_keys(_TARGET_KEYS, table, place.where, place.folder, joint=".")
+    if read["at"] is not None and read["measure"] is None:
+        raise place.wrong(f"at = {shown(table['at'])}", remedy="give the measure that it is of too")
+    if sum(read[name] is not None for name in ("of", "at", "hazard")) > 1:
+        raise place.wrong("more than one of 'of', 'at' and 'hazard'", remedy="ask one question a run")
+    return TargetSpec(**read | {"of": read["of"] or _SHARES[0]})
 
 
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
@@ -131,9 +187,9 @@ KEYS = (
         "ensembles, relative to the file",
         "recorded motions that the rock survived, by which draws of its base are weighted", (),
         "none", '["quake.AT2"]', "guide/standing.md"),
-    Key("precision", read_precision, "0.005 to 0.5",
+    Key("precision", _precision, "0.005 to 0.5",
         "half of the 95 % interval at which the run ends", None, "all jobs", "0.05", "precision.md"),
-    Key("target", read_target, '"median", "p05", "p95" or a table', "what the run is to state", None,
+    Key("target", _target, '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
     Key("peak_displacement_m", number(lambda one: 0 < one <= _LARGEST_DISPLACEMENT_M),
         f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
@@ -182,7 +238,7 @@ class Campaign:
         if self.sites:
             remedy = "give each rock a run of its own"
             raise place.wrong("a campaign of many rocks", "a campaign of one", remedy)
-        changed = dataclasses.replace(self, precision=read_precision(precision, place))
+        changed = dataclasses.replace(self, precision=_precision(precision, place))
         _check_together(changed, *[place.where] * 3)
         return changed
 

@@ -18,7 +18,7 @@ from toppling.models.files.stores import at_hand, carry_back
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
 
-GROUPS = {
+_GROUPS = {
     "Prepare": ("scan", "scene", "records", "init", "plan"),
     "Run": ("run", "watch", "status", "audit", "demo"),
     "Read": ("query", "fragility", "atlas", "constrain", "magnitudes", "check", "replay", "report"),
@@ -26,7 +26,7 @@ GROUPS = {
 }
 """Verbs as the help lists them: each is the command of its name in the module of its name in orchestrator/verbs."""
 
-VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
+VERBS = tuple(verb for verbs in _GROUPS.values() for verb in verbs)
 
 
 _ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
@@ -71,7 +71,7 @@ class _LazyGroup(Verbs):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the verbs, each with its line."""
-        for title, verbs in GROUPS.items():
+        for title, verbs in _GROUPS.items():
             with formatter.section(title):
                 formatter.write_dl([(verb, _first_line(verb)) for verb in verbs], col_max=12)
 

@@ -78,18 +78,6 @@ def _deciding() -> dict[Path, str]:
     return found
 
 
-def _decisive(source: bytes) -> str:
-    """A module's syntax without comments, layout and strings that stand alone, as docstrings do.
-
-    Examples
-    --------
-    >>> _decisive(b"x = 1  # why") == _decisive(b"x = (1)")
-    True
-    """
-    tree = _parsed(source)
-    return _without_words(tree, ast.walk(tree))
-
-
 def _parsed(source: bytes) -> ast.Module:
     """Let no other thread run meanwhile: until Python 3.11.8, two that parse at once spoil each other's count of depth.
 
@@ -106,16 +94,13 @@ def _parsed(source: bytes) -> ast.Module:
 
 
 def _without_words(tree: ast.Module, nodes: Iterable[ast.AST]) -> str:
+    """The syntax without comments, layout and strings that stand alone, as docstrings do."""
     for node in nodes:
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            node.body = [one for one in body if not _stands_alone(one)]  # type: ignore[attr-defined]
+            node.body = [  # type: ignore[attr-defined]
+                one
+                for one in body
+                if not (isinstance(one, ast.Expr) and isinstance(getattr(one.value, "value", None), str))
+            ]
     return ast.dump(tree)
-
-
-def _stands_alone(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )

@@ -44,7 +44,7 @@ class NotKeptError(RuntimeError):
     """A host that cannot keep what it is sent."""
 
 
-class Shelf:
+class _Shelf:
     """What clients have put at a scheduler for its workers."""
 
     def __init__(self) -> None:
@@ -53,10 +53,10 @@ class Shelf:
         self._holders: dict[str, set[str]] = {}
 
     @staticmethod
-    def of(scheduler: Any) -> "Shelf":
+    def of(scheduler: Any) -> "_Shelf":
         """A scheduler's, made if it has none."""
         if _SHELF not in scheduler.handlers:
-            scheduler.handlers[_SHELF] = Shelf().ask
+            scheduler.handlers[_SHELF] = _Shelf().ask
         return scheduler.handlers[_SHELF].__self__
 
     def ask(self, name: str, file: str = "", offset: int = 0, size: int = 0) -> dict[str, int] | bytes:
@@ -93,19 +93,19 @@ def offer(client: Client, folders: Mapping[str, Path]) -> None:
     folders: folder by the id of its content; what the scheduler has already is not sent again.
     """
     for name, folder in folders.items():
-        if client.run_on_scheduler(_shelf, Shelf.holds, name, client.id):
+        if client.run_on_scheduler(_shelf, _Shelf.holds, name, client.id):
             continue
         upload = uuid.uuid4().hex
         for path in sorted(each for each in folder.iterdir() if each.is_file()):
             with path.open("rb") as source:
                 while piece := source.read(_PIECE_BYTES):
-                    client.run_on_scheduler(_shelf, Shelf.add, upload, path.name, piece)
-        client.run_on_scheduler(_shelf, Shelf.complete, upload, name, client.id)
+                    client.run_on_scheduler(_shelf, _Shelf.add, upload, path.name, piece)
+        client.run_on_scheduler(_shelf, _Shelf.complete, upload, name, client.id)
 
 
 def _shelf(method: Callable[..., Any], *given: Any, dask_scheduler: Any = None) -> Any:
     """Call a method of the scheduler's shelf, there."""
-    shelf = Shelf.of(dask_scheduler)
+    shelf = _Shelf.of(dask_scheduler)
     shelf.keep_for(dask_scheduler.clients)
     return method(shelf, *given)
 
@@ -127,7 +127,10 @@ def delivered(name: str) -> Path:
             fcntl.flock(lock, fcntl.LOCK_EX)  # workers of one host ask once
             if not folder.is_dir():
                 _fetch(name, folder)
-                _forget_old(kept_in)
+                before = time.time() - _KEPT_S
+                for other in kept_in.iterdir():
+                    if other.is_dir() and other.stat().st_mtime < before:
+                        forget(other)
             os.utime(folder)
     except OSError as error:
         raise NotKeptError(
@@ -171,10 +174,3 @@ def _ask(**question: Any) -> Any:
             return None
 
     return sync(worker.loop, asked)
-
-
-def _forget_old(kept_in: Path) -> None:
-    before = time.time() - _KEPT_S
-    for folder in kept_in.iterdir():
-        if folder.is_dir() and folder.stat().st_mtime < before:
-            forget(folder)

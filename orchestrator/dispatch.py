@@ -106,7 +106,9 @@ class Dispatch:
         if not self._segments:
             return None
         if self._waiting <= min(self._last, _LAST_PER_WORKER * workers):
-            self._longest_first()
+            left = np.concatenate(list(self._segments))
+            self._segments = deque([left[np.lexsort((-self._duration_s[left], self._scene[left]))]])
+            self._last = 0  # the longest records first
         segment = self._segments.popleft()
         size = min(
             room, JOBS_IN_BATCH, math.ceil(self._waiting / (_BATCHES_LEFT_PER_WORKER * max(workers, 1)))
@@ -118,11 +120,6 @@ class Dispatch:
         taken = segment[:size]
         self._waiting -= len(taken)
         return Batch(tuple(map(int, taken)))
-
-    def _longest_first(self) -> None:
-        left = np.concatenate(list(self._segments))
-        self._segments = deque([left[np.lexsort((-self._duration_s[left], self._scene[left]))]])
-        self._last = 0
 
     def came_back(self, batch: Batch, done: int) -> None:
         """Take back the jobs of a batch beyond the first `done`, which its time budget left no room for."""

@@ -16,15 +16,7 @@ import numpy as np
 from distributed import Future, KilledWorker, as_completed
 from numpy.typing import NDArray
 
-from toppling.orchestrator.admission import (
-    LOST,
-    NOBODY,
-    NOBODY_AFTER_S,
-    REPLACE_AFTER_S,
-    make_ready,
-    may_be_lost,
-    offer_assets,
-)
+from toppling.orchestrator import admission
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import JobSelection, RunError, RunProgress, Work
 from toppling.orchestrator.delivery import NotDeliveredError
@@ -144,11 +136,11 @@ class Execution:
                     while not arriving.has_ready() and time.monotonic() < until:
                         time.sleep(_POLL_S)
                         if self.client.status != "running":
-                            raise ConnectionError(LOST)
+                            raise ConnectionError(admission.LOST)
                     for future, result in arriving.next_batch(block=False):
                         self._take(future, result)
                 except (OSError, CancelledError) as error:
-                    if not may_be_lost(error):
+                    if not admission.may_be_lost(error):
                         raise
                     arriving.clear()
                     self._rejoin(error)
@@ -195,12 +187,12 @@ class Execution:
     def _rejoin(self, error: BaseException) -> None:
         """Hand out again what is in flight, once the scheduler answers again or another does at its address."""
         if self.client.cluster is not None:  # a scheduler in this process is not started again
-            raise RunError(LOST) from error
+            raise RunError(admission.LOST) from error
         for batch in self._flying.values():
             self.dispatch.came_back(batch, done=0)
         self._flying.clear()
         tell("scheduler lost", error=repr(error))
-        make_ready(self.client, *self.work.run_keys)
+        admission.make_ready(self.client, *self.work.run_keys)
         tell("scheduler came back")
         self._looked = -math.inf
 
@@ -240,7 +232,7 @@ class Execution:
             if lost is not None:
                 self._give_up(lost, batch)
         elif isinstance(error, NotDeliveredError):
-            offer_assets(self.client, self.work.run_keys)
+            admission.offer_assets(self.client, self.work.run_keys)
             self.dispatch.came_back(batch, done=0)
         elif isinstance(error, UnfitWorkerError):
             log.warning("%s; it is sent away", error)
@@ -271,9 +263,9 @@ class Execution:
         self.progress.workers = workers
         if not self._upkeep.gone():
             self._all_alive = now
-        elif now - self._all_alive > NOBODY_AFTER_S and not self.progress.workers:
-            raise RunError(NOBODY)
-        elif now - self._all_alive > REPLACE_AFTER_S:
+        elif now - self._all_alive > admission.NOBODY_AFTER_S and not self.progress.workers:
+            raise RunError(admission.NOBODY)
+        elif now - self._all_alive > admission.REPLACE_AFTER_S:
             self._upkeep.replace()
         processing = self.client.processing()
         self._upkeep.grow(self.progress.work_left_s)

@@ -114,11 +114,14 @@ class Plan:
         number = {one.scene_id: number for number, one in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
         records = record.indices.to_numpy()
-        names = record.dictionary.to_pylist()
-        known = [[one.duration_s.get(name, np.nan) for name in names] for one in self.scenes]
+        known = [[one.duration_s.get(name, np.nan) for name in self._records] for one in self.scenes]
         axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
         duration_s = np.array(known)[scenes, records]
         return {"record_id": records, "scene_id": scenes, **axes, "duration_s": duration_s}
+
+    @cached_property
+    def _records(self) -> list[str]:
+        return self.jobs.column("record_id").combine_chunks().dictionary.to_pylist()
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -146,8 +149,8 @@ class Plan:
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        _, number, *axes, _ = (column[row].item() for column in self.columns.values())
-        record_id, scene = self.jobs["record_id"][row].as_py(), self.scenes[number]
+        record, number, *axes, _ = (column[row].item() for column in self.columns.values())
+        record_id, scene = self._records[record], self.scenes[number]
         return JobSpec(
             scene_id=scene.scene_id,
             record_id=record_id,

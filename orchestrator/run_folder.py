@@ -25,17 +25,7 @@ from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
 from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, settlings_of, site_in_run
 from toppling.orchestrator.site_table import sites_text
-from toppling.orchestrator.target_spec import TargetSpec
-from toppling.results.run_integrity import (
-    ENSEMBLE_FILES,
-    NEEDED,
-    SCENE_FILES,
-    SCENES,
-    SITES_FILE,
-    check_files,
-    digests_of,
-    written_once,
-)
+from toppling.results import run_integrity
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE, write_part
 from toppling.results.weights import WEIGHTS_FILE
 from toppling.workers.engines import ENGINES
@@ -79,18 +69,21 @@ def _begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
         for one in plan.scenes:
-            _copy_known(one.campaign.scene, staging / one.scene_place, SCENE_FILES)
+            _copy_known(one.campaign.scene, staging / one.scene_place, run_integrity.SCENE_FILES)
         for path, source in {one.ensemble_place: one.campaign.ensemble for one in plan.scenes}.items():
-            _copy_known(source, staging / path, ENSEMBLE_FILES)
+            _copy_known(source, staging / path, run_integrity.ENSEMBLE_FILES)
         stood = []
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
-        hazard = _copy_hazard(plan.campaign.target, staging)
+        source, hazard = plan.campaign.target and plan.campaign.target.hazard, None
+        if source is not None:
+            hazard = f"hazard{source.suffix}"
+            shutil.copyfile(source, staging / hazard)
         written = plan.campaign.to_toml(stood=stood, hazard=hazard)
         digest.write_sealed(written, staging / "campaign.toml")
         if sites:
-            digest.write_sealed(sites, staging / SITES_FILE)
+            digest.write_sealed(sites, staging / run_integrity.SITES_FILE)
         write_table(plan.jobs, staging / "jobs.parquet")
         if without_stand:
             write_part(staging, without_stand)
@@ -101,7 +94,7 @@ def _begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             "rock": rock_name(plan.campaign.scene),
             "scene_id": plan.scene_id,
             "ensemble_id": plan.ensemble_id,
-            "files": digests_of(staging),
+            "files": run_integrity.digests_of(staging),
             "versions": versions,
             "engine": ENGINES[plan.campaign.engine].citation,
             **entries,
@@ -261,12 +254,11 @@ def _sweep(run: Path) -> None:
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
-    written = (
-        PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER, SCENES, WEIGHTS_FILE,
-    )  # fmt: skip
-    below = [path for name in (FOLDER, SCENES) for path in (run / name).rglob("*")]
-    _refuse_links(run, [*(run / name for name in written), *below])
-    check_files(run)
+    folders = (FOLDER, run_integrity.SCENES)
+    files = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", WEIGHTS_FILE)
+    below = [path for name in folders for path in (run / name).rglob("*")]
+    _refuse_links(run, [*(run / name for name in (*files, *folders)), *below])
+    run_integrity.check_files(run)
     # A changed campaign is told first: its versions may differ just because its engine does.
     difference = _campaign_differs(run, plan, content) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
@@ -290,7 +282,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             remedy="give another --out, or go on with the one that lies in the folder",
         )
     required = digest.check(run / "run.json")
-    begun_with = set(content.get("files") or NEEDED)
+    begun_with = set(content.get("files") or run_integrity.NEEDED)
     lacking = [name for name in sorted(begun_with) if not (run / name).exists()]
     if lacking:
         raise _error(
@@ -299,7 +291,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             expected="all that the run was begun with",
             remedy="put it back from where the folder was copied, or start a new run with another --out",
         )
-    for name in written_once(run):
+    for name in run_integrity.written_once(run):
         digest.check(run / name, required=required)
 
 
@@ -320,16 +312,6 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
             )
         if path.exists():
             shutil.copyfile(path, target / name)
-
-
-def _copy_hazard(target: TargetSpec | None, staging: Path) -> str | None:
-    """Copy the hazard under which a failure rate is asked for; its name in the run."""
-    source = target.hazard if target is not None else None
-    if source is None:
-        return None
-    name = f"hazard{source.suffix}"
-    shutil.copyfile(source, staging / name)
-    return name
 
 
 def _campaign_differs(run: Path, plan: Plan, described: Mapping[str, Any]) -> str:

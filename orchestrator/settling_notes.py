@@ -56,7 +56,7 @@ class Settled:
         """Least constant acceleration that tips the rock over the contact as scanned, by the ground's azimuth."""
         outline, scene = self.outline_m, self.scanned
         if len(outline) < 3:
-            return _rose(scene)
+            return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
         return tipping_m_s2(
             outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, _AZIMUTHS_DEG
         )
@@ -64,7 +64,7 @@ class Settled:
     @property
     def rose_stands(self) -> _Rose:
         """Least constant acceleration that topples the settled rock, by the ground's azimuth."""
-        return _rose(self.stands)
+        return self.stands.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
 
     @property
     def is_large(self) -> bool:
@@ -75,16 +75,17 @@ class Settled:
     @property
     def sentences(self) -> list[str]:
         """How far the rock settles; where that is far, also what it means and what to do."""
-        sentences = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
-        sentences += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
-        rounded = self.scanned.rounded_base
-        sentences += (
-            [rounded.sentence] if rounded is not None and (rounded.rolls or rounded.is_coarse) else []
-        )
-        sentences += [self.settling.sentence] if self.settling.sentence else []
+        ground, rounded = self.scanned.ground, self.scanned.rounded_base
+        said = [
+            None if ground.is_plane else ground.sentence,
+            self.scanned.report.get("interface", {}).get("beside"),
+            rounded.sentence if rounded is not None and (rounded.rolls or rounded.is_coarse) else None,
+            self.settling.sentence,
+        ]
+        sentences = [one for one in said if one]
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             sentences[-1:] = [f"{sentences[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
-        if not (self.is_large and self.scanned.ground.is_plane):  # what follows is told of one plane
+        if not (self.is_large and ground.is_plane):  # what follows is told of one plane
             return sentences
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
         before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
@@ -102,10 +103,6 @@ class Settled:
             f"as scanned it would be {before:.3g} m/s2",
             f"what to do: look at settling.png, which 'toppling scene show' draws; {remedy}",
         ]
-
-
-def _rose(scene: Scene) -> _Rose:
-    return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
 
 
 def settling_notes(scene: Scene) -> list[str]:

@@ -13,15 +13,8 @@ from typing import Any
 
 from toppling.models.coordinates import degrees_of
 from toppling.models.errors import InputError
+from toppling.models.files import documents
 from toppling.models.files.csv_text import plain, separator_of
-from toppling.models.files.documents import (
-    LARGEST_CSV_BYTES,
-    check_size,
-    csv_rows,
-    is_number,
-    read_toml,
-    shown,
-)
 from toppling.models.files.folder import rock_name
 from toppling.models.files.text_file import text_of
 from toppling.models.motions.ensemble import CATALOG, Ensemble
@@ -40,32 +33,34 @@ _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
 
 def _name(given: Any, place: Place) -> str:
     if not isinstance(given, str) or not _NAME.fullmatch(given) or given.endswith((".", " ")):
-        raise place.wrong(shown(given))
+        raise place.wrong(documents.shown(given))
     return given
 
 
 def _age(given: Any, place: Place) -> str:
-    text = f"{given:g}" if is_number(given) else given
+    text = f"{given:g}" if documents.is_number(given) else given
     if not isinstance(text, str):
-        raise place.wrong(shown(given))
+        raise place.wrong(documents.shown(given))
     try:
         parse_age(text, files=False)  # one would not go with the table
     except InputError as error:  # which does not know the row
-        raise place.wrong(shown(given), error.expected) from None
+        raise place.wrong(documents.shown(given), error.expected) from None
     return text
 
 
 def _longitude(given: Any, place: Place) -> float:
     """Degrees east from -180 to 180, of those to 360 too."""
-    if not is_number(given) or not -180 <= given <= 360:
-        raise place.wrong(shown(given))
+    if not documents.is_number(given) or not -180 <= given <= 360:
+        raise place.wrong(documents.shown(given))
     return float(given) - (360.0 if given > 180 else 0.0)
 
 
 def _latitude(given: Any, place: Place) -> float:
-    if not is_number(given) or not -90 <= given <= 90:
-        swapped = is_number(given) and -180 <= given <= 360
-        raise place.wrong(shown(given), remedy="exchange longitude and latitude" if swapped else place.remedy)
+    if not documents.is_number(given) or not -90 <= given <= 90:
+        swapped = documents.is_number(given) and -180 <= given <= 360
+        raise place.wrong(
+            documents.shown(given), remedy="exchange longitude and latitude" if swapped else place.remedy
+        )
     return float(given)
 
 
@@ -106,7 +101,7 @@ def read_sites(given: Path) -> tuple[Site, ...]:
     Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a place stated by
     half.
     """
-    check_size(given, LARGEST_CSV_BYTES, "a table of rocks")
+    documents.check_size(given, documents.LARGEST_CSV_BYTES, "a table of rocks")
     try:
         rows = _rows(given)
     except FileNotFoundError:
@@ -119,7 +114,7 @@ def read_sites(given: Path) -> tuple[Site, ...]:
 
 def _rows(given: Path) -> list[dict[str, Any]]:
     if given.suffix.lower() == ".toml":
-        content = read_toml(given)
+        content = documents.read_toml(given)
         rows = content.get("rock")
         if (
             not isinstance(rows, list)
@@ -142,7 +137,7 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
     numbered = [delimiter.join(map(str, range(width))) + "\n", *lines]  # so no cell beyond the header is lost
     cells = [
         filled
-        for _, row in csv_rows(numbered, given, delimiter)
+        for _, row in documents.csv_rows(numbered, given, delimiter)
         if (filled := {column: cell.strip() for column, cell in row.items() if cell.strip()})
     ]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
@@ -150,19 +145,21 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
     in_unit = {n: name.replace("age", "") for n, name in names.items() if "age" in name and unit_years(name)}
     names |= dict.fromkeys(in_unit, "age")
     if "scene" not in names.values():
-        header = shown(", ".join(written.values()))
+        header = documents.shown(", ".join(written.values()))
         raise Place(str(given)).wrong(
             f"no column 'scene' in its first line, {header}",
             "a header such as scene,site,age",
             "put it above the rocks",
         )
     if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
-        raise Place(str(given)).wrong(f"the column {shown(twice[0])} twice", "each column once", "remove one")
+        raise Place(str(given)).wrong(
+            f"the column {documents.shown(twice[0])} twice", "each column once", "remove one"
+        )
     for count, row in enumerate(cells[1:], 1):
         if beyond := [cell for column, cell in row.items() if column not in names]:
             remedy = "name its column, or write decimal points, or separate cells by semicolons"
             raise Place(f"{given}, rock {count}").wrong(
-                f"{shown(beyond[0])} in a column without a name", "a cell for each column", remedy
+                f"{documents.shown(beyond[0])} in a column without a name", "a cell for each column", remedy
             )
     return [
         {
@@ -221,7 +218,7 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         scenes = [one for match in matches if ((one := _scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
             raise place.wrong(
-                f"{shown(pattern)} names no scene", "folders with a scene.json", "correct the path"
+                f"{documents.shown(pattern)} names no scene", "folders with a scene.json", "correct the path"
             )
         found |= dict.fromkeys(scenes)
     return list(found)

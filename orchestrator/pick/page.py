@@ -112,10 +112,6 @@ class UserHints:
         pulls = [(pull[0], pull[1]) for pull in self.pull]
         return inspection_of(None, pulls, self.touch, self.daylight, self.base, self.touch_only)
 
-    def to_json(self) -> dict[str, Any]:
-        """Values by name."""
-        return dataclasses.asdict(self)
-
 
 _ONE = {"near": 2, "plane": 5}
 _MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}

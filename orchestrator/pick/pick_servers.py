@@ -17,23 +17,18 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.pick.page import UserHints
 from toppling.orchestrator.pick.picking import Answer, Picking, Placed
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.public.making import (
-    Scanned,
-    hints_said,
-    of_base,
-    placed_by,
-    placed_cloud,
-    said_of_base,
-    written,
-    written_again,
-)
+from toppling.orchestrator.public import making
 
 _OF_THE_PAGE = ("units", "up", "length")
 """What the page itself says of the files; the rest stays as the command was told."""
 
 
 def pick_server(
-    files: tuple[Path, ...], out: Path, given: dict[str, Any], saved: Callable[[Scanned], None], port: int = 0
+    files: tuple[Path, ...],
+    out: Path,
+    given: dict[str, Any],
+    saved: Callable[[making.Scanned], None],
+    port: int = 0,
 ) -> PickServer:
     """Read clouds and make the server of their page.
 
@@ -43,7 +38,7 @@ def pick_server(
     Raises InputError if a file cannot be read, or an option cannot be used, FileExistsError if the folder exists.
     """
     refuse_existing(out)
-    known = inspection_of(given["contact"], **of_base(given))
+    known = inspection_of(given["contact"], **making.of_base(given))
     hint = hint_of(outline=given["outline"])
     said = UserHints.of({
         "units": given["units"],
@@ -53,7 +48,7 @@ def pick_server(
         "plane": given["plane"] and list(given["plane"]),
         "point": [list(each) for each in given["point"]],
         "outline": [] if hint is None else hint.anchors_m.tolist(),
-        **said_of_base(known),
+        **making.said_of_base(known),
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
@@ -61,15 +56,15 @@ def pick_server(
 
     def write(survey: Survey, said: UserHints) -> None:
         nonlocal mine
-        notes = written(
-            survey, out, hints_said({**said.hints(), **surveyed}, said.inspection()), replaces=mine
+        notes = making.written(
+            survey, out, making.hints_said({**said.hints(), **surveyed}, said.inspection()), replaces=mine
         )
         mine = True
-        saved(Scanned(survey.scene, out, notes))
+        saved(making.Scanned(survey.scene, out, notes))
 
     def read(said: UserHints) -> Placed:
         hints = cast(CloudHints, {**said.hints(), **surveyed})
-        return Placed(placed_cloud(files, hints)[0], placed_by(hints)[0])
+        return Placed(making.placed_cloud(files, hints)[0], making.placed_by(hints)[0])
 
     try:
         placed = read(said)
@@ -81,7 +76,11 @@ def pick_server(
 
 
 def again_server(
-    scene: Path, out: Path | None, given: dict[str, Any], saved: Callable[[Scanned], None], port: int = 0
+    scene: Path,
+    out: Path | None,
+    given: dict[str, Any],
+    saved: Callable[[making.Scanned], None],
+    port: int = 0,
 ) -> PickServer:
     """Make the server of a page that opens on what a scan has kept, for hints on the base.
 
@@ -93,9 +92,9 @@ def again_server(
     if out is not None:
         refuse_existing(out)
     before = WorkedOut.read(scene)
-    looked = inspection_of(given["contact"], **of_base(given))
+    looked = inspection_of(given["contact"], **making.of_base(given))
     kept = before.with_hints(looked)
-    said = UserHints.of(said_of_base(kept.inspection))
+    said = UserHints.of(making.said_of_base(kept.inspection))
     cloud, label = kept.cloud()
     # What the folder has is what these hints gave, unless others are given beside it.
     nothing_new = looked.says_nothing and not looked.touch_only
@@ -105,7 +104,7 @@ def again_server(
     def write(survey: Survey, _: UserHints) -> None:
         nonlocal mine
         assert survey.worked_out is not None
-        made = written_again(scene, out, survey.scene, survey.worked_out, replaces=mine)
+        made = making.written_again(scene, out, survey.scene, survey.worked_out, replaces=mine)
         mine = True
         saved(made)
 

@@ -30,7 +30,7 @@ _Read = Callable[[UserHints], "Placed"]
 _Write = Callable[[Survey, UserHints], None]
 
 
-class SupersededError(Exception):
+class _SupersededError(Exception):
     """Newer hints wait."""
 
 
@@ -148,7 +148,7 @@ class Picking:
                 "units": list(METRES),
                 "kinds": KINDS,
                 "placed": self._kept is not None or self._placed.placement.by.startswith("--gcp"),
-                "hints": self._said.to_json(),
+                "hints": dataclasses.asdict(self._said),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
                 "stage": self._stage,
                 "error": self._error,
@@ -183,14 +183,16 @@ class Picking:
                 try:
                     self._follow(said) if stale else self._store()
                     error = None
-                except (SupersededError, EndedError):
+                except (_SupersededError, EndedError):
                     continue
                 except Exception as failed:  # whatever it is, the page tells it and goes on
                     error = _plain(failed)
                 saving = self._saving and stale and error is None
                 self._set(_done=self._working, _stage="", _saving=saving, _error=error)
-                if self._candidates is None:
-                    self._look_around()
+                if self._candidates is None:  # what stands in the cloud, where the scan could not say it
+                    with contextlib.suppress(EndedError):
+                        found = self._apart.do(lambda _: None, apart.look_around, self._cloud_apart())
+                        self._set(_candidates=found)
 
     def _follow(self, said: UserHints) -> None:
         """Work hints out, as far as they change what is known."""
@@ -262,11 +264,6 @@ class Picking:
         self._write(answer.survey, answer.said)
         self._saved += 1
 
-    def _look_around(self) -> None:
-        """Note what stands in the cloud, where the scan could not say it."""
-        with contextlib.suppress(EndedError):
-            self._set(_candidates=self._apart.do(lambda _: None, apart.look_around, self._cloud_apart()))
-
     @property
     def _known(self) -> Cloud:
         return self._placed.cloud
@@ -274,7 +271,7 @@ class Picking:
     def _note(self, stage: str) -> None:
         """Tell the stage, or stop where newer hints wait."""
         if self._ended or self._working != self._wanted:
-            raise SupersededError
+            raise _SupersededError
         self._set(_stage=stage)
 
     def _set(self, **values: Any) -> None:

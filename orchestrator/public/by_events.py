@@ -145,11 +145,8 @@ def _placed(
             expected="one site, or one for each rock",
             remedy="repeat --site in the order of the rocks",
         )  # fmt: skip
-    found = [_site_of(one, events) for one in asked]
-    return (
-        [number for number, _ in found] * (len(names) // len(found)),
-        [away for _, away in found] * (len(names) // len(found)),
-    )
+    found = [_site_of(one, events) for one in asked] * (len(names) // len(asked))
+    return [number for number, _ in found], [away for _, away in found]
 
 
 def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, float | None]:
@@ -210,12 +207,7 @@ def _joint_branches(
         for one, other in zip(first.branches, second.branches, strict=True)
     ]
     branches = tuple(
-        replace(
-            joint.events,
-            name=branch.name,
-            model=_model(branch),
-            weight=branch.weight,
-        )
+        replace(joint.events, name=branch.name, model=_model(branch), weight=branch.weight)
         for joint, branch in zip(joints, first.branches, strict=True)
     )
     return branches, max(joint.misfit for joint in joints)

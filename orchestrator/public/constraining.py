@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from toppling.models.arrays import Array
 from toppling.models.errors import UsageError
+from toppling.orchestrator.public import rocks as asked_rocks
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import judged_by_events
 from toppling.orchestrator.public.hazard_question import (
@@ -18,24 +18,13 @@ from toppling.orchestrator.public.hazard_question import (
     Question,
     read_tree,
 )
-from toppling.orchestrator.public.rocks import (
-    Jobs,
-    apart_km,
-    measures_shared,
-    names_of,
-    of_atlases,
-    of_bases,
-    read_jobs,
-    refuse_twins,
-    standing_rock,
-)
 from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words
-from toppling.results.hazard.ages import Since, fragile_years, parse_age, parse_since
+from toppling.results.hazard.ages import fragile_years, parse_age, parse_since
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update
 
@@ -84,9 +73,6 @@ def _first(options: Mapping[str, object]) -> str | None:
 
 def _refuse(what: str, remedy: str) -> None:
     raise UsageError(what, where="constrain", expected="options that go together", remedy=remedy)
-
-
-_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,35 +162,33 @@ def constrain(
     InputError
         If a rock or hazard cannot be read, or a rock has no fragility over the measure.
     """
-    paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
-    since: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
-    ages, asked = _ages(age), HazardQuestion(sites[0] if sites else None, ratio, measure, years)
-    question = Question(
-        paths, _for_each(paths, ages), _for_each(paths, since), dates, tuple(hazard), asked, events, sites, confidence,
-    )  # fmt: skip
+    paths, age = asked_rocks.of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
+    ages = _of_each(paths, [parse_age(text) for text in age] or [np.array([np.nan])])
+    since = _of_each(paths, [parse_since(text) for text in dates.fragile_since] or [None])
+    asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
+    question = Question(paths, ages, since, dates, tuple(hazard), asked, events, sites, confidence)
     _check(question, len(age), {"--where": where, "--stood": stood})
     recorded = read_recorded([Path(one) for one in stood]) if stood else None
-    jobs = {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
+    jobs = {path: asked_rocks.read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
     return _answer(question, jobs, advance)
 
 
-def _ages(age: Sequence[str]) -> list[Array]:
-    return [parse_age(text) for text in age] or [np.array([np.nan])]
-
-
-def _answer(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
+def _answer(
+    question: Question, jobs: dict[Path, asked_rocks.Jobs], advance: Callable[..., None]
+) -> RockStatement:
     advance(0, total=SAMPLES * len(jobs))
-    if question.event_set or (question.hazard and question.apart):
-        return _by_events(question, jobs, advance)
-    return _by_curves(question, jobs, advance)
+    by_events = question.event_set or (question.hazard and question.apart)
+    return (_by_events if by_events else _by_curves)(question, jobs, advance)
 
 
-def _for_each(paths: Sequence[Path], values: list[_Value]) -> list[_Value]:
+def _of_each(paths: Sequence[Path], values: list[Any]) -> list[Any]:
     """As many values as rocks: one is of all."""
     return values * len(paths) if len(values) == 1 else values
 
 
-def _by_events(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
+def _by_events(
+    question: Question, jobs: dict[Path, asked_rocks.Jobs], advance: Callable[..., None]
+) -> RockStatement:
     """What rocks say event by event."""
     ratio = question.asked.ratio
     update, content, tables = judged_by_events(question, jobs, advance)
@@ -219,15 +203,17 @@ def _by_events(question: Question, jobs: dict[Path, Jobs], advance: Callable[...
     return RockStatement(content, all_words(content), warnings, files, write)
 
 
-def _by_curves(question: Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
+def _by_curves(
+    question: Question, jobs: dict[Path, asked_rocks.Jobs], advance: Callable[..., None]
+) -> RockStatement:
     """What rocks say of a single event, of rates, or of curves of hazard."""
     paths, asked, dates = question.paths, question.asked, question.dates
-    tree = read_tree(question.hazard, asked, measures_shared(paths)) if question.hazard else None
-    rocks_apart_km = apart_km(paths, tree)
+    tree = read_tree(question.hazard, asked, asked_rocks.measures_shared(paths)) if question.hazard else None
+    rocks_apart_km = asked_rocks.apart_km(paths, tree)
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [
-        standing_rock(name, path, over, jobs.get(path), ages, advance=advance)
-        for name, path, ages in zip(names_of(paths), paths, question.ages, strict=True)
+        asked_rocks.standing_rock(name, path, over, jobs.get(path), ages, advance=advance)
+        for name, path, ages in zip(asked_rocks.names_of(paths), paths, question.ages, strict=True)
     ]
     if dates.together or any(question.since):
         years = fragile_years(question.joint_ages, question.since)
@@ -235,7 +221,7 @@ def _by_curves(question: Question, jobs: dict[Path, Jobs], advance: Callable[...
             replace(rock, years=years[:, number], together=True) for number, rock in enumerate(standing)
         ]
     rested = [rock.curve.basis for rock in standing]
-    refuse_twins(paths, rested)
+    asked_rocks.refuse_twins(paths, rested)
     update = Update(standing, tree, question.confidence) if tree else None
     statement = Constraint(standing, question.confidence, update, question.dated)
     content = statement.summary(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
@@ -243,7 +229,7 @@ def _by_curves(question: Question, jobs: dict[Path, Jobs], advance: Callable[...
     if dates.together:
         content["ages_independent"] = False
     if bases := [
-        {"rock": rock.name, **of_bases(jobs[path], rock.curve)}
+        {"rock": rock.name, **asked_rocks.of_bases(jobs[path], rock.curve)}
         for path, rock in zip(paths, standing, strict=True)
         if path in jobs and jobs[path].weights
     ]:

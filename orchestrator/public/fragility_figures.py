@@ -4,6 +4,7 @@ import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -14,38 +15,20 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
+from toppling.results.analysis import fragility as maps
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import (
-    DIRECTION_BINS,
-    DURATION,
-    LEVEL,
-    PGV,
-    PLANES,
-    PULSE,
-    Axis,
-    Plane,
-    by_contact,
-    planes_of,
-)
 from toppling.results.analysis.friction_comparison import by_surroundings, frictions
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.run_figures import (
-    FIT_PARTS,
-    write_audits,
-    write_directions,
-    write_fits,
-    write_friction,
-    write_maps,
-)
+from toppling.results.drawing import run_figures
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
 
-PGV_DURATION = PLANES["pgv_duration"]
+PGV_DURATION = maps.PLANES["pgv_duration"]
 
 
 @dataclass(frozen=True)
@@ -72,25 +55,27 @@ class Bins:
     duration_s: float = 5.0
     pgv_below_m_s: float | None = None
     duration_below_s: float | None = None
-    directions: int = DIRECTION_BINS
+    directions: int = maps.DIRECTION_BINS
 
-    def planes(self, jobs: pd.DataFrame) -> dict[str, Plane]:
+    def planes(self, jobs: pd.DataFrame) -> dict[str, maps.Plane]:
         """The maps' planes with these bins."""
-        placed = planes_of(jobs)[PGV_DURATION.name]
+        placed = maps.planes_of(jobs)[PGV_DURATION.name]
         extended = {axis.column: axis.below for axis in (placed.x, placed.y)}
         widths = {
-            LEVEL.column: self.pga_m_s2,
-            PGV.column: self.pgv_m_s,
-            PULSE.column: self.pgv_pga_s,
-            DURATION.column: self.duration_s,
+            maps.LEVEL.column: self.pga_m_s2,
+            maps.PGV.column: self.pgv_m_s,
+            maps.PULSE.column: self.pgv_pga_s,
+            maps.DURATION.column: self.duration_s,
         }
-        ends = {PGV.column: self.pgv_below_m_s, DURATION.column: self.duration_below_s}
+        ends = {maps.PGV.column: self.pgv_below_m_s, maps.DURATION.column: self.duration_below_s}
 
-        def asked(axis: Axis) -> Axis:
+        def asked(axis: maps.Axis) -> maps.Axis:
             below = None if axis.below is None else ends[axis.column] or extended[axis.column]
             return replace(axis, width=widths[axis.column], below=below)
 
-        return {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
+        return {
+            plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in maps.PLANES.values()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,31 +152,31 @@ def fragility(
     within, planes = sector or least_sector(quasi_static), bins.planes(jobs)
     lines = _plane_reference(opened, jobs, bins.directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
-    contacts = by_contact(jobs)
-    each = _files_of_contact(planes.values()) + bool(within) + (10 + FIT_PARTS) * fit + reference
+    contacts = maps.by_contact(jobs)
+    each = _files_of_contact(planes.values()) + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
-        write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
-        write_directions(jobs, quasi_static, folder, within, done),
-        write_friction(jobs, folder, planes["pga_pgv"], done),
-        write_fits(jobs, folder, opened.name, samples, lambda over: audits_of(opened, over), advance, done)
+        run_figures.write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
+        run_figures.write_directions(jobs, quasi_static, folder, within, done),
+        run_figures.write_friction(jobs, folder, planes["pga_pgv"], done),
+        run_figures.write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
         if fit
         else (),
-        write_audits(audits, folder),
+        run_figures.write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))
     return Fragility(opened, folder, written, jobs, done, audits, _fits_in(folder, contacts if fit else ()))
-
-
-def _files_of_contact(planes: Iterable[Plane]) -> int:
-    """Maps of three files each, one about all and those by direction, and four of directions."""
-    return 3 * sum(1 + plane.by_direction for plane in planes) + 4
 
 
 def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Path]:
     for path in files:
         yield path
         advance()
+
+
+def _files_of_contact(planes: Iterable[maps.Plane]) -> int:
+    """Maps of three files each, one about all and those by direction, and four of directions."""
+    return 3 * sum(1 + plane.by_direction for plane in planes) + 4
 
 
 def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:

@@ -20,7 +20,7 @@ from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.readers.event_sets import is_event_set
 from toppling.results.hazard.tree import HazardTree
 
-DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
+_DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
 """The measure of a constraint, where hazard and rocks have several: the first of these, then of `COMPARED`."""
 
 
@@ -194,7 +194,7 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
 
 def shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> str:
     """First of the usual measures, then of the rocks', that a hazard states and the rocks have a fragility over."""
-    for name in (*DEFAULT_MEASURES, *rocks):
+    for name in (*_DEFAULT_MEASURES, *rocks):
         if name in stated and name in rocks:
             return name
     raise InputError(

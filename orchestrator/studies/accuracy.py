@@ -41,7 +41,7 @@ _DISTURBED_SHARE = 1e-6
 _KEPT_AT_ONCE = 50
 """Answers written together."""
 
-GROUPS = 20
+_GROUPS = 20
 """Of jobs, at most, each of which is left out in turn."""
 
 CONVERGED = "reference"
@@ -209,7 +209,7 @@ def _median(said: pd.DataFrame) -> float:
 
 def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
     """Standard deviation of the shift, by leaving out every n-th job in turn (a jackknife); NaN as the shift."""
-    groups = min(GROUPS, len(said))
+    groups = min(_GROUPS, len(said))
     if groups < 2:
         return math.nan
     group = np.arange(len(said)) % groups

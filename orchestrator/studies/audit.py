@@ -25,22 +25,7 @@ from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import describe, place_in
 from toppling.orchestrator.task import versions
-from toppling.results.run_integrity import (
-    AUDIT_FOLDER,
-    DRAWN_FILE,
-    LEAST_JOBS,
-    REFERENCE,
-    check_audit,
-    write_jobs,
-)
-from toppling.results.store import (
-    PARTS_FOLDER,
-    compact,
-    finished_ids,
-    newest_rows,
-    read_steady,
-    result_files,
-)
+from toppling.results import run_integrity, store
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
@@ -77,7 +62,7 @@ class _Auditor:
 
 
 _AUDITORS = (
-    _Auditor(REFERENCE, DEFAULT, "reference"),
+    _Auditor(run_integrity.REFERENCE, DEFAULT, "reference"),
     *(_Auditor(name, name, "standard") for name in ENGINES if name != DEFAULT),
 )
 
@@ -92,16 +77,17 @@ def affordable(campaign: Campaign, rows: pa.Table) -> int:
 
     By the steps that they took: the number is the same wherever the run was made. Fewer than tell anything are none.
     """
-    share = PRESETS[campaign.preset].step_share / PRESETS[REFERENCE].step_share
+    share = PRESETS[campaign.preset].step_share / PRESETS[run_integrity.REFERENCE].step_share
     steps = pc.fill_null(rows["steps"], 0).to_numpy().astype(float)
-    times_dearer = sum(share if one.name == REFERENCE else 1.0 for one in _auditors(campaign))
+    times_dearer = sum(share if one.name == run_integrity.REFERENCE else 1.0 for one in _auditors(campaign))
     count = int(np.searchsorted(np.cumsum(steps) * times_dearer, _COST_SHARE * steps.sum(), side="right"))
-    return count if LEAST_JOBS <= count < len(rows) or count == len(rows) > LEAST_JOBS else 0
+    least = run_integrity.LEAST_JOBS
+    return count if least <= count < len(rows) or count == len(rows) > least else 0
 
 
 def drawn(folder: Path) -> pa.Table:
     """A run's jobs with an answer in the order in which they are drawn: that of their ids, which are hashes."""
-    rows = read_steady([folder], lambda: newest_rows(result_files(folder), _DRAWN_COLUMNS))
+    rows = store.read_steady([folder], lambda: store.newest_rows(store.result_files(folder), _DRAWN_COLUMNS))
     return rows.filter(pc.equal(rows["status"], "ok")).sort_by("job_id")
 
 
@@ -129,10 +115,10 @@ def audit(work: Work, count: int) -> list[RunProgress]:
         latest = pc.max(rows["finished_at"]).as_py()
         for one in able:
             target = home / one.name
-            check_audit(folder, target)
-            (target / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
+            run_integrity.check_audit(folder, target)
+            (target / store.PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
             write_json(
-                target / DRAWN_FILE,
+                target / run_integrity.DRAWN_FILE,
                 {
                     "plan_id": planned.id,
                     "until": latest.isoformat() if latest else None,
@@ -140,15 +126,15 @@ def audit(work: Work, count: int) -> list[RunProgress]:
                 },
             )
             part = one.plan(planned, chosen)
-            write_jobs(target, part.jobs, planned.id)
-            pending = part.pending(finished_ids(target))
+            run_integrity.write_jobs(target, part.jobs, planned.id)
+            pending = part.pending(store.finished_ids(target))
             what = f"auditing with {one.name}"
             progress = RunProgress(len(part), len(part) - len(pending), what=what)
             tell("audit began", by=one.name, jobs=len(part), done=progress.before)
             again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=target)
             Execution(again, pending)()
-            if result_files(target):
-                compact(target)
+            if store.result_files(target):
+                store.compact(target)
             tell("audit ended", by=one.name, **progress.summary())
             progresses.append(progress)
     return progresses
@@ -177,7 +163,7 @@ def _rows_of(planned: Plan, ids: pa.ChunkedArray) -> NDArray[np.int64]:
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
     """Folder of a run's audits, held against another process that would write there."""
-    home = place_in(folder, AUDIT_FOLDER)
+    home = place_in(folder, run_integrity.AUDIT_FOLDER)
     home.mkdir(exist_ok=True)
     with (home / ".lock").open("a") as lock:
         try:
@@ -207,8 +193,8 @@ class Auditing:
         places = rows["job_id"][:count]
         for one in _auditors(planned.campaign) if count else ():
             part = one.plan(planned, _rows_of(planned, places))
-            check_audit(folder, folder / AUDIT_FOLDER / one.name)
-            if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
+            run_integrity.check_audit(folder, folder / run_integrity.AUDIT_FOLDER / one.name)
+            if not part.ids <= store.finished_ids(folder / run_integrity.AUDIT_FOLDER / one.name):
                 return count
         return 0
 

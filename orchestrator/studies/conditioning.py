@@ -21,19 +21,11 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.models.shares import jeffreys_mean
+from toppling.orchestrator import recorded as stood
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, plan_of
-from toppling.orchestrator.recorded import (
-    AZIMUTHS_DEG,
-    ENSEMBLES,
-    FOLDER,
-    SHAKES,
-    Recorded,
-    check_weighable,
-    ensembles_in,
-)
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
@@ -64,7 +56,9 @@ class Weighing:
         shake = partial(
             self.run, cluster=nullcontext(work.client), watch=weighing(work.watch), limits=work.limits
         )
-        weigh(planned.campaign, planned.recorded, work.folder / FOLDER, shake).write(work.folder, planned.id)
+        weigh(planned.campaign, planned.recorded, work.folder / stood.FOLDER, shake).write(
+            work.folder, planned.id
+        )
 
 
 def weighing(watch: ProgressCallback) -> ProgressCallback:
@@ -77,7 +71,7 @@ def weighing(watch: ProgressCallback) -> ProgressCallback:
     return watching
 
 
-def weigh(campaign: Campaign, recorded: Recorded, folder: Path, shake: _Run) -> Weights:
+def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Run) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
     campaign: whose contacts, engine, preset and unmeasured the shakes have.
@@ -88,17 +82,17 @@ def weigh(campaign: Campaign, recorded: Recorded, folder: Path, shake: _Run) -> 
     """
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
     scene = Scene.load(campaign.scene)
-    check_weighable(scene, 1, str(campaign.scene))
+    stood.check_weighable(scene, 1, str(campaign.scene))
     assert scene.unseen is not None
     rows = []
-    for ensemble in ensembles_in(folder):
-        known = ensemble.parent.name == ENSEMBLES[0]
+    for ensemble in stood.ensembles_in(folder):
+        known = ensemble.parent.name == stood.ENSEMBLES[0]
         one = replace(
             campaign,
             ensemble=ensemble,
             pga_m_s2=(),
-            azimuth_deg=() if known else AZIMUTHS_DEG,
-            realisations=len(scene.unseen) * (SHAKES if known else 1),
+            azimuth_deg=() if known else stood.AZIMUTHS_DEG,
+            realisations=len(scene.unseen) * (stood.SHAKES if known else 1),
             first_realisation=1,
             records=None,
             peak_displacement_m=None,
@@ -112,7 +106,7 @@ def weigh(campaign: Campaign, recorded: Recorded, folder: Path, shake: _Run) -> 
     return _by_evidence(_weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 
 
-def _evidence(recorded: Recorded) -> dict[str, Any]:
+def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
     """What a program reads of the motions: lists, and the number of shakes of each draw with each motion."""
     given = zip(recorded.records, recorded.paths, strict=True)
     return {
@@ -120,7 +114,7 @@ def _evidence(recorded: Recorded) -> dict[str, Any]:
         "records": [one.record_id for one in recorded.records],
         "shas": [one.sha for one in recorded.records],
         "azimuths_unknown": [one.record_id for one in recorded.records if not one.north_known],
-        "shakes": SHAKES,
+        "shakes": stood.SHAKES,
     }
 
 
@@ -138,7 +132,7 @@ def _by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any
     )
 
 
-def refuse_counted(weights: Weights, recorded: Recorded) -> None:
+def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
     """Refuse motions that weights rest on already.
 
     Raises InputError that names them.

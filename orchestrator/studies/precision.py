@@ -15,12 +15,12 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
+from toppling.orchestrator.campaign import TargetSpec
 from toppling.orchestrator.context import Work
 from toppling.orchestrator.execution import work_off
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
-from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.probit import answers_of
 from toppling.results.precision.statement import statement_of, write_statements

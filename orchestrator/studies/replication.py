@@ -32,13 +32,8 @@ from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.directions import SECTOR_DEG
 from toppling.results.analysis.findings import Finding, findings
 from toppling.results.analysis.fragility import PLANES
+from toppling.results.drawing import study_figures
 from toppling.results.drawing.run_figures import write_friction
-from toppling.results.drawing.study_figures import (
-    directionality_figure,
-    ramp_figure,
-    topple_by_direction,
-    topple_direction_figure,
-)
 from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
 from toppling.workers.engines import DEFAULT
@@ -175,7 +170,9 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     if quasi_static is not None:
         nearest = _nearest_deg(protocol.azimuth_deg, quasi_static["azimuth_deg"].tolist())
         static_m_s2 = float(quasi_static.set_index("azimuth_deg")["value"].astype(float).get(nearest, np.inf))
-    yield from save(ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04")
+    yield from save(
+        study_figures.ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04"
+    )
     with _staged(folder) as staging:
         bounded = PLANES["pgv_duration"]  # figure 10a, whatever its bounds leave out
         bins = Bins(
@@ -188,17 +185,21 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
             target = folder / f"{_NUMBERED.get(path.stem, path.stem)}{path.suffix}"
             path.replace(target)
             yield target
-    table = topple_by_direction(main)
+    table = study_figures.topple_by_direction(main)
     yield write_csv(table, folder / "toppling_azimuths_by_direction.csv")
     if len(table):
         yield from save(
-            topple_direction_figure(table), folder / "toppling_azimuths_by_direction", done.remark
+            study_figures.topple_direction_figure(table),
+            folder / "toppling_azimuths_by_direction",
+            done.remark,
         )
     motions = opened.motions()
     if motions is not None and "directionality" in motions.column_names:
         directionality = motions.select(["record_id", "directionality"]).to_pandas()
         yield write_csv(directionality, folder / "directionality.csv")
-        yield from save(directionality_figure(directionality), folder / "directionality", done.remark)
+        yield from save(
+            study_figures.directionality_figure(directionality), folder / "directionality", done.remark
+        )
 
 
 def check_findings(study: Study, out: Path) -> list[Finding]:

@@ -313,7 +313,9 @@ def check_sites(
                 task = pool.submit(_judged, site, one, factors, preset)
                 flying[task] = {**head, "scenario": one.scenario}
         land(0)
-    return _in_order(rows)
+    fullest = max(rows, key=len)  # in which order rows come is chance, and so is which columns the first has
+    frame = pd.DataFrame(rows, columns=[*fullest])
+    return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)
 
 
 def _with_seismograms(
@@ -330,12 +332,6 @@ def _with_seismograms(
             remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
         )
     return chosen
-
-
-def _in_order(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    fullest = max(rows, key=len)  # in which order rows come is chance, and so is which columns the first has
-    frame = pd.DataFrame(rows, columns=[*fullest])
-    return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)
 
 
 def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:

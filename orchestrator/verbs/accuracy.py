@@ -9,15 +9,7 @@ from toppling.models.files.csv_text import write_csv
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.studies.accuracy import (
-    CONVERGED,
-    FLOOR,
-    Setting,
-    answers,
-    compare,
-    draw_jobs,
-    settings,
-)
+from toppling.orchestrator.studies import accuracy as study
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.drawing.study_figures import front_figure
@@ -58,15 +50,17 @@ def accuracy(
     toppling accuracy scenes/rock ensembles/quakes --jobs 200 --out accuracy
     """
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
-    jobs = draw_jobs(motions, count, pga_m_s2)
-    compared = settings()
-    compared[FLOOR] = Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0)
+    jobs = study.draw_jobs(motions, count, pga_m_s2)
+    compared = study.settings()
+    compared[study.FLOOR] = study.Setting(PRESETS[study.CONVERGED], disturbed_toward_deg=0.0)
     with bar("shaking", count * len(compared)) as advance:
         said = {
-            name: answers(rock, motions, jobs, one, processes=workers, advance=advance, kept=out / "answers")
+            name: study.answers(
+                rock, motions, jobs, one, processes=workers, advance=advance, kept=out / "answers"
+            )
             for name, one in compared.items()
         }
-    table = compare(said, said[CONVERGED])
+    table = study.compare(said, said[study.CONVERGED])
     save(front_figure(table), out / "front")
     written = write_csv(table, out / "accuracy.csv", digits=None)
     click.echo(_summary(table))

@@ -12,15 +12,7 @@ import pandas as pd
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.site_table import read_sites
-from toppling.orchestrator.studies.seismograms import (
-    Verdict,
-    check_sites,
-    matrix_of,
-    neighbouring_factors,
-    read_seismograms,
-    seismograms_of,
-)
-from toppling.orchestrator.studies.seismograms import check as check_rock
+from toppling.orchestrator.studies import seismograms as study
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records_shown import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import of, option
@@ -35,12 +27,12 @@ _SCENARIOS_SHOWN = 12
 @click.command()
 @shared.scene_argument
 @click.argument("seismograms", nargs=-1, type=shared.PATH)
-@of(check_rock, "--friction", type=shared.ABOVE_0)
-@of(check_rock, "--metadata", type=click.Path(path_type=Path, exists=True))
-@of(check_rock, "--missing-vertical")
-@of(check_rock, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
-@of(check_rock, "--neighbours", type=click.IntRange(0, 100))
-@of(check_rock, "--preset", type=OneOf(list(PRESETS)))
+@of(study.check, "--friction", type=shared.ABOVE_0)
+@of(study.check, "--metadata", type=click.Path(path_type=Path, exists=True))
+@of(study.check, "--missing-vertical")
+@of(study.check, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
+@of(study.check, "--neighbours", type=click.IntRange(0, 100))
+@of(study.check, "--preset", type=OneOf(list(PRESETS)))
 @option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
 @option(
     "--out", type=click.Path(path_type=Path, file_okay=False),
@@ -81,7 +73,7 @@ def check(
             else "Missing argument 'SEISMOGRAMS...'."
         )
     with bar("shaking") as advance:
-        checked = check_rock(scene, seismograms, advance=advance, **asked)
+        checked = study.check(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)
     verdicts = checked.verdicts
     if as_json:
@@ -93,16 +85,18 @@ def check(
 def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> None:
     """Shake the rocks of a table, each with the seismograms at its site."""
     asked = click.get_current_context().params
-    read = read_seismograms(seismograms, asked["metadata"], asked["missing_vertical"], folders_apart=True)
+    read = study.read_seismograms(
+        seismograms, asked["metadata"], asked["missing_vertical"], folders_apart=True
+    )
     _show_reading(read.remarks, read.notes)
     sites = read_sites(table)
     if asked["friction"] is not None:
         sites = tuple(replace(site, friction=asked["friction"]) for site in sites)
-    factors = neighbouring_factors(asked["largest"], asked["neighbours"])
-    total = sum(len(seismograms_of(site, read.found)) for site in sites)
+    factors = study.neighbouring_factors(asked["largest"], asked["neighbours"])
+    total = sum(len(study.seismograms_of(site, read.found)) for site in sites)
     with bar("shaking", total) as advance:
-        rows = check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
-    matrix = matrix_of(rows)
+        rows = study.check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
+    matrix = study.matrix_of(rows)
     if out := asked["out"]:
         from toppling.models.files.csv_text import write_csv
         from toppling.results.drawing.side_by_side_figures import scenarios_figure
@@ -143,7 +137,7 @@ def _show_reading(remarks: Sequence[str], notes: list[tuple[str, str]]) -> None:
     show_notes(notes)
 
 
-def _show(verdicts: Sequence[Verdict], largest: float) -> None:
+def _show(verdicts: Sequence[study.Verdict], largest: float) -> None:
     heads = ("seismogram", "event", "station", "PGA m/s²", "PGV m/s", "as it is", "tilt °", "toppled near it",
              "least factor")  # fmt: skip
     words = [

@@ -48,11 +48,6 @@ from toppling.orchestrator.verbs.shared_options import of, option
 def constrain(
     rocks: tuple[Path, ...],
     common_date: bool,
-    common_error: float,
-    fragile_since: tuple[str, ...],
-    correlation: float | None,
-    event_rate: float | None,
-    catalogue_years: float | None,
     sites: tuple[tuple[float, float], ...],
     site_names: tuple[str, ...],
     values: str | None,
@@ -78,9 +73,8 @@ def constrain(
     """
     with bar("bootstrap of records") as advance:
         stated = state(
-            rocks, dates=Dates(common_date, common_error, fragile_since),
-            events=EventOptions(event_rate, catalogue_years, correlation), sites=[*sites, *site_names],
-            years=years_of(values), advance=advance, **asked,
+            rocks, dates=shared.noun_of(Dates, asked, common=common_date), events=shared.noun_of(EventOptions, asked),
+            sites=[*sites, *site_names], years=years_of(values), advance=advance, **asked,
         )  # fmt: skip
     for warning in stated.warnings:
         click.echo(warning, err=True)

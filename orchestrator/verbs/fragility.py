@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 from click.core import ParameterSource
 
 from toppling.models.errors import InputError
@@ -16,11 +15,7 @@ from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import (
-    FEW_BEYOND,
-    by_contact,
-    contact_words,
-)
+from toppling.results.analysis.fragility import FEW_BEYOND, by_contact, contact_words
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.fit_table import fit_words
 from toppling.results.reader import Run, open_run
@@ -37,16 +32,16 @@ _STUDYS = (
 @of(draw, "--where")
 @shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@of(Bins, "--pga-bin", type=shared.ABOVE_0, parameter="pga_m_s2")
-@of(Bins, "--pgv-bin", type=shared.ABOVE_0, parameter="pgv_m_s")
-@of(Bins, "--pgv-pga-bin", type=shared.ABOVE_0, parameter="pgv_pga_s")
-@of(Bins, "--duration-bin", type=shared.ABOVE_0, parameter="duration_s")
+@of(Bins, "--pga-bin", "pga_m_s2", type=shared.ABOVE_0)
+@of(Bins, "--pgv-bin", "pgv_m_s", type=shared.ABOVE_0)
+@of(Bins, "--pgv-pga-bin", "pgv_pga_s", type=shared.ABOVE_0)
+@of(Bins, "--duration-bin", "duration_s", type=shared.ABOVE_0)
 @option(
-    "--pgv-below", type=shared.ABOVE_0,
+    "--pgv-below", "pgv_below_m_s", type=shared.ABOVE_0,
     help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {_STUDYS.format(PGV_DURATION.y)}",
 )  # fmt: skip
 @option(
-    "--duration-below", type=shared.ABOVE_0,
+    "--duration-below", "duration_below_s", type=shared.ABOVE_0,
     help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}",
 )  # fmt: skip
 @of(Bins, "--directions", type=click.IntRange(1, 72))
@@ -54,19 +49,7 @@ _STUDYS = (
 @of(draw, "--fit")
 @of(draw, "--reference")
 @shared.samples_option(SAMPLES)
-def fragility(
-    run: Path,
-    out: Path | None,
-    unweighted: bool,
-    pga_bin: float | None,
-    pgv_bin: float,
-    pgv_pga_bin: float,
-    duration_bin: float,
-    pgv_below: float | None,
-    duration_below: float | None,
-    directions: int,
-    **asked: Any,
-) -> None:
+def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> None:
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
 
     Maps show the toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, and PGA and duration.
@@ -90,12 +73,10 @@ def fragility(
     if opened.rocks:
         _each_rock(opened, out)
         return
-    if (
-        not asked["fit"]
-        and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT
-    ):
+    source = click.get_current_context().get_parameter_source
+    if not asked["fit"] and source("samples") != ParameterSource.DEFAULT:
         raise click.UsageError("--samples applies to the fits: give --fit too")
-    bins = Bins(pga_bin, pgv_bin, pgv_pga_bin, duration_bin, pgv_below, duration_below, directions)
+    bins = shared.noun_of(Bins, asked)
     if remark := opened.completeness().remark:
         click.echo(f"{run} is unfinished: {remark}")
     with bar("figures") as advance:
@@ -109,7 +90,9 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
     click.echo(_files(drawn.folder, drawn.files))
     for contact, of_contact in by_contact(jobs).items() if drawn.fits else ():
         known = answered(of_contact)
-        click.echo(f"\nfragility by measure, {contact_words(of_contact, jobs)}, {_records(known)}:")
+        records = counted(known["record_id"].nunique(), "record")
+        resting = f"{contact_words(of_contact, jobs)}, {counted(len(known), 'job')} of {records}"
+        click.echo(f"\nfragility by measure, {resting}:")
         click.echo(fit_words(drawn.fits[contact], known))
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
@@ -134,13 +117,6 @@ def _files(folder: Path, written: list[Path]) -> str:
     """What was written, counted."""
     count = Counter(path.suffix for path in written)
     figures, tables = count[".png"], count[".csv"]
-    return f"{folder}: {figures} figures (PNG, SVG), {tables} tables (CSV)" + (
-        ", curves for other programs (CSV, JSON, NRML)"
-        if any(path.stem == "curves" for path in written)
-        else ""
-    )
-
-
-def _records(known: pd.DataFrame) -> str:
-    records = known["record_id"].nunique()
-    return f"{counted(len(known), 'job')} of {counted(records, 'record')}"
+    has_curves = any(path.stem == "curves" for path in written)
+    curves = ", curves for other programs (CSV, JSON, NRML)" if has_curves else ""
+    return f"{folder}: {figures} figures (PNG, SVG), {tables} tables (CSV){curves}"

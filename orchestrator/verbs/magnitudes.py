@@ -26,23 +26,10 @@ from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name, within
+from toppling.results.hazard import magnitudes as exclusion
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
-from toppling.results.hazard.magnitudes import (
-    TARGETS,
-    MotionGrid,
-    Occurrence,
-    bins_words,
-    excess,
-    excluded_bins,
-    largest_magnitudes,
-    least_distances,
-    motion_grid,
-    one_event,
-    recurring,
-    toppling_probability,
-)
 from toppling.results.hazard.places import check_place
 from toppling.results.hazard.survival import Standing
 
@@ -142,11 +129,13 @@ def magnitudes(
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
         standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, years, advance)
-    grid = motion_grid(grid_of, weights)
-    at_traces = motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
-    occurrences = [one_event(confidence, count) for count in dict.fromkeys(events)]
-    occurrences += [recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
-    answer = Answer(standing, grid, at_traces, occurrences, traces)
+    grid = exclusion.motion_grid(grid_of, weights)
+    at_traces = (
+        exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
+    )
+    occurrences = [exclusion.one_event(confidence, count) for count in dict.fromkeys(events)]
+    occurrences += [exclusion.recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
+    answer = _Answer(standing, grid, at_traces, occurrences, traces)
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
         **asked, "confidence": confidence, "age": age, "age_years": float(years.mean()) if age else None,
@@ -154,20 +143,20 @@ def magnitudes(
     }  # fmt: skip
     shares = None
     if taken_apart:
-        shares = excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
+        shares = exclusion.excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
         statement["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
     _tell(answer, statement, shares, out, as_json)
 
 
 def _tell(
-    answer: "Answer", statement: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
+    answer: "_Answer", statement: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
 ) -> None:
     """Write and print what is excluded, with the shares of a hazard's bins where they were asked for."""
     if out:
         answer.write(out, statement)
         if shares is not None:
             write_csv(shares, out / "deaggregation.csv")
-    words = "\n".join([_words(statement), *([] if shares is None else bins_words(shares))])
+    words = "\n".join([_words(statement), *([] if shares is None else exclusion.bins_words(shares))])
     click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
 
 
@@ -175,18 +164,15 @@ def _check_usage(
     rock: Path, recurrence: tuple[float, ...], age: str | None, faults: Path | None,
     site: tuple[float, float] | None, where: str | None,
 ) -> None:  # fmt: skip
-    if bool(recurrence) != bool(age):
-        raise click.UsageError(
-            "--recurrence needs the rock's --age"
-            if recurrence
-            else "--age applies to --recurrence: give it too"
-        )
-    if bool(faults) != bool(site):
-        raise click.UsageError(
-            "--faults needs the rock's place: --site LON LAT" if faults else "--site applies to --faults"
-        )
-    if where and not rock.is_dir():
-        raise click.UsageError("--where selects jobs of runs; a file of curves has none")
+    wrong = {
+        "--recurrence needs the rock's --age": recurrence and not age,
+        "--age applies to --recurrence: give it too": age and not recurrence,
+        "--faults needs the rock's place: --site LON LAT": faults and not site,
+        "--site applies to --faults": site and not faults,
+        "--where selects jobs of runs; a file of curves has none": where and not rock.is_dir(),
+    }
+    for what in filter(wrong.get, wrong):
+        raise click.UsageError(what)
     if site:
         check_place(site)
 
@@ -212,13 +198,13 @@ def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class _Answer:
     """Magnitudes and distances that a rock excludes."""
 
     rock: Standing
-    grid: MotionGrid
-    at_traces: MotionGrid | None
-    occurrences: Sequence[Occurrence]
+    grid: exclusion.MotionGrid
+    at_traces: exclusion.MotionGrid | None
+    occurrences: Sequence[exclusion.Occurrence]
     traces: Sequence[FaultTrace]
 
     @cached_property
@@ -226,8 +212,8 @@ class Answer:
         """Largest magnitudes and least distances, by how often the earthquake happened."""
         return {
             one.name: (
-                largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, one),
-                least_distances(self.grid, self.rock.curve, self.rock.drawn, one),
+                exclusion.largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, one),
+                exclusion.least_distances(self.grid, self.rock.curve, self.rock.drawn, one),
             )
             for one in self.occurrences
         }
@@ -238,7 +224,7 @@ class Answer:
         assert self.at_traces is not None
         lines = []
         for one in self.occurrences:
-            allowed = largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, one)
+            allowed = exclusion.largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, one)
             for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
                 lines.append({
                     "fault": trace.name, "occurrence": one.name, "distance_km": trace.distance_km,
@@ -254,7 +240,7 @@ class Answer:
         """Probability that one earthquake of the fault's own magnitude topples the rock."""
         if trace.magnitude is None or self.at_traces is None:
             return None
-        shares = self.at_traces.weights @ toppling_probability(
+        shares = self.at_traces.weights @ exclusion.toppling_probability(
             self.rock.curve, self.at_traces.mean[:, :, number], self.at_traces.sigma[:, :, number]
         )
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, shares))
@@ -266,7 +252,7 @@ class Answer:
             {
                 "occurrence": one.name, "probability": one.probability,
                 "largest_magnitudes": _rows(tables[one.name][0]), "least_distances": _rows(tables[one.name][1]),
-                "excludes_nothing": bool((excess(self.grid, self.rock.curve, one) < 0).all()),
+                "excludes_nothing": bool((exclusion.excess(self.grid, self.rock.curve, one) < 0).all()),
             }
             for one in self.occurrences
         ]  # fmt: skip
@@ -294,16 +280,13 @@ class Answer:
             drawn = [
                 replace(one, magnitude=magnitude) for one, magnitude in zip(self.traces, allowed, strict=True)
             ]
-            save(faults_figure(drawn, self.circles(last), f"standing, {last.name}", limits), out / "faults")
-
-    def circles(self, occurrence: Occurrence) -> dict[float, float]:
-        """Least distances of some magnitudes."""
-        table = least_distances(self.grid, self.rock.curve, [], occurrence)
-        return {
-            magnitude: float(np.interp(magnitude, table["magnitude"], table["distance_km"]))
-            for magnitude in TARGETS
-            if self.grid.magnitude[0] <= magnitude <= self.grid.magnitude[-1]
-        }
+            table = exclusion.least_distances(self.grid, self.rock.curve, [], last)
+            circles = {
+                magnitude: float(np.interp(magnitude, table["magnitude"], table["distance_km"]))
+                for magnitude in exclusion.TARGETS
+                if limits[0] <= magnitude <= limits[1]
+            }
+            save(faults_figure(drawn, circles, f"standing, {last.name}", limits), out / "faults")
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -334,8 +317,7 @@ def _words(statement: dict[str, Any]) -> str:
             lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
             continue
         lines += [f"  {line}" for line in _distance_lines(one)]
-    for fault in statement["faults"]:
-        lines.append(_fault_line(fault))
+    lines += map(_fault_line, statement["faults"])
     if statement["ratio"] == 1.0:
         lines.append(
             "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "
@@ -359,12 +341,9 @@ def _distance_lines(one: dict[str, Any]) -> list[str]:
             lines.append(f"{row['distance_km']:.3g} km: every magnitude of the models is excluded")
             continue
         low, high = row["magnitude_low"], row["magnitude_high"]
-        range_of = (
-            ""
-            if low is None
-            else f" ({low:.1f} to {'any' if high is None else f'{high:.1f}'} with other records)"
-        )
-        lines.append(f"{row['distance_km']:.3g} km: magnitudes above {row['magnitude']:.2f}{range_of}")
+        most = "any" if high is None else f"{high:.1f}"
+        others = "" if low is None else f" ({low:.1f} to {most} with other records)"
+        lines.append(f"{row['distance_km']:.3g} km: magnitudes above {row['magnitude']:.2f}{others}")
     return lines
 
 

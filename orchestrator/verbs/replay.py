@@ -51,16 +51,14 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     """
     spec, job_id = _specification(run, job)
     of_rock = _rock_of(open_run(run), spec.scene_id)
-    assets, rock = (
-        Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder)),
-        of_rock.rock,
-    )
+    assets = Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder))
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
         shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
-    title = f"{rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
+    title = f"{of_rock.rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
     write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
-    row = _row(run, job_id)
+    rows = open_run(run).table()
+    (row,) = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist() or [None]
     again = outcome_of(result)
     differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]
     click.echo(title)
@@ -152,12 +150,6 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         unmeasured=campaign.unmeasured,
         **chosen,
     ), job_id
-
-
-def _row(run: Path, job_id: str) -> dict | None:
-    rows = open_run(run).table()
-    found = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist()
-    return found[0] if found else None
 
 
 def _whence(kernels: str | None) -> str:

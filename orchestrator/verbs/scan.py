@@ -13,8 +13,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.browsing import browsing_options, served
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.shared_options import browsing_options, option, served
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned

@@ -1,19 +1,26 @@
-"""Arguments and options that several verbs share."""
+"""Arguments and options that several verbs share, and pages that they show in a browser."""
 
+import dataclasses
 import inspect
+import os
 import re
 import sys
+import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError
+from toppling.orchestrator.interrupt import end_of_stop
 from toppling.orchestrator.misspelt import OneOf
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.loopback import Loopback
 
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -23,7 +30,7 @@ EXISTING_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 EXISTING_FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 
 
-class Azimuth(click.ParamType):
+class _Azimuth(click.ParamType):
     """An azimuth, degrees counter-clockwise from east, or a compass bearing."""
 
     name = "azimuth"
@@ -36,9 +43,10 @@ class Azimuth(click.ParamType):
             self.fail(f"{error.what}; expected: {error.expected}.", param, ctx)
 
 
-AZIMUTH = Azimuth()
+AZIMUTH = _Azimuth()
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+_Noun = TypeVar("_Noun")
 
 
 def option(*names: str, **given: Any) -> _Decorator:
@@ -61,6 +69,12 @@ def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: 
     elif default is not None:
         found["default"] = default
     return option(*names, **found | given)
+
+
+def noun_of(noun: Callable[..., _Noun], asked: dict[str, Any], **more: Any) -> _Noun:
+    """A dataclass of what is asked by the names of its fields, which are taken out, and of more."""
+    names = [one.name for one in dataclasses.fields(noun) if one.name in asked]  # type: ignore[arg-type]
+    return noun(**{name: asked.pop(name) for name in names}, **more)
 
 
 def _words_of(function: Callable[..., Any], parameter: str) -> str | None:
@@ -101,3 +115,25 @@ def workers_option(text: str = "Local workers.") -> _Decorator:
 def samples_option(default: int) -> _Decorator:
     """Option `--samples`; its default lies in a room that not every verb needs."""
     return option("--samples", type=click.IntRange(1), default=default, help="Bootstrap samples of records.")
+
+
+def browsing_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --port and --open to a command."""
+    port = option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any free port.")
+    opens = option(
+        "--open/--no-open", "opens", default=None, help="Open a browser. Default: if there is a screen."
+    )
+    return port(opens(command))
+
+
+def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> None:
+    """Tell a page's address, open it where that is wanted, and answer until the user or the page ends it."""
+    click.echo(f"{name}: {server.address}  (Ctrl-C ends)")
+    screen = sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if screen if opens is None else opens:
+        webbrowser.open(server.address)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        end_of_stop()
+        click.echo(ended, err=True)

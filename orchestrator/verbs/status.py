@@ -36,7 +36,8 @@ def status(run: Path, as_json: bool) -> None:
         click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:
         click.echo(f"{state['workers']} workers, {state['deaths']} worker deaths in this session")
-    click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
+    counts = ", ".join(f"{name} {count}" for name, count in state["status"].items()) or "none yet"
+    click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({counts})")
     for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
         click.echo(sentence)
     for failure in state["failures"]:
@@ -44,7 +45,3 @@ def status(run: Path, as_json: bool) -> None:
             f"  {failure['jobs']} {failure['status']}, such as {failure['job_id']} ({failure['record_id']}): "
             f"{failure['message']}"
         )
-
-
-def _counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none yet"

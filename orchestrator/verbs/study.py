@@ -81,16 +81,16 @@ def study(
     """
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
-    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.progress import duration, watcher
     from toppling.orchestrator.studies import replication as stages
     from toppling.orchestrator.verbs.run import FAILED_JOBS
 
+    say = partial(click.echo, err=True)
     if sum(map(bool, (scan, scene, rock))) > 1:
         raise click.UsageError("--scan, --scene and --rock exclude each other")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     chosen = replace(_study_of(pga_step, int(directions)), preset=preset, audit=audit, engine=engine)
     cluster_of(out, **where)  # wrong options are said before any work
-    say = partial(click.echo, err=True)
     try:
         with signals_as_stop():
             chosen.check(out)
@@ -106,19 +106,13 @@ def study(
     except KeyboardInterrupt:
         click.echo("stopped; finished work is kept, and the same command resumes", err=True)
         sys.exit(INTERRUPTED)
-    lines = [str(page), *(one.line for one in found), _session_words(progresses)]
+    done, worked_s = sum(one.done for one in progresses), sum(one.elapsed_s for one in progresses if one.done)
+    lines = [str(page), *(one.line for one in found), f"{done} jobs in this session, {duration(worked_s)}"]
     runs = dict(zip(stages.RUNS, (one.summary() for one in progresses), strict=True))
     content = {"study": str(out), "runs": runs, "findings": [asdict(one) for one in found]}
     click.echo(json.dumps(content) if as_json else "\n".join(lines))
     if any(progress.failed for progress in progresses):
         sys.exit(FAILED_JOBS)
-
-
-def _session_words(progresses: list[Any]) -> str:
-    from toppling.orchestrator.progress import duration
-
-    worked_s = sum(progress.elapsed_s for progress in progresses if progress.done)
-    return f"{sum(progress.done for progress in progresses)} jobs in this session, {duration(worked_s)}"
 
 
 def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as_json: bool) -> Any:

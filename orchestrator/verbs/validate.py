@@ -20,27 +20,10 @@ from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.progress import bar, watcher
-from toppling.orchestrator.studies.validation import (
-    Sampling,
-    Shaken,
-    drawn_bases,
-    ensemble_of,
-    scene_of,
-    shake_tests,
-    unmeasured,
-)
+from toppling.orchestrator.studies import validation as study
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.results.analysis.prediction_scores import (
-    calibration,
-    intervals,
-    learnt,
-    scores,
-    share,
-    simple_rules,
-    table,
-    were_a_draw_true,
-)
+from toppling.results.analysis import prediction_scores as scored
 from toppling.results.drawing.study_figures import calibration_figure
 from toppling.results.drawing.style import save
 from toppling.workers.options import PRESETS
@@ -109,14 +92,14 @@ def validate(
             expected="two records or more: each is predicted from the others",
             remedy="leave --learn out, or give the record of each test (docs/validation.md)",
         )
-    sampling = Sampling(**asked)
+    sampling = study.Sampling(**asked)
     folder = out or Path("validation") / f"{mesh.stem}-{sampling.engine}-{sampling.preset}"
     with bar("measuring motions", len(experiment.tests)) as advance:
-        ensemble = ensemble_of(folder, experiment, advance)
+        ensemble = study.ensemble_of(folder, experiment, advance)
     with bar("drawing bases", sampling.most_draws) as advance:
-        scene_of(folder, mesh, sampling, lambda kept: advance(kept - advance.done))
+        study.scene_of(folder, mesh, sampling, lambda kept: advance(kept - advance.done))
     try:
-        shaken = shake_tests(
+        shaken = study.shake_tests(
             folder, experiment, sampling, partial(local, workers or os.cpu_count() or 1), watcher
         )
     except RunError as stopped:
@@ -129,7 +112,7 @@ def validate(
 
 
 def _summary(
-    experiment: Experiment, ensemble: Ensemble, shaken: Shaken, learn: bool, sampling: Sampling
+    experiment: Experiment, ensemble: Ensemble, shaken: study.Shaken, learn: bool, sampling: study.Sampling
 ) -> dict[str, Any]:
     """All results."""
     overturned = np.array([test.overturned for test in experiment.tests])
@@ -142,32 +125,36 @@ def _summary(
             expected="completed shakes",
             remedy="'toppling status' of the folders realisations_... shows why",
         )
-    probability, error = share(shaken.toppled)
+    probability, error = scored.share(shaken.toppled)
     if learn:
         with bar("learning the base"):
-            probability = learnt(shaken.toppled, overturned, group)
+            probability = scored.learnt(shaken.toppled, overturned, group)
     catalog = ensemble.catalog.to_pandas().set_index("record_id")
     intensity = catalog.loc[[test.record_id for test in experiment.tests], list(_MEASURES)]
-    rules = simple_rules(intensity, overturned, group)
+    rules = scored.simple_rules(intensity, overturned, group)
     peers = _peers(experiment)
     nominal = np.isfinite(shaken.nominal)
     return {
-        **scores(overturned[answered], probability[answered]),
+        **scored.scores(overturned[answered], probability[answered]),
         "learnt": learn,
         "without_answer": int((~answered).sum()),
         "without_motion": experiment.without_motion,
         "largest_error": float(error.max()),
         "draws": int(shaken.shaken.max()),
         "shakes": int(shaken.shaken.sum()),
-        "intervals": intervals(overturned[answered], probability[answered], group[answered]),
-        "were_a_draw_true": None if learn else were_a_draw_true(shaken.toppled),
-        "mesh_as_it_is": scores(overturned[nominal], shaken.nominal[nominal]) if nominal.any() else None,
-        "peers": {name: scores(overturned[known], said[known]) for name, (known, said) in peers.items()},
-        "rules": {name: scores(overturned, said) for name, said in rules.items()},
+        "intervals": scored.intervals(overturned[answered], probability[answered], group[answered]),
+        "were_a_draw_true": None if learn else scored.were_a_draw_true(shaken.toppled),
+        "mesh_as_it_is": scored.scores(overturned[nominal], shaken.nominal[nominal])
+        if nominal.any()
+        else None,
+        "peers": {
+            name: scored.scores(overturned[known], said[known]) for name, (known, said) in peers.items()
+        },
+        "rules": {name: scored.scores(overturned, said) for name, said in rules.items()},
         "settings": {
             **asdict(sampling),
-            **drawn_bases(sampling),
-            "unmeasured": asdict(unmeasured(sampling.engine)),
+            **study.drawn_bases(sampling),
+            "unmeasured": asdict(study.unmeasured(sampling.engine)),
         },
         "tests": [
             {
@@ -200,10 +187,10 @@ def _write(folder: Path, statement: Mapping[str, Any], name: str) -> None:
     write_text(json.dumps(statement, indent=1) + "\n", folder / f"{name}.json")
     tests = pd.DataFrame(statement["tests"])
     write_csv(tests, folder / f"{name}_tests.csv", digits=None)
-    write_csv(table(_rows(statement)), folder / f"{name}_scores.csv", digits=None, index=True)
+    write_csv(scored.table(_rows(statement)), folder / f"{name}_scores.csv", digits=None, index=True)
     overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
     title = f"{statement['n']} tests, Brier score {statement['brier']:.3f}"
-    drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)
+    drawn = calibration_figure(scored.calibration(overturned, probability), probability, overturned, title)
     save(drawn, folder / f"{name}_calibration")
 
 
@@ -215,7 +202,7 @@ def _rows(statement: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _words(statement: Mapping[str, Any], folder: Path) -> str:
-    lines = [table(_rows(statement)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
+    lines = [scored.table(_rows(statement)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
     if statement["intervals"]:
         lines.append("95 % over records: " + _ends(statement["intervals"]))
     else:

@@ -24,7 +24,7 @@ from toppling.orchestrator.loopback import TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.browsing import browsing_options, served
+from toppling.orchestrator.verbs.shared_options import browsing_options, served
 from toppling.results.analysis.fragility import PLANES, by_contact, cells
 from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.reader import open_run

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import reduce
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import click
 
@@ -52,12 +52,7 @@ _OPTIONS = (
     option("--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."),
     option("--scheduler-file", type=shared.FILE, help="File written by 'dask scheduler --scheduler-file'."),
     option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
-    option(
-        "--queue-jobs",
-        type=_SpanType(),
-        default="1",
-        help="Batch jobs to submit; LOW..HIGH too.",
-    ),
+    option("--queue-jobs", type=_SpanType(), default="1", help="Batch jobs to submit; LOW..HIGH too."),
     option("--tls-ca", type=shared.FILE, help="Certificate of the cluster's authority (PEM)."),
     option("--tls-cert", type=shared.FILE, help="Certificate of this client (PEM)."),
     option("--tls-key", type=shared.FILE, help="Key of this client (PEM)."),
@@ -69,21 +64,8 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return reduce(lambda function, option: option(function), reversed(_OPTIONS), command)
 
 
-class Where(TypedDict):
-    """Values of the options."""
-
-    workers: _Span | None
-    queue_kind: str | None
-    queue_jobs: _Span
-    scheduler: str | None
-    scheduler_file: Path | None
-    tls_ca: Path | None
-    tls_cert: Path | None
-    tls_key: Path | None
-
-
-def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
-    """Cluster that the options select; nothing starts before it is entered.
+def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
+    """Cluster that the options, values by name, select; nothing starts before it is entered.
 
     Raises UsageError if options exclude each other.
     """
@@ -106,10 +88,9 @@ def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
             raise click.UsageError(
                 "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
             )
-        authority, certificate, key = files
-        if authority is None or certificate is None or key is None:
+        if None in files:
             raise click.UsageError("--tls-ca, --tls-cert and --tls-key must be given together")
-        tls = tls_security(authority, certificate, key)
+        tls = tls_security(*files)
     if queue_kind:
         return queue(queue_kind, where["queue_jobs"].low, folder.absolute(), most=where["queue_jobs"])
     if joins:

@@ -15,12 +15,11 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.precision import FirstStatement, JobsForPrecision, _pools
-from toppling.orchestrator.target_spec import TargetSpec
 from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job

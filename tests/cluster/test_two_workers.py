@@ -159,9 +159,8 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
     dask.config.refresh()
     with monkeypatch.context() as broken:
         broken.setenv(STILLBORN_VARIABLE, "1")
-        for module in (admission, execution):
-            broken.setattr(module, "NOBODY_AFTER_S", 6.0)
-            broken.setattr(module, "REPLACE_AFTER_S", 2.0)
+        broken.setattr(admission, "NOBODY_AFTER_S", 6.0)
+        broken.setattr(admission, "REPLACE_AFTER_S", 2.0)
         with pytest.raises(RunError, match="every worker has died"):
             run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
     run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)

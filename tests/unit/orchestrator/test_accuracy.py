@@ -91,7 +91,7 @@ def test_the_stated_spread_of_the_medians_shift_is_that_over_other_jobs(monkeypa
         return compare({"preset": of_preset}, of_reference).iloc[0]
 
     stated = [one_comparison().median_shift_std for _ in range(4)]
-    monkeypatch.setattr(front, "GROUPS", 1)  # only the shifts are looked at
+    monkeypatch.setattr(front, "_GROUPS", 1)  # only the shifts are looked at
     found = np.std([one_comparison().median_shift for _ in range(40)], ddof=1)
     # The spread of 40 draws is known to 11 %, the mean of four, each with 19 degrees of freedom, to 8: three sigma.
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(found, rel=0.4)

@@ -1,5 +1,6 @@
 """What makes a run refuse to go on: code that decides answers, not what is said about it."""
 
+import ast
 import gc
 import json
 import subprocess
@@ -12,7 +13,14 @@ import pytest
 
 import toppling.models
 from toppling.orchestrator import code_identity
-from toppling.orchestrator.code_identity import _decisive, code
+from toppling.orchestrator.code_identity import _parsed, _without_words, code
+
+
+def _decisive(source):
+    """A module's syntax without comments, layout and strings that stand alone, as docstrings do."""
+    tree = _parsed(source)
+    return _without_words(tree, ast.walk(tree))
+
 
 MODULE = b'''"""What it knows."""
 import math

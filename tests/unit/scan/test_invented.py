@@ -81,9 +81,9 @@ def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_fl
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
     found = Survey(with_invented(0.41), np.zeros(0, np.int8))
-    monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda *_: None)
-    monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
-    monkeypatch.setattr("toppling.models.scan.survey.save_survey", lambda *_: None)
+    monkeypatch.setattr("toppling.orchestrator.public.making.read_clouds", lambda *_: None)
+    monkeypatch.setattr("toppling.orchestrator.public.making.survey", lambda *_: found)
+    monkeypatch.setattr("toppling.orchestrator.public.making.save_survey", lambda *_: None)
     options = ["--json"] if as_json else []
     done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a"), *options], catch_exceptions=False)
     assert "41% of the rock's surface was not seen" in (done.stderr if as_json else done.stdout)

@@ -207,10 +207,10 @@ def _joint_branches(
         for one, other in zip(first.branches, second.branches, strict=True)
     ]
     branches = tuple(
-        replace(joint.events, name=branch.name, model=_model(branch), weight=branch.weight)
-        for joint, branch in zip(joints, first.branches, strict=True)
+        replace(events, name=branch.name, model=_model(branch), weight=branch.weight)
+        for (events, _), branch in zip(joints, first.branches, strict=True)
     )
-    return branches, max(joint.misfit for joint in joints)
+    return branches, max(misfit for _, misfit in joints)
 
 
 def _model(branch: Branch) -> str:

@@ -17,7 +17,7 @@ from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import FEW_BEYOND, by_contact, contact_words
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.drawing.fit_table import fit_words
+from toppling.results.drawing.fit_figures import fit_words
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
 

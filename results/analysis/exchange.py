@@ -129,7 +129,9 @@ def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
 
     Raises InputError if the file is absent, of another kind, or states one that cannot be read, or several.
     """
-    found = _read(path, lambda _: [], _surfaces)
+    found = _read(
+        path, lambda _: [], lambda rows: [_of_surface_row(row) for row in rows if _stated(row, _PLANE[:1])]
+    )
     found = [surface for surface in found if surface.measures == measures]
     if len(found) > 1:
         raise _curve_error(f"holds {len(found)} surfaces over {' and '.join(measures)}", path)
@@ -253,10 +255,6 @@ def _rows(text: str, suffix: str) -> list[dict[str, Any]]:
         return [row for row in csv.DictReader(plain_table(text.splitlines())) if any(row.values())]
     document = json.loads(text)
     return [*document.get("curves", ()), *document.get("surfaces", ())]
-
-
-def _surfaces(rows: Iterable[Mapping[str, Any]]) -> list[Surface]:
-    return [_of_surface_row(row) for row in rows if _stated(row, _PLANE[:1])]
 
 
 def _surface_row(surface: Surface) -> dict[str, Any]:

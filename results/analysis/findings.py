@@ -128,7 +128,12 @@ def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
 
 def _pgv_hardly_on_duration(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> Finding:
     """As the study reads its figure 10a; what all jobs say beside it."""
-    rank, p, records = _pgv_on_duration(_figure_10a(main, weakest_azimuth_deg, directions))
+    figure_10a = main[
+        (apart_deg(main["pga_azimuth_deg"], weakest_azimuth_deg) <= 180.0 / directions)
+        & (main["pgv_m_s"] < _FIGURE_10_PGV_M_S)
+        & (main["duration_energy_s"] < _FIGURE_10_DURATION_S)
+    ]
+    rank, p, records = _pgv_on_duration(figure_10a)
     name, paper = "toppling PGV hardly depends on duration", "more or less independent"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
@@ -139,14 +144,6 @@ def _pgv_hardly_on_duration(main: pd.DataFrame, weakest_azimuth_deg: float, dire
         f"of all jobs: {_correlation(*_pgv_on_duration(main))}"
     )
     return Finding(name, paper, found, None if not hardly and p >= _UNSURE else hardly)
-
-
-def _figure_10a(main: pd.DataFrame, weakest_azimuth_deg: float, directions: int) -> pd.DataFrame:
-    return main[
-        (apart_deg(main["pga_azimuth_deg"], weakest_azimuth_deg) <= 180.0 / directions)
-        & (main["pgv_m_s"] < _FIGURE_10_PGV_M_S)
-        & (main["duration_energy_s"] < _FIGURE_10_DURATION_S)
-    ]
 
 
 def _pgv_on_duration(jobs: pd.DataFrame) -> tuple[float, float, int]:

@@ -73,7 +73,8 @@ def _spread(level: float, jobs: pd.DataFrame) -> dict[str, float] | None:
     if records < _LEAST or draws < _LEAST:
         return None
     of = np.full(records, 1.0 / records)
-    weight = _weights(jobs, draw).reindex(entries.columns).to_numpy()
+    by_base = jobs.assign(weight=jobs.get("base_weight", 1.0)).groupby(draw)["weight"].first()
+    weight = by_base.reindex(entries.columns).to_numpy()
     share_of = weight / weight.sum()
     by_record, by_draw = values @ share_of, of @ values
     mean = float(of @ by_record)
@@ -123,11 +124,6 @@ def _component_interval(of_cause: _Mean, error: _Mean, times: float) -> Array:
     (square, freedom), (error_square, error_freedom) = of_cause, error
     least = square - error_square * f.ppf(tails, freedom, error_freedom)
     return np.maximum(least, 0.0) / (times * chi2.ppf(tails, freedom) / freedom)
-
-
-def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:
-    """Weight of each draw: that of its base, where bases do not weigh alike."""
-    return jobs.assign(weight=jobs.get("base_weight", 1.0)).groupby(draw)["weight"].first()
 
 
 def _explained(cause: np.ndarray, effect: np.ndarray, share: np.ndarray) -> float:

@@ -56,9 +56,14 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), 35.0)
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    with style():
+        figure = Figure(figsize=(3.4, 3.6), layout="constrained")
+        axes = figure.add_subplot(projection="polar")
+        assert isinstance(axes, PolarAxes)  # as asked for
+        draw_statics(axes, scene)
     body = (
         f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
-        f'<div class="beside"><div>{_statics_svg(scene)}</div><ul>{items}</ul></div>'
+        f'<div class="beside"><div>{svg_text(figure)}</div><ul>{items}</ul></div>'
     )
     return _page(f"{name}: scene", body, stage, "scene")
 
@@ -186,15 +191,6 @@ def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> di
         "alarm": ALARM_COLOUR,
         "colours": [to_hex(COLOURS(share)) for share in (0.1, 0.5, 0.7)],
     }
-
-
-def _statics_svg(scene: Scene) -> str:
-    with style():
-        figure = Figure(figsize=(3.4, 3.6), layout="constrained")
-        axes = figure.add_subplot(projection="polar")
-        assert isinstance(axes, PolarAxes)  # as asked for
-        draw_statics(axes, scene)
-    return svg_text(figure)
 
 
 def _page(title: str, body: str, described: Mapping[str, Any], kind: str) -> str:

@@ -66,7 +66,11 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
         for place, (elevation, azimuth) in zip(places[:3], _VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
-            axes.set_title(_view_title(elevation, azimuth), size=7)
+            compass = float(compass_deg(azimuth))
+            axes.set_title(
+                f"looking {wind_of(azimuth + 180.0)}, {elevation:.0f}° down\n"
+                f"(eye at azimuth {azimuth:.0f}°, compass {compass:.0f}°)", size=7,
+            )  # fmt: skip
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)  # as asked for
@@ -77,13 +81,6 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             0.0, 1.0, "\n".join(printed), va="top", size=6.5, linespacing=1.35, transform=axes.transAxes
         )
     return figure
-
-
-def _view_title(elevation_deg: float, azimuth_deg: float) -> str:
-    return (
-        f"looking {wind_of(azimuth_deg + 180.0)}, {elevation_deg:.0f}° down\n"
-        f"(eye at azimuth {azimuth_deg:.0f}°, compass {float(compass_deg(azimuth_deg)):.0f}°)"
-    )
 
 
 def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:

@@ -63,8 +63,8 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
         lines = [_projected(line, site, path, number) for line in _lines(feature.get("geometry"))]
         if lines:
             properties = feature.get("properties") or {}
-            name = _name(properties, feature, number)
-            traces.append(FaultTrace(name, tuple(lines), _magnitude(properties, path)))
+            name = _first({**properties, "fid": feature.get("id")}, (*_NAMES, "fid"), f"fault {number + 1}")
+            traces.append(FaultTrace(str(name), tuple(lines), _magnitude(properties, path)))
     if not traces:
         raise _fault_error(f"holds no line among {len(features)} features", path)
     return traces
@@ -142,11 +142,6 @@ def _least_distance(line: Array) -> float:
 
 def _first(properties: Mapping[str, Any], names: Sequence[str], otherwise: Any = None) -> Any:
     return next((properties[name] for name in names if properties.get(name) not in (None, "")), otherwise)
-
-
-def _name(properties: Mapping[str, Any], feature: Mapping[str, Any], number: int) -> str:
-    found = _first(properties, _NAMES, feature.get("id"))
-    return str(found) if found not in (None, "") else f"fault {number + 1}"
 
 
 def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:

@@ -48,11 +48,6 @@ def quantity_of(column: str) -> Quantity:
     return "velocity" if column.endswith("_m_s") else "displacement"
 
 
-def _sa_column(period_s: float) -> str:
-    """Column of the spectral acceleration at a period in seconds."""
-    return f"sa_{period_s:g}s_m_s2"
-
-
 def measure_of(imt: str) -> tuple[str, float] | None:
     """Column of a measure as OpenQuake (SA(0.2)) or nshmp-haz (SA0P2) name it, and what its unit is in SI.
 
@@ -68,7 +63,7 @@ def measure_of(imt: str) -> tuple[str, float] | None:
         stated = float(found[1] or found[3] or f"{found[5]}.{found[6]}")
         if found["hz"] or found["hertz"]:
             stated = 1.0 / stated if stated else 0.0
-        return _sa_column(stated), STANDARD_G_M_S2
+        return f"sa_{stated:g}s_m_s2", STANDARD_G_M_S2
     return None
 
 

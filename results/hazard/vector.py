@@ -17,7 +17,6 @@ Fields of OpenQuake draw the residuals of each measure independently of the othe
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
@@ -56,22 +55,12 @@ _CLOSE = 1e-4
 """Shift of ln(intensity) at which the search for g ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """Events of two measures that follow two hazard curves."""
-
-    events: EventBranch  # at one site
-    # Largest relative difference of the rates of the second measure from its own curve, where both curves
-    # have rates.
-    misfit: float
-
-
 def correlation_of(first: str, second: str) -> float | None:
     """Correlation of residuals that is known of two measures."""
     return _CORRELATIONS.get((first, second), _CORRELATIONS.get((second, first)))
 
 
-def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint:
+def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> tuple[EventBranch, float]:
     """Joint rate of two measures from their curves.
 
     Rates of the first measure below its curve's first point are not counted, and those above its last point are
@@ -79,6 +68,8 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint
 
     first, second: of one site; their measures differ.
     scatter: standard deviation of ln(second measure) given the first, sigma sqrt(1 - rho^2).
+    Returns events at one site, and the largest relative difference of the rates of the second measure from its own
+    curve, where both curves have rates.
     Raises InputError if the curves are over one measure, or the scatter is none.
     """
     if first.measure == second.measure:
@@ -103,7 +94,7 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> Joint
             second.measure: values.reshape(-1, 1),
         },
     )
-    return Joint(events, misfit)
+    return events, misfit
 
 
 def _log_rate(curve: HazardCurve, logarithm: Array) -> Array:

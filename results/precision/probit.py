@@ -17,6 +17,7 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import f, t
 
 from toppling.models.arrays import Array
+from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 
 _STEPS, _SMALL_STEP = 200, 1e-9
@@ -142,22 +143,16 @@ def fit_curve(answers: Answers) -> Curve:
     back = np.array([[1.0, -middle / spread], [0.0, 1.0 / spread]])
     independent = back @ np.linalg.inv(information.sum(axis=0)) @ back.T
     pairs = back @ _pairs(information, score, answers.record) @ back.T
-    counts = np.bincount(answers.record)
+    counts, weight = np.bincount(answers.record), np.bincount(answers.record, answers.weight)
     return Curve(
         coefficients=np.array([a, b]),
         independent=independent,
         pairs=pairs,
         log_likelihood=log_likelihood,
         jobs=len(eta),
-        records=_effective_records(np.bincount(answers.record, weights=answers.weight).astype(float), counts),
+        records=effective_number(weight[counts > 0] / counts[counts > 0]),
         pairs_share=float((counts * (counts - 1)).sum()) / len(eta) ** 2,
     )
-
-
-def _effective_records(weight: Array, jobs: NDArray[np.integer]) -> float:
-    """Kish's number of records, by the mean weight of each one's jobs."""
-    mean = weight[jobs > 0] / jobs[jobs > 0]
-    return float(mean.sum() ** 2 / (mean**2).sum())
 
 
 def _maximise(design: Array, answers: Answers) -> Array:

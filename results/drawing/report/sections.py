@@ -20,8 +20,7 @@ from toppling.results.analysis.fragility import (
 from toppling.results.analysis.friction_comparison import compare_frictions
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing.constraint_words import age_words
-from toppling.results.drawing.fit_figures import fit_figure
-from toppling.results.drawing.fit_table import few_records, fit_table
+from toppling.results.drawing.fit_figures import few_records, fit_figure, fit_table
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import separator_of
@@ -164,19 +163,14 @@ def branch_of(
     motions = {}
     for column, (measure, factor) in factors.items():
         values = pd.to_numeric(rows[column], errors="coerce").to_numpy(float)
-        _check_values(values, f"{name}, {column}")
+        if wrong := values[~(np.isfinite(values) & (values >= 0))].tolist():
+            raise InputError(
+                what=f"states a motion of {wrong[0]:g}", where=f"{name}, {column}", expected="numbers of 0 and above",
+                remedy="remove the row, or correct it",
+            )  # fmt: skip
         grid = np.zeros((len(events), len(sites)))
         grid[event, site] = values * factor
         motions[measure] = grid
     rate = np.full(len(events), rate_of(len(events)) if len(events) else 0.0)
     model = name.partition("~")[2] or name  # ground-motion part of a branch's path
     return EventBranch(name, rate, motions, weight, model)
-
-
-def _check_values(values: NDArray[np.float64], where: str) -> None:
-    if not (np.isfinite(values).all() and (values >= 0).all()):
-        worst = values[~(np.isfinite(values) & (values >= 0))][0]
-        raise InputError(
-            what=f"states a motion of {worst:g}", where=where, expected="numbers of 0 and above",
-            remedy="remove the row, or correct it",
-        )  # fmt: skip

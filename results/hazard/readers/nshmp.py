@@ -42,14 +42,13 @@ def read(file: HazardFile) -> list[Statement]:
         return _service_answers(file)
     (_, header), *rows = list(file.rows(file.table))
     where = file.path.absolute()
-    measured = next(
-        ((column, level) for level, column in enumerate(map(_measure, where.parents[:3])) if column), None
-    )
-    measure = measured[0] if measured else file.hints.measure
+    known = [measure_of(folder.name) for folder in where.parents[:3]]
+    level = next((level for level, measured in enumerate(known) if measured), None)
+    measure = file.hints.measure if level is None else (known[level] or ("",))[0]
     if measure is None:
         file.refuse("states no intensity measure, and lies in no folder of that name", "give --measure")
-    part = "" if not measured else _part(where, measured[1])
-    years = _years(file, old=measured is not None and where.name != "curves.csv")
+    part = "" if level is None else _part(where, level)
+    years = _years(file, old=level is not None and where.name != "curves.csv")
     unit = 1.0 / imt_of(measure)[1]
     first = header.index("lat") + 1
     levels = [file.number(1, cell) * unit for cell in header[first:]]
@@ -64,11 +63,6 @@ def read(file: HazardFile) -> list[Statement]:
         )  # fmt: skip
         found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
     return found
-
-
-def _measure(folder: Path) -> str | None:
-    known = measure_of(folder.name)
-    return known[0] if known else None
 
 
 def _part(path: Path, level: int) -> str:

@@ -24,7 +24,7 @@ from toppling.results.analysis.fits import answered, summary
 from toppling.results.analysis.regression import Fit, fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.fit_table import few_records, fit_words
+from toppling.results.drawing.fit_figures import few_records, fit_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import _unfinished_sentence, first_screen

@@ -12,15 +12,8 @@ _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?)\s*°?\s*([EW])", re.IGNORECASE
 def azimuth_of(text: str) -> float:
     """Azimuth, degrees counter-clockwise from east, of a direction as a person writes it.
 
-    Parameters
-    ----------
-    text : str
-        An azimuth (`50`), a compass bearing (`compass:40`), a quadrant bearing (`N40E`) or a wind (`NNE`).
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
+    text: An azimuth (`50`), a compass bearing (`compass:40`), a quadrant bearing (`N40E`) or a wind (`NNE`).
+    Raises InputError if it is none of these.
 
     Examples
     --------

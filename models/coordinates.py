@@ -15,13 +15,9 @@ _LONGEST = 40
 def degrees_of(text: str, axis: str) -> float | None:
     """Degrees east or north that a text states; None if it states none, or those of the other axis.
 
-    Parameters
-    ----------
-    text : str
-        A number (`-118.92`, `-118,92`), one with a compass letter (`118.92W`, `N 34.08`), or with minutes and
-        seconds (`118°55'12"W`, `118 55 12 W`).
-    axis : str
-        `longitude` or `latitude`.
+    text: A number (`-118.92`, `-118,92`), one with a compass letter (`118.92W`, `N 34.08`), or with minutes and seconds
+    (`118°55'12"W`, `118 55 12 W`).
+    axis: `longitude` or `latitude`.
 
     Examples
     --------

@@ -18,15 +18,8 @@ _TURNED_AT_ONCE = 50_000
 def horizontal_unit_vector(azimuth_deg: ArrayLike) -> Array:
     """Unit vector(s) toward an azimuth.
 
-    Parameters
-    ----------
-    azimuth_deg : float or (n,) array
-        Degrees counter-clockwise from x.
-
-    Returns
-    -------
-    (3,) or (n, 3) array
-        Horizontal unit vector(s), scene frame.
+    azimuth_deg: float or (n,) array, Degrees counter-clockwise from x.
+    Returns (3,) or (n, 3) array: Horizontal unit vector(s), scene frame.
     """
     azimuth = np.deg2rad(np.asarray(azimuth_deg, dtype=float))
     return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)

@@ -68,22 +68,11 @@ def stamp(state: os.stat_result) -> tuple[int, ...]:
 def check(path: _PathLike, *, required: bool = False) -> bool:
     """Verify a file by its digest; once, as long as its size and times stay.
 
-    Parameters
-    ----------
-    required : bool
-        Refuse a file without a digest; it is else named in the log and taken as it is, as older versions wrote it.
-
-    Returns
-    -------
-    bool
-        Whether it carries a digest.
-
-    Raises
-    ------
-    InputError
-        If its bytes are not those that were written.
-    FileNotFoundError
-        If there is no such file.
+    required: Refuse a file without a digest; it is else named in the log and taken as it is, as older versions wrote
+    it.
+    Returns bool: Whether it carries a digest.
+    Raises InputError if its bytes are not those that were written.
+    Raises FileNotFoundError if there is no such file.
     """
     name = os.path.abspath(path)  # noqa: PTH100  (a link that leads elsewhere is another file)
     _refuse_irregular(Path(path))
@@ -122,12 +111,8 @@ def _why_none(path: Path) -> str:
 def stated(path: _PathLike) -> str | None:
     """Digest that a file carries, in hexadecimal, not verified; None where it carries none.
 
-    Raises
-    ------
-    InputError
-        If it is a pipe or a device.
-    OSError
-        If there is no such file, or it cannot be opened.
+    Raises InputError if it is a pipe or a device.
+    Raises OSError if there is no such file, or it cannot be opened.
     """
     _refuse_irregular(Path(path))
     with Path(path).open("rb") as file:
@@ -173,12 +158,8 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 def read_json(path: Path, *, required: bool = False) -> Any:
     """Content of a JSON file, verified, without its digest.
 
-    Raises
-    ------
-    InputError
-        If it is damaged.
-    FileNotFoundError
-        If there is no such file.
+    Raises InputError if it is damaged.
+    Raises FileNotFoundError if there is no such file.
     """
     sealed = check(path, required=required)
     content = documents.read_json(path)

@@ -52,12 +52,8 @@ def listed(names: Sequence[str], most: int) -> str:
 def read_json(path: Path) -> dict[str, Any]:
     """Read the object that a JSON file holds.
 
-    Raises
-    ------
-    InputError
-        If it is too large, no JSON (which has no NaN), nested beyond use, or no object.
-    FileNotFoundError
-        If there is none.
+    Raises InputError if it is too large, no JSON (which has no NaN), nested beyond use, or no object.
+    Raises FileNotFoundError if there is none.
     """
     try:
         text = _text(path, _LARGEST_JSON_BYTES, "JSON")
@@ -77,12 +73,8 @@ def read_json(path: Path) -> dict[str, Any]:
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
-    Raises
-    ------
-    InputError
-        If it is too large, no TOML, or nested beyond use.
-    FileNotFoundError
-        If there is none.
+    Raises InputError if it is too large, no TOML, or nested beyond use.
+    Raises FileNotFoundError if there is none.
     """
     try:
         text = _text(path, _LARGEST_TOML_BYTES, "TOML")
@@ -114,10 +106,8 @@ def _toml_remedy(error: str) -> str:
 def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, dict[str, str]]]:
     """Rows of a CSV table with a header, each with its line; what a short row lacks is empty.
 
-    Raises
-    ------
-    InputError
-        If the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody closed.
+    Raises InputError if the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody
+    closed.
     """
     reader = csv.DictReader(lines, restval="", delimiter=delimiter)
     try:
@@ -213,10 +203,7 @@ SHARE = between(-0.001, 1.001)
 def check_size(path: Path, most: int, kind: str) -> None:
     """Refuse a file that is larger than any of its kind, or is no file: a device has no end.
 
-    Raises
-    ------
-    InputError
-        By its size.
+    Raises InputError by its size.
     """
     if path.exists() and not path.is_file():
         raise _unreadable(path, "is no file", kind)

@@ -29,10 +29,7 @@ _HERE = re.compile(r"(?:file|local)://(?:localhost)?(?=/)", re.IGNORECASE)
 def local(path: str | os.PathLike[str]) -> Path:
     """A path, if it is one of a file system: an address of an object store would become a folder of that name here.
 
-    Raises
-    ------
-    InputError
-        If it is an address of elsewhere.
+    Raises InputError if it is an address of elsewhere.
 
     Examples
     --------
@@ -88,10 +85,7 @@ def instead(path: Path) -> str:
 def refuse_existing(target: Path) -> None:
     """Say so, before work is done that could not be written.
 
-    Raises
-    ------
-    FileExistsError
-        If something has the name already.
+    Raises FileExistsError if something has the name already.
     """
     if target.exists() or target.is_symlink():
         raise FileExistsError(f"{target} exists already: choose another name, or remove it first")
@@ -112,10 +106,7 @@ def _naming(target: Path) -> Iterator[None]:
 def new_folder(target: Path) -> Iterator[Path]:
     """A folder to write into, which gets its name when all is written; nothing is left of it if that fails.
 
-    Raises
-    ------
-    FileExistsError
-        If something has the name already.
+    Raises FileExistsError if something has the name already.
     """
     target = local(target)
     refuse_existing(target)

@@ -59,17 +59,9 @@ def check_run_document(
 ) -> dict[str, Any]:
     """Content of a `run.json`, if what is read of it is of its kind.
 
-    Parameters
-    ----------
-    path : Path
-        Of the file.
-    whole_document : bool
-        Whether all must be there that goes on with a run; else what is there must be of its kind.
-
-    Raises
-    ------
-    InputError
-        At the first value that is missing or mistyped, by its name.
+    path: Of the file.
+    whole_document: Whether all must be there that goes on with a run; else what is there must be of its kind.
+    Raises InputError at the first value that is missing or mistyped, by its name.
     """
     required = _REQUIRED if whole_document else {f"{key}?": shape for key, shape in _REQUIRED.items()}
     check_shape(document, {**required, **_READ}, path)

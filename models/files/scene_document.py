@@ -103,12 +103,9 @@ def digests_of_scene(folder: Path) -> dict[str, str | None]:
 def read_scene_document(path: Path) -> dict[str, Any]:
     """Read `scene.json` and check all that is read of it.
 
-    Raises
-    ------
-    InputError
-        If it is no JSON, of another schema version, or something in it is missing or mistyped: with its place.
-    FileNotFoundError
-        If there is none.
+    Raises InputError if it is no JSON, of another schema version, or something in it is missing or mistyped: with its
+    place.
+    Raises FileNotFoundError if there is none.
     """
     document = read_json(path)
     if document.get("schema_version") != SCHEMA_VERSION:

@@ -45,19 +45,10 @@ def write_table(table: pa.Table, path: Path, rows_in_group: int | None = None, *
 def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
     """Read a Parquet file that the program wrote, by the options of `pyarrow.parquet.read_table`.
 
-    Parameters
-    ----------
-    required : bool
-        Refuse a file without a digest.
-    how
-        Passed on.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or cannot be opened.
-    FileNotFoundError
-        If there is no such file.
+    required: Refuse a file without a digest.
+    how: Passed on.
+    Raises InputError if it is damaged, or cannot be opened.
+    Raises FileNotFoundError if there is no such file.
     """
     try:
         sealed = check(path, required=required)
@@ -82,12 +73,8 @@ def check_bounds(path: Path) -> None:
 
     By its footer: bytes after decompression, values after decoding, and texts that a dictionary repeats.
 
-    Raises
-    ------
-    InputError
-        If it would.
-    FileNotFoundError, pyarrow.ArrowException
-        If there is no such file, or it is no Parquet.
+    Raises InputError if it would.
+    Raises FileNotFoundError, pyarrow.ArrowException if there is no such file, or it is no Parquet.
     """
     state = path.stat()
     if _BOUNDED.get(str(path)) == stamp(state):

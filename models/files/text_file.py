@@ -89,10 +89,7 @@ class TextFile:
     def of_table(cls, path: Path) -> Self:
         """A whole table, in any encoding that :func:`text_of` knows.
 
-        Raises
-        ------
-        InputError
-            If it is larger than any table, or holds a zero: with the line.
+        Raises InputError if it is larger than any table, or holds a zero: with the line.
         """
         check_size(path, LARGEST_CSV_BYTES, "CSV")
         content = path.read_bytes()

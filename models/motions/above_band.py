@@ -25,22 +25,10 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     Each component gets Gaussian noise between `corner_hz` and twice that, in time as strong as the component itself is
     in the octave below.
 
-    Parameters
-    ----------
-    motion : Motion
-        Of whose content nothing is known above `corner_hz`.
-    share : float
-        Root mean square of the noise over that of the component in the octave below.
-
-    Returns
-    -------
-    Motion
-        Sampled finely enough for the noise; the given one where `share` is 0.
-
-    Raises
-    ------
-    InputError
-        If the motion is sampled too coarsely to tell of the octave below the corner.
+    motion: Of whose content nothing is known above `corner_hz`.
+    share: Root mean square of the noise over that of the component in the octave below.
+    Returns Motion: Sampled finely enough for the noise; the given one where `share` is 0.
+    Raises InputError if the motion is sampled too coarsely to tell of the octave below the corner.
     """
     if share == 0.0:
         return motion

@@ -44,10 +44,7 @@ _UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_km": "km", "_deg": "deg", "_s": "s",
 def meaning(name: str) -> dict[str, str]:
     """Unit and description of a column; both empty where the name says nothing.
 
-    Parameters
-    ----------
-    name : str
-        With its unit at the end where it has one.
+    name: With its unit at the end where it has one.
     """
     unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
     declared = MEASURES[name].description if name in MEASURES else _MEANINGS.get(name)

@@ -74,17 +74,10 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     `contribution`); nshmp-haz's `data.csv`; and OpenQuake's tables over magnitude and
     distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the mean or of realisations).
 
-    Parameters
-    ----------
-    imt : str or None
-        OpenQuake's measure, such as PGV, where its table has several; the first if not given.
-    poe : float or None
-        Probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or a number is none, with the line; or the table has no such measure or probability.
+    imt: OpenQuake's measure, such as PGV, where its table has several; the first if not given.
+    poe: Probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
+    Raises InputError if a column is missing or a number is none, with the line; or the table has no such measure or
+    probability.
     """
     file = TextFile.of_table(table)
     first = file.lines[0] if file.lines else ""

@@ -44,10 +44,7 @@ class Fetched:
 def utc(text: str, where: str) -> Any:
     """Time of a text such as 2019-07-06T03:19:23.
 
-    Raises
-    ------
-    InputError
-        If it is none.
+    Raises InputError if it is none.
     """
     from obspy import UTCDateTime
 
@@ -76,10 +73,7 @@ def _answering(service: str, what: str, expected: str, remedy: str) -> Iterator[
 def connect(service: str) -> Any:
     """Client of a service, by ObsPy's short name for it or by its address.
 
-    Raises
-    ------
-    InputError
-        If there is no such service, or it does not answer.
+    Raises InputError if there is no such service, or it does not answer.
     """
     from obspy.clients.fdsn import Client
 
@@ -91,10 +85,7 @@ def connect(service: str) -> Any:
 def find_event(client: Any, event_id: str) -> Source:
     """Origin and magnitude of an event by its id at the service.
 
-    Raises
-    ------
-    InputError
-        If the service does not know it.
+    Raises InputError if the service does not know it.
     """
     remedy = "look the id up in the service's catalogue"
     with _answering(client.base_url, f"no event {event_id!r}", "an event id of this service", remedy):
@@ -124,26 +115,13 @@ def fetch(
 ) -> Fetched:
     """Fetch three components and their responses of every station asked for.
 
-    Parameters
-    ----------
-    client : obspy Client
-    folder : Path
-        Where the files go: miniSEED and StationXML by station, and a metadata table.
-    event : Source or None
-        Sets the window and gives magnitude and distance.
-    radius_km : float or None
-        All stations so near to the event's epicentre.
-    stations : sequence of str
-        As `NET.STA`.
-    window : pair of UTCDateTime or None
-        Start and end where no event is given.
-    advance : callable
-        Called with the number of stations before the first, then with 0 after each.
-
-    Raises
-    ------
-    InputError
-        If the service knows none of the stations, or none has data.
+    folder: Where the files go: miniSEED and StationXML by station, and a metadata table.
+    event: sets the window and gives magnitude and distance.
+    radius_km: all stations so near to the event's epicentre.
+    stations: as `NET.STA`.
+    window: start and end where no event is given.
+    advance: Called with the number of stations before the first, then with 0 after each.
+    Raises InputError if the service knows none of the stations, or none has data.
     """
     inventory = _inventory(client, event, radius_km, stations, window)
     found = [
@@ -208,11 +186,7 @@ class _NothingError(Exception):
 
 
 def _inventory(
-    client: Any,
-    event: Source | None,
-    radius_km: float | None,
-    stations: Sequence[str],
-    window: tuple[Any, Any] | None,
+    client: Any, event: Source | None, radius_km: float | None, stations: Sequence[str], window: tuple | None
 ) -> Any:
     asked: dict[str, Any] = {"level": "response", "channel": ",".join(f"{band}?" for band in _BANDS)}
     if stations:
@@ -256,11 +230,14 @@ def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:
 def _station(asked: _Asked, network: str, station: Any) -> tuple[dict[str, Any], list[Path]]:
     """Write one station's files; its row of the metadata table, and the files."""
     location, band = _instrument(station)
-    event = asked.event
-    distance = math.hypot(_epicentral_km(event, station), event.depth_km) if event else None
-    start, end = asked.window if asked.window is not None else _window(event, distance)
+    event, window, distance = asked.event, asked.window, None
+    if event is not None:
+        distance = math.hypot(_epicentral_km(event, station), event.depth_km)
+        until = event.time + distance / _SLOWEST_KM_S + _AFTER_S
+        window = window or (event.time - _BEFORE_S, until)
+    assert window is not None  # one of the two is asked for
     try:
-        stream = asked.client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
+        stream = asked.client.get_waveforms(network, station.code, location or "--", f"{band}?", *window)
     except Exception as error:
         raise _NothingError(_brief(error)) from error
     name = ".".join(part for part in (network, station.code, location, band) if part)
@@ -274,18 +251,8 @@ def _station(asked: _Asked, network: str, station: Any) -> tuple[dict[str, Any],
         "station": f"{network}.{station.code}",
         "mag": "" if event is None or event.magnitude is None else event.magnitude,
         "dist_km": "" if distance is None else round(distance, 2),
-        "h1": waveform.name,
-        "h2": waveform.name,
-        "v": waveform.name,
     }
-    return row, [waveform, response]
-
-
-def _window(event: Source | None, distance_km: float | None) -> tuple[Any, Any]:
-    """From before the origin until the slowest waves have passed."""
-    if event is None:
-        raise ValueError("neither an event nor a window")
-    return event.time - _BEFORE_S, event.time + (distance_km or 0.0) / _SLOWEST_KM_S + _AFTER_S
+    return row | dict.fromkeys(("h1", "h2", "v"), waveform.name), [waveform, response]
 
 
 def _instrument(station: Any) -> tuple[str, str]:

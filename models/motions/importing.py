@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, takewhile
 from pathlib import Path
 
 from toppling.models.errors import InputError
 from toppling.models.motions.duplicates import Candidate, Shaking, duplicates
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.formats.component import Component
+from toppling.models.motions.formats.component import Component, refuse_file
 from toppling.models.motions.formats.response import is_station_xml, responses
 from toppling.models.motions.metadata import Entry, looks_like_table
 from toppling.models.motions.motion import Motion
@@ -21,6 +21,8 @@ from toppling.models.motions.quality import beyond_nature, check_apart, check_sa
 from toppling.models.motions.record import Record
 from toppling.models.motions.stations import Triple, grouped, oblique, oriented, triple
 from toppling.models.motions.table_rows import channels_of_row, rows_given
+
+_log = logging.getLogger(__name__)
 
 _LEFT = {
     "corrected": "left as the agency corrected it",
@@ -141,8 +143,6 @@ def _processed(
     return motion, quality, [*steps, _LEFT[quality]]
 
 
-logger = logging.getLogger(__name__)
-
 _NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
 """Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
 
@@ -171,25 +171,15 @@ class Import:
 def record_files(paths: Iterable[Path]) -> list[Path]:
     """Files that may hold records: those given, and all in the folders given, in a fixed order.
 
-    Raises
-    ------
-    InputError
-        If a path does not exist, or nothing in the folders can be a record.
+    Raises InputError if a path does not exist, or nothing in the folders can be a record.
     """
     found: dict[Path, None] = {}
     paths = list(paths)
     for path in paths:
         if not path.exists():
-            raise InputError(
-                "there is no such file or folder",
-                where=str(path),
-                expected="records",
-                remedy="check the path",
-            )
+            refuse_file(path, "there is no such file or folder", "records", "check the path")
         if path.is_dir():
-            found.update(
-                dict.fromkeys(file for file in sorted(path.rglob("*")) if _may_be_record(file, path))
-            )
+            found |= dict.fromkeys(file for file in sorted(path.rglob("*")) if _may_be_record(file, path))
         else:
             found[path] = None
     if paths and not found:
@@ -226,24 +216,11 @@ def import_records(
 ) -> Import:
     """Read files into records.
 
-    Parameters
-    ----------
-    files : sequence of Path
-        As from :func:`record_files`.
-    table : sequence of Entry
-        Rows of a metadata table; rows none of whose files are given are passed over and counted.
-    advance : callable
-        Called with the number of files that were read, and again when they have become records.
-
-    Returns
-    -------
-    Import
-        Records with ids that are unique, and refusals.
-
-    Raises
-    ------
-    InputError
-        If there are rows of a metadata table and none of them names a file that is given.
+    files: As from :func:`record_files`.
+    table: Rows of a metadata table; rows none of whose files are given are passed over and counted.
+    advance: Called with the number of files that were read, and again when they have become records.
+    Returns Import: Records with ids that are unique, and refusals.
+    Raises InputError if there are rows of a metadata table and none of them names a file that is given.
     """
     options = options or ImportOptions()
     rows = rows_given(table, files)
@@ -277,7 +254,7 @@ def _noting(subject: str, outcome: Import) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        logger.info("left out %s: %s", subject, error.what)
+        _log.info("left out %s: %s", subject, error.what)
         outcome.refusals.append(Refusal(subject, error))
 
 
@@ -310,11 +287,8 @@ def _head(path: Path) -> str:
 def _name(group: Sequence[Component]) -> str:
     """Name a record without a table by what the names of its files have in common."""
     stems = list(dict.fromkeys(c.path.stem for c in group))
-    common = stems[0]
-    for stem in stems[1:]:
-        while not stem.startswith(common):
-            common = common[:-1]
-    common = common.rstrip("._- ") or stems[0]
+    shared = takewhile(lambda letters: len(set(letters)) == 1, zip(*stems, strict=False))
+    common = "".join(letters[0] for letters in shared).rstrip("._- ") or stems[0]
     stations = {c.station for c in group}
     if len(stems) == 1 and len(group) > 3:
         return f"{common}-{stations.pop()}" if len(stations) == 1 else common

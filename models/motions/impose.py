@@ -36,22 +36,12 @@ def impose(
     component (by component PGA) points to `azimuth_deg`. The azimuth of the vector PGA itself is in the
     intensity.
 
-    Parameters
-    ----------
-    record : Record
-    pga_m_s2 : float
-        Largest length of the horizontal acceleration vector.
-    azimuth_deg : float
-        Degrees counter-clockwise from x.
-    peak_displacement_m : float or None
-        Largest horizontal displacement that a shaking table can follow. A motion beyond it is high-passed
-        after scaling (acausal Butterworth, a corner that suffices), which takes some of its PGA too: the
-        intensity is that of the motion as imposed.
-
-    Raises
-    ------
-    InputError
-        If `pga_m_s2` or `peak_displacement_m` is not positive, or no high-pass holds the displacement.
+    pga_m_s2: Largest length of the horizontal acceleration vector.
+    azimuth_deg: Degrees counter-clockwise from x.
+    peak_displacement_m: Largest horizontal displacement that a shaking table can follow. A motion beyond it is
+    high-passed after scaling (acausal Butterworth, a corner that suffices), which takes some of its PGA too: the
+    intensity is that of the motion as imposed.
+    Raises InputError if `pga_m_s2` or `peak_displacement_m` is not positive, or no high-pass holds the displacement.
     """
     asked = {"pga_m_s2": pga_m_s2}
     if peak_displacement_m is not None:

@@ -12,7 +12,7 @@ from toppling.models.files.csv_text import is_numeral, separator_of
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
 from toppling.models.files.text_file import TextFile, text_of
-from toppling.models.motions.formats.component import TIME_STEPS_S, bearing
+from toppling.models.motions.formats.component import TIME_STEPS_S, bearing, refuse_file
 from toppling.models.motions.formats.units import counted_unit, known_names
 
 _COLUMNS = {
@@ -102,11 +102,8 @@ class Entry:
 def read_table(table: Path) -> list[Entry]:
     """Rows of a metadata table; paths are relative to the table's folder.
 
-    Raises
-    ------
-    InputError
-        If a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one id: with
-        the line.
+    Raises InputError if a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one
+    id: with the line.
     """
     file = TextFile.of_table(table)
     head = file.lines[0] if file.lines else ""
@@ -126,12 +123,8 @@ def read_table(table: Path) -> list[Entry]:
         if any(cells.values()) and not _is_remark(list(cells.values()))
     ]
     if not entries:
-        raise InputError(
-            "a header and no row",
-            where=str(table),
-            expected="one row a record",
-            remedy="say what the files do not, or leave the table away",
-        )
+        remedy = "say what the files do not, or leave the table away"
+        refuse_file(table, "a header and no row", "one row a record", remedy)
     seen: dict[str, str] = {}
     for entry in entries:
         if entry.record_id and entry.record_id in seen:
@@ -171,7 +164,6 @@ class _Row:
 
     @classmethod
     def of(cls, cells: Mapping[str, str], where: str, decimal_comma: bool) -> "_Row":
-        """A row as the table has it."""
         text = {
             key: next((cells[n].strip() for n in names if cells.get(n)), "")
             for key, names in _COLUMNS.items()
@@ -184,7 +176,6 @@ class _Row:
         raise InputError(what, where=self.where, expected=expected, remedy=remedy)
 
     def file(self, key: str, folder: Path) -> Path:
-        """File in a column, beside the table."""
         name = self.cells[key]
         if not name:
             self.refuse(f"no file in column {key}", "a path", "name the file")

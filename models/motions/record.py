@@ -63,16 +63,9 @@ class Record:
     ) -> "Record":
         """Measure a motion and name it.
 
-        Parameters
-        ----------
-        component_azimuths_deg : pair of float or None
-            Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None where
-            unknown.
-
-        Raises
-        ------
-        InputError
-            If the motion has no horizontal acceleration.
+        component_azimuths_deg: Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None
+        where unknown.
+        Raises InputError if the motion has no horizontal acceleration.
         """
         intensity = measure(motion, component_azimuths_deg or (0.0, 90.0))
         if not intensity["pga_m_s2"] > 0:

@@ -1,7 +1,7 @@
 """Which records of an ensemble a question needs, and how much each of them counts."""
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -45,21 +45,10 @@ class Choice:
                 )
 
 
-@dataclass(frozen=True)
-class Selection:
-    """Records that are as chosen."""
+def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[str, int]]]:
+    """Ids of the records that are as chosen, in the catalogue's order; after each condition how many were left.
 
-    record_ids: tuple[str, ...]  # in the catalogue's order
-    left: tuple[tuple[str, int], ...]  # after each condition in turn how many records were left
-
-
-def select(ensemble: Ensemble, choice: Choice) -> Selection:
-    """Records that are as chosen.
-
-    Raises
-    ------
-    InputError
-        If no record is.
+    Raises InputError if no record is.
     """
     catalog = ensemble.catalog.select([name for name in _COLUMNS if name in ensemble.catalog.column_names])
     rows = catalog.to_pylist()
@@ -77,7 +66,7 @@ def select(ensemble: Ensemble, choice: Choice) -> Selection:
                 remedy="widen the ranges; 'toppling records show' lists each record's numbers",
             )
     kept = {row["record_id"] for row in fit}
-    return Selection(tuple(row["record_id"] for row in rows if row["record_id"] in kept), tuple(left))
+    return [row["record_id"] for row in rows if row["record_id"] in kept], left
 
 
 _COLUMNS = (
@@ -110,7 +99,12 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
         limits = getattr(choice, column)
         if limits:
             condition = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
-            yield condition, where(lambda row, column=column, limits=limits: _within(row[column], limits))  # type: ignore[misc]
+            yield (
+                condition,
+                lambda rows, column=column, limits=limits: [  # type: ignore[misc]
+                    row for row in rows if row[column] is not None and limits[0] <= row[column] <= limits[1]
+                ],
+            )
     if choice.components > _LEAST_COMPONENTS:
         yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
     if choice.quality:
@@ -126,16 +120,17 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
 
 def _nearest(rows: _Rows, most: int) -> _Rows:
     """At most so many of each event, the nearest to the source."""
-    by_event = defaultdict(list)
-    for row in rows:
-        by_event[row["event"]].append(row)
-    ranked = (
-        sorted(
-            group, key=lambda r: (math.inf if r["distance_km"] is None else r["distance_km"], r["record_id"])
-        )
-        for group in by_event.values()
-    )
-    return [row for group in ranked for row in group[:most]]
+
+    def rank(row: dict[str, Any]) -> tuple[float, str]:
+        return math.inf if row["distance_km"] is None else row["distance_km"], row["record_id"]
+
+    taken: Counter[str] = Counter()
+    kept = []
+    for row in sorted(rows, key=rank):
+        taken[row["event"]] += 1
+        if taken[row["event"]] <= most:
+            kept.append(row)
+    return kept
 
 
 def _spread(rows: _Rows, count: int) -> _Rows:
@@ -153,17 +148,9 @@ def hazard_weights(
 ) -> tuple[dict[str, float], list[Bin]]:
     """Weights by which records stand for a site's hazard: each bin's contribution shared by its records.
 
-    Returns
-    -------
-    weights : dict
-        By record id, adding up to 1; 0 for a record in no bin.
-    empty : list of Bin
-        Bins with a contribution and no record: hazard that the ensemble does not stand for.
-
-    Raises
-    ------
-    InputError
-        If no record lies in a bin with a contribution.
+    Returns weights by record id, adding up to 1, 0 for a record in no bin; and the bins with a contribution and no
+    record: hazard that the ensemble does not stand for.
+    Raises InputError if no record lies in a bin with a contribution.
     """
     rows = {
         row["record_id"]: row
@@ -181,10 +168,6 @@ def hazard_weights(
         )
     weights = {name: b.contribution / count[b] / total if b is not None else 0.0 for name, b in home.items()}
     return weights, [b for b in bins if b.contribution > 0 and not count[b]]
-
-
-def _within(value: float | None, limits: tuple[float, float] | None) -> bool:
-    return limits is None or (value is not None and limits[0] <= value <= limits[1])
 
 
 def _bin_of(magnitude: float | None, distance_km: float | None, bins: Sequence[Bin]) -> Bin | None:

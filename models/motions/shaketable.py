@@ -6,7 +6,6 @@ A folder holds `tests.csv` (one row a test: `test_no`, a column of outcomes, and
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,15 +90,8 @@ class Experiment:
 def read_experiment(folder: Path, outcome: str) -> Experiment:
     """Read a folder of tests.
 
-    Parameters
-    ----------
-    outcome : str
-        Column of 0 and 1, such as `sp1_overturned`; empty where the specimen was not on the table.
-
-    Raises
-    ------
-    InputError
-        If a file or a column is missing, or no test has both motion and outcome.
+    outcome: Column of 0 and 1, such as `sp1_overturned`; empty where the specimen was not on the table.
+    Raises InputError if a file or a column is missing, or no test has both motion and outcome.
     """
     if not (folder / TESTS).exists() and any(folder.rglob("Test*.txt")):
         raise InputError(
@@ -180,7 +172,7 @@ def _ends_at_rest(motion: Motion) -> bool:
 
 
 def _is_known(value: object) -> bool:
-    return value is not None and value != "" and not (isinstance(value, float) and math.isnan(value))
+    return value not in (None, "") and value == value  # NaN is not itself
 
 
 def _unreadable(path: Path, error: Exception, expected: str) -> InputError:

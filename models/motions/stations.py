@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.frames import apart_deg
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
 from toppling.models.motions.motion import Motion
 
@@ -38,9 +39,7 @@ class Triple:
     @property
     def channels(self) -> tuple[Component, ...]:
         """All channels, horizontals first."""
-        return (
-            (self.first, self.second) if self.vertical is None else (self.first, self.second, self.vertical)
-        )
+        return tuple(c for c in (self.first, self.second, self.vertical) if c is not None)
 
 
 def grouped(components: Iterable[Component]) -> list[list[Component]]:
@@ -75,10 +74,10 @@ def oblique(azimuths_deg: tuple[float, float] | None) -> tuple[str, ...]:
     """What is to be told of horizontals that are not across each other; nothing where they are, or nobody knows."""
     if azimuths_deg is None:
         return ()
-    apart_deg = abs((azimuths_deg[0] - azimuths_deg[1] + 180.0) % 360.0 - 180.0)
-    if abs(apart_deg - 90.0) <= _TOLD_OFF_DEG:
+    between_deg = apart_deg(*azimuths_deg)
+    if abs(between_deg - 90.0) <= _TOLD_OFF_DEG:
         return ()
-    return (f"the horizontals are {apart_deg:g} degrees apart, not 90: see that their azimuths are right",)
+    return (f"the horizontals are {between_deg:g} degrees apart, not 90: see that their azimuths are right",)
 
 
 def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tuple[str, ...]]:
@@ -152,12 +151,7 @@ def _apart(group: list[Component]) -> list[list[Component]]:
     """Tell apart records of one station and event that are given twice: by file, start, folder or name."""
     if len(group) <= 3:
         return [group]
-    ways = (
-        lambda c: c.path,
-        lambda c: c.path.parent,
-        lambda c: (c.path.parent, _name_series(c)[0]),
-    )
-    for way in ways:
+    for way in (lambda c: c.path, lambda c: c.path.parent, lambda c: (c.path.parent, _name_series(c)[0])):
         parts: dict[object, list[Component]] = defaultdict(list)
         for component in group:
             parts[way(component)].append(component)

@@ -62,19 +62,10 @@ def synthetic_ensemble(
     Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter
     lognormally about the published medians (standard deviations 0.4, 0.5 and 0.35 of the natural logarithm).
 
-    Parameters
-    ----------
-    count, seed : int
-        The same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
-    pulse_share : float
-        Share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
-    advance : callable
-        Called once a record.
-
-    Returns
-    -------
-    list of Record
-        `S0001` and on, x and y the recorded components.
+    count, seed: The same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
+    pulse_share: Share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
+    advance: Called once a record.
+    Returns list of Record: `S0001` and on, x and y the recorded components.
     """
     records = []
     for index in range(count):

@@ -88,10 +88,9 @@ def select(
     refuse_existing_ensemble(out, replace)
     loaded = Ensemble.load(ensemble)
     choice = Choice(**asked)
-    selection = chosen(loaded, choice)
-    names = list(selection.record_ids)
+    names, conditions = chosen(loaded, choice)
     click.echo(f"{counted(len(loaded.record_ids), 'record')} in {ensemble}")
-    for condition, left in selection.left:
+    for condition, left in conditions:
         click.echo(f"{condition}: {left} left")
     if 0 < len(names) < choice.count:
         click.echo(f"fewer than the {choice.count} requested: all that are left were taken", err=True)

@@ -228,15 +228,13 @@ def read(file: RecordText) -> list[Component]:
     if roles.left_out:
         warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
     named = layout.columns if len(layout.columns) == width and not wrapped else (Column("", ""),) * width
-    told = [
-        line for n, line in enumerate(lines[:first]) if n != layout.names_at or not layout.columns or wrapped
-    ]
-    check_stated(told, step, (len(values), len(roles.components)), str(file.path))
+    names_at = layout.names_at if layout.columns and not wrapped else None
+    told = [line for n, line in enumerate(lines[:first]) if n != names_at]
+    check_stated(told, step, (len(values), len(roles.components)), file.path)
     above = stated_unit(told) or unit_of_peaks(told, float(np.abs(values[:, list(roles.components)]).max()))
+    counted = {place: Counted(values[:, place], warnings=warnings) for place in roles.components}
     found = [
-        _component(
-            file, first, Counted(values[:, place], warnings=warnings), step, label, named[place], above
-        )
+        _component(file, first, counted[place], step, label, named[place], above)
         for place, label in roles.components.items()
     ]
     if list(roles.components.values()) == [""]:

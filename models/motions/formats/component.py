@@ -15,6 +15,14 @@ UP, DOWN = "up", "down"
 TIME_STEPS_S = (1e-5, 0.5)
 """Of any instrument that records shaking; one of 1 s is a count of rows."""
 _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
+_DIRECTIONS: dict[str, float | str] = {
+    word: direction
+    for words, direction in (
+        ("UP UD U V Z VERT VERTICAL VER VRT", UP), ("DOWN DWN DN D", DOWN), ("N NS NORTH", 0.0),
+        ("E EW EO EAST", 90.0), ("S SOUTH", 180.0), ("W WEST", 270.0),
+    )
+    for word in words.split()
+}  # fmt: skip
 _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
 
 
@@ -55,14 +63,14 @@ class Component:
 
     def refuse(self, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
         """Refuse the channel."""
-        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
+        refuse_file(self.where, what, expected, remedy)
 
 
 def refuse_file(
-    path: Path, what: str, expected: str = "a record", remedy: str = "fetch the file again"
+    where: object, what: str, expected: str = "a record", remedy: str = "fetch the file again"
 ) -> NoReturn:
-    """Refuse a file of records."""
-    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+    """Refuse a file of records, or a place in one."""
+    raise InputError(what, where=str(where), expected=expected, remedy=remedy)
 
 
 def check_time_step(value_s: float, where: str) -> float:
@@ -72,11 +80,9 @@ def check_time_step(value_s: float, where: str) -> float:
     """
     least, most = TIME_STEPS_S
     if not least <= value_s <= most:
-        raise InputError(
-            f"the time step is {value_s:g} s",
-            where=where,
-            expected=f"a time step of {least:g} to {most:g} s",
-            remedy="correct the time step or its unit, or fetch the file again",
+        remedy = "correct the time step or its unit, or fetch the file again"
+        refuse_file(
+            where, f"the time step is {value_s:g} s", f"a time step of {least:g} to {most:g} s", remedy
         )
     return value_s
 
@@ -87,12 +93,8 @@ def check_samples(
     """Refuse samples of a channel of which one is not finite, or larger than any of a record."""
     wrong = np.flatnonzero(~(np.abs(values) <= largest))
     if len(wrong):
-        raise InputError(
-            f"sample {wrong[0]}{f' of {of}' if of else ''} is {values[wrong[0]]:g}",
-            where=where,
-            expected="finite samples of a record",
-            remedy="fetch the file again",
-        )
+        what = f"sample {wrong[0]}{f' of {of}' if of else ''} is {values[wrong[0]]:g}"
+        refuse_file(where, what, "finite samples of a record")
 
 
 def bearing(label: str) -> float | str | None:
@@ -109,24 +111,8 @@ def bearing(label: str) -> float | str | None:
 
 
 def _named(text: str) -> float | str | None:
-    if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER", "VRT"}:
-        return UP
-    if text in {"DOWN", "DWN", "DN", "D"}:
-        return DOWN
-    words = {
-        "N": 0.0,
-        "NS": 0.0,
-        "NORTH": 0.0,
-        "E": 90.0,
-        "EW": 90.0,
-        "EO": 90.0,
-        "EAST": 90.0,
-        "S": 180.0,
-        "W": 270.0,
-    }
-    words |= {"SOUTH": 180.0, "WEST": 270.0}
-    if text in words:
-        return words[text]
+    if text in _DIRECTIONS:
+        return _DIRECTIONS[text]
     quadrant = _QUADRANT.fullmatch(text)
     if quadrant and float(quadrant[2]) <= 90.0:
         east = float(quadrant[2]) * (1.0 if quadrant[3] == "E" else -1.0)

@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
-from toppling.models.errors import InputError
 from toppling.models.motions.formats.column_names import label_of
-from toppling.models.motions.formats.component import code_direction
+from toppling.models.motions.formats.component import code_direction, refuse_file
 from toppling.models.motions.formats.record_text import ROWS_OFF, SURPLUS_SHARE
 from toppling.models.motions.formats.units import acceleration_m_s2
 
@@ -72,12 +72,8 @@ def stated_unit(lines: Sequence[str]) -> float | None:
             text = next(filter(None, match.groups())).strip()
             if not text or _OF_INSTRUMENT.search(clause):
                 continue
-            ways = (
-                text,
-                *re.split(r"[(,;]| {2,}", text),
-                text.split()[0],
-                text.partition("(")[2].partition(")")[0],
-            )
+            in_brackets = text.partition("(")[2].partition(")")[0]
+            ways = (text, *re.split(r"[(,;]| {2,}", text), text.split()[0], in_brackets)
             found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
@@ -135,7 +131,7 @@ def stated_counts(lines: Sequence[str]) -> set[int]:
     return {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
 
 
-def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], where: str) -> None:
+def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
     """Refuse samples that are not those that the lines above them tell of.
 
     shape: of the samples, rows and columns.
@@ -143,24 +139,17 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], wh
     """
     stated = stated_step_s(lines, shape[0])
     if stated is not None and abs(stated - step_s) > _STEP_OFF * step_s:
-        raise InputError(
-            f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above",
-            where=where,
-            expected="one time step",
-            remedy="correct the text, or the times",
-        )
+        what = f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above"
+        refuse_file(path, what, "one time step", "correct the text, or the times")
     counts = stated_counts(lines)
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
         if abs(count - n) <= max(ROWS_OFF, SURPLUS_SHARE * n)
     ]  # fmt: skip
     if len(counts) == 1 and not near:
-        raise InputError(
-            f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above",
-            where=where,
-            expected="as many samples as stated",
-            remedy="fetch the file again if it is cut, or correct the text",
-        )
+        what = f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above"
+        remedy = "fetch the file again if it is cut, or correct the text"
+        refuse_file(path, what, "as many samples as stated", remedy)
 
 
 def stated_peak_m_s2(lines: Sequence[str]) -> float | None:

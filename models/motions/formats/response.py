@@ -56,21 +56,16 @@ def responses(path: Path) -> Any:
 
     content = path.read_bytes().rstrip(b"\0\x1a\x0c \t\r\n")  # as of every text
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise InputError(
+        what, expected = (
             "declares entities, which may name other files",
-            where=str(path),
-            expected="StationXML without a document type declaration",
-            remedy="fetch it again with level=response",
+            "StationXML without a document type declaration",
         )
+        refuse_file(path, what, expected, "fetch it again with level=response")
     try:
         return obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
-        raise InputError(
-            f"not readable as StationXML ({error})",
-            where=str(path),
-            expected="StationXML with the channels' responses",
-            remedy="fetch it again with level=response",
-        ) from error
+        what, expected = f"not readable as StationXML ({error})", "StationXML with the channels' responses"
+        refuse_file(path, what, expected, "fetch it again with level=response")
 
 
 def is_station_xml(head: str) -> bool:

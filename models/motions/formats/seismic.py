@@ -28,7 +28,7 @@ from toppling.models.motions.formats.response import Converted, in_m_s2, locatio
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
 _NAME = "ObsPy"
-FORMATS = (
+_FORMATS = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "SLIST", "TSPAIR", "WIN", "AH", "KINEMETRICS_EVT", "GCF",
     "KNET", "REFTEK130",
 )  # fmt: skip
@@ -76,8 +76,8 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         try:
             text = text_of(content)
             plain = content if text is None else text.encode()
-            of = {name: plain if name in _TEXT_FORMATS else content for name in FORMATS}
-            file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(of[name]))), None)
+            of = {name: plain if name in _TEXT_FORMATS else content for name in _FORMATS}
+            file_format = next((name for name in _FORMATS if _recogniser(name)(io.BytesIO(of[name]))), None)
             if file_format is None:
                 return None, []
             stream = obspy.read(

@@ -33,9 +33,8 @@ class InputError(ValueError):
         super().__init__(f"{self.where}: {self.what}\n  expected: {expected}\n  remedy:   {remedy}")
 
     def __reduce__(self) -> tuple:
-        kind = (
-            UsageError if isinstance(self, UsageError) else InputError
-        )  # those of files need their names alone
+        # Those of files need their names alone.
+        kind = UsageError if isinstance(self, UsageError) else InputError
         return partial(kind, where=self.where, expected=self.expected, remedy=self.remedy), (self.what,)
 
 

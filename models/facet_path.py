@@ -100,9 +100,7 @@ class Seat:
             if not np.isfinite(acceleration):
                 return
             past = _PAST_THE_EDGE * (acceleration + gravity_m_s2)
-            while _holds(
-                ring, pose.com, gravity + (acceleration + past) * push
-            ):  # an edge nearly along the push
+            while _holds(ring, pose.com, gravity + (acceleration + past) * push):  # an edge along the push
                 past *= 2.0
             rest = self._fallen(pose, ring, gravity + (acceleration + past) * push)
 

@@ -18,8 +18,8 @@ _TURNED_AT_ONCE = 50_000
 def horizontal_unit_vector(azimuth_deg: ArrayLike) -> Array:
     """Unit vector(s) toward an azimuth.
 
-    azimuth_deg: float or (n,) array, Degrees counter-clockwise from x.
-    Returns (3,) or (n, 3) array: Horizontal unit vector(s), scene frame.
+    azimuth_deg: degrees counter-clockwise from x, one or (n,).
+    Returns (3,) or (n, 3) array, scene frame.
     """
     azimuth = np.deg2rad(np.asarray(azimuth_deg, dtype=float))
     return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
@@ -60,12 +60,10 @@ def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
     Returns (3, 3) array: rotation matrix R with R @ start = end (Rodrigues' formula).
     Raises ValueError if the vectors are opposite, where the smallest rotation is not unique.
     """
-    a = np.asarray(start, dtype=float)
-    b = np.asarray(end, dtype=float)
+    a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     cross, cosine = np.cross(a, b), float(a @ b)
     if cosine < -1 + 1e-12:
-        msg = f"no unique rotation from {a} to its opposite {b}"
-        raise ValueError(msg)
+        raise ValueError(f"no unique rotation from {a} to its opposite {b}")
     skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
     return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
 

@@ -41,12 +41,7 @@ def seated(rock: Rock, plane: Pedestal) -> Rock:
 
 
 def on_surface(
-    rock: Rock,
-    pedestal: MeshLike,
-    units: str | None,
-    origin_m: Array,
-    gravity_m_s2: float,
-    friction: float,
+    rock: Rock, pedestal: MeshLike, units: str | None, origin_m: Array, gravity_m_s2: float, friction: float
 ) -> tuple[Rock, Pedestal]:
     """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
     from toppling.models.ground.interface import surface_below
@@ -63,9 +58,7 @@ def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike,
     stated = units or _stated_unit(mesh)
     if stated:
         factor = metres_in(stated)
-        with contextlib.suppress(
-            TypeError, ValueError
-        ):  # what is no array is refused with the rest of the mesh
+        with contextlib.suppress(TypeError, ValueError):  # what is no array is refused with the rest
             vertices = factor * np.asarray(vertices, float)
     return vertices, faces, where, stated
 

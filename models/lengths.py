@@ -6,34 +6,33 @@ from collections.abc import Iterable
 from toppling.models.errors import InputError, refusals
 
 _US_FOOT_M = 1200.0 / 3937.0
-METRES = {
-    "m": 1.0,
-    "mm": 1e-3,
-    "cm": 1e-2,
-    "dm": 0.1,
-    "km": 1e3,
-    "ft": 0.3048,
-    "us-ft": _US_FOOT_M,
-    "in": 0.0254,
-    "yd": 0.9144,
+_UNITS = {
+    "m": (1.0, "metres", r"m|met(?:re|er)s?"),
+    "mm": (1e-3, "millimetres", r"mm|milli ?met(?:re|er)s?"),
+    "cm": (1e-2, "centimetres", r"cm|centi ?met(?:re|er)s?"),
+    "dm": (0.1, "decimetres", r"dm|deci ?met(?:re|er)s?"),
+    "km": (1e3, "kilometres", r"km|kilo ?met(?:re|er)s?"),
+    "ft": (0.3048, "feet", r"i?ft|feet|foot|(?:international|intl) (?:feet|foot|ft)"),
+    "us-ft": (
+        _US_FOOT_M,
+        "US survey feet",
+        r"(?:us|u ?s) ?(?:survey )?(?:ft|feet|foot)|us ?ft|ft ?us|survey (?:ft|feet|foot)|"
+        r"(?:ft|feet|foot) ?us(?: survey)?",
+    ),
+    "in": (0.0254, "inches", r"in|inch(?:es)?"),
+    "yd": (0.9144, "yards", r"yd|yards?"),
 }
+"""Of each unit: metres of one, its name, and how people and files write it."""
+METRES = {unit: metres for unit, (metres, _, _) in _UNITS.items()}
 """Metres of one of each unit; its names are those of `--units`."""
-_SPOKEN = {
-    "m": r"m|met(?:re|er)s?",
-    "mm": r"mm|milli ?met(?:re|er)s?",
-    "cm": r"cm|centi ?met(?:re|er)s?",
-    "dm": r"dm|deci ?met(?:re|er)s?",
-    "km": r"km|kilo ?met(?:re|er)s?",
-    "us-ft": r"(?:us|u ?s) ?(?:survey )?(?:ft|feet|foot)|us ?ft|ft ?us|survey (?:ft|feet|foot)|"
-    r"(?:ft|feet|foot) ?us(?: survey)?",
-    "ft": r"i?ft|feet|foot|(?:international|intl) (?:feet|foot|ft)",
-    "in": r"in|inch(?:es)?",
-    "yd": r"yd|yards?",
-}
+NAMES = {unit: name for unit, (_, name, _) in _UNITS.items()}
 _DEGREES = re.compile(r"(?:decimal )?(?:deg|degrees?|°)\b|lat\w*[ /,]+lon\w*")
 _ANY = re.compile(
-    "|".join(f"(?P<{unit.replace('-', '_')}>(?:{words}))\\b" for unit, words in _SPOKEN.items())
+    "|".join(
+        f"(?P<{unit.replace('-', '_')}>(?:{_UNITS[unit][2]}))\\b" for unit in sorted(_UNITS, reverse=True)
+    )
 )
+"""US survey feet before feet, with which some of their names begin."""
 _SAID = re.compile(
     r"\b(?:units?(?: of (?:length|measure(?:ment)?))?|(?:linear|length|coordinate|vertical|horizontal)s? ?units?)\b"
     r" ?(?:[:=]|\bare\b|\bis\b|\bin\b)? ?(?:in )?(?:the )?(?P<word>[^,;]{1,40})"
@@ -53,10 +52,6 @@ _LARGEST_M3 = 5000.0
 """Twice the volume of the largest balanced rocks."""
 _CUBES_OF_HEIGHT = (0.01, 3.0)
 """Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
-NAMES = {"ft": "feet", "us-ft": "US survey feet", "in": "inches", "mm": "millimetres", "cm": "centimetres"} | {
-    "yd": "yards", "dm": "decimetres", "km": "kilometres", "m": "metres",
-}  # fmt: skip
-
 
 _unclear = refusals(
     expected=f"one of {', '.join(METRES)}",
@@ -119,12 +114,9 @@ def explaining_units(height_m: float) -> str:
     >>> explaining_units(46.1)
     'feet (14.1 m), inches (1.17 m)'
     """
-    readings = []
-    for unit in ("mm", "ft", "cm", "in"):
-        height = height_m * METRES[unit]
-        if _ROCK_M[0] * 5.0 <= height <= _ROCK_M[1]:
-            readings.append(f"{NAMES[unit]} ({height:.3g} m)")
-    return ", ".join(readings)
+    heights = {unit: height_m * METRES[unit] for unit in ("mm", "ft", "cm", "in")}
+    readings = {unit: m for unit, m in heights.items() if _ROCK_M[0] * 5.0 <= m <= _ROCK_M[1]}
+    return ", ".join(f"{NAMES[unit]} ({m:.3g} m)" for unit, m in readings.items())
 
 
 def metres_in(unit: str) -> float:
@@ -139,12 +131,8 @@ def metres_in(unit: str) -> float:
     """
     known = _unit_called(str(unit))
     if known is None:
-        raise InputError(
-            f"{unit!r} is no unit of length",
-            where="units",
-            expected=f"one of {', '.join(METRES)}",
-            remedy="leave it out for metres",
-        )
+        what, expected = f"{unit!r} is no unit of length", f"one of {', '.join(METRES)}"
+        raise InputError(what, where="units", expected=expected, remedy="leave it out for metres")
     return METRES[known]
 
 

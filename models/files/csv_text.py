@@ -48,10 +48,8 @@ def plain_frame(frame: Any) -> Any:
     for index, kind in enumerate(frame.dtypes):
         if kind.kind == "O":  # of texts and categories too; numbers, times and truths have kinds of their own
             column = frame.iloc[:, index]
-            texts = type(column)(
-                [plain(value) for value in column], column.index, dtype=object
-            )  # whole numbers stay
-            cells.isetitem(index, texts)
+            texts = [plain(value) for value in column]  # whole numbers stay
+            cells.isetitem(index, type(column)(texts, column.index, dtype=object))
     return cells.rename(columns=plain, index=plain)
 
 

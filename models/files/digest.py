@@ -68,9 +68,8 @@ def stamp(state: os.stat_result) -> tuple[int, ...]:
 def check(path: _PathLike, *, required: bool = False) -> bool:
     """Verify a file by its digest; once, as long as its size and times stay.
 
-    required: Refuse a file without a digest; it is else named in the log and taken as it is, as older versions wrote
-    it.
-    Returns bool: Whether it carries a digest.
+    required: refuse a file without a digest; else it is named in the log and taken as it is, as of older versions.
+    Returns whether it carries a digest.
     Raises InputError if its bytes are not those that were written.
     Raises FileNotFoundError if there is no such file.
     """
@@ -126,15 +125,11 @@ class DamagedError(InputError):
 
 def damaged(path: _PathLike, why: object) -> DamagedError:
     """Say that a file is not as the program wrote it."""
-    reason, *_ = str(why).split("\n")
-    return DamagedError(
-        f"is damaged ({reason})",
-        where=str(path),
-        expected="the file as it was written",
-        remedy="copy it again from where it was made, or make it anew; if you changed it, remove its line 'digest'"
-        if Path(path).suffix == ".json"
-        else "copy it again from where it was made, or make it anew",
-    )
+    what = f"is damaged ({str(why).partition(chr(10))[0]})"
+    remedy = "copy it again from where it was made, or make it anew"
+    if Path(path).suffix == ".json":
+        remedy += "; if you changed it, remove its line 'digest'"
+    return DamagedError(what, where=str(path), expected="the file as it was written", remedy=remedy)
 
 
 def unopened(path: _PathLike, error: OSError) -> InputError:

@@ -15,7 +15,7 @@ from toppling.models.errors import InputError
 
 _LARGEST_JSON_BYTES = 100_000_000
 _CORRECT = "correct the file, or have it made anew"
-_LARGEST_TOML_BYTES = 2_000_000
+_LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
 LARGEST_CSV_BYTES = 100_000_000
 _MOST_VALUES = 10_000_000
 """Of a JSON file, by its commas and brackets."""
@@ -62,9 +62,8 @@ def read_json(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
-        raise _unreadable(
-            path, f"cannot be read (no JSON: {_brief(error)})", "JSON, as it was written"
-        ) from None
+        what = f"cannot be read (no JSON: {_brief(error)})"
+        raise _unreadable(path, what, "JSON, as it was written") from None
     if not isinstance(content, dict):
         raise _unreadable(path, f"is {shown(content)}, no object", "a JSON object, as it was written")
     return content
@@ -79,15 +78,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = _text(path, _LARGEST_TOML_BYTES, "TOML")
         if _longest_key(text) > _LONGEST_KEY:
-            raise _unreadable(
-                path, f"has a key of more than {_LONGEST_KEY} parts", "TOML: key = value, a line each"
-            )
+            raise _unreadable(path, f"has a key of more than {_LONGEST_KEY} parts", _TOML)
         return tomllib.loads(text)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
-        what, expected = f"is not TOML ({_brief(error)})", "TOML: key = value, a line each"
-        raise _unreadable(path, what, expected, _toml_remedy(str(error))) from None
+        raise _unreadable(path, f"is not TOML ({_brief(error)})", _TOML, _toml_remedy(str(error))) from None
 
 
 def _toml_remedy(error: str) -> str:
@@ -201,10 +197,7 @@ SHARE = between(-0.001, 1.001)
 
 
 def check_size(path: Path, most: int, kind: str) -> None:
-    """Refuse a file that is larger than any of its kind, or is no file: a device has no end.
-
-    Raises InputError by its size.
-    """
+    """Refuse a file that is larger than any of its kind, or is no file: a device has no end."""
     if path.exists() and not path.is_file():
         raise _unreadable(path, "is no file", kind)
     if path.exists() and (size := path.stat().st_size) > most:

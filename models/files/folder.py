@@ -17,12 +17,9 @@ _CACHE_VARIABLE = "TOPPLING_CACHE"
 """Names the folder of this account for what can be made again."""
 
 _SCHEMES = (
-    "s3 s3a s3n gs gcs az abfs abfss adl wasb wasbs r2 oss dbfs hdfs webhdfs http https ftp sftp ssh smb file "
-    "memory"
+    "s3[an]?|gs|gcs|az|abfs|abfss|adl|wasb|wasbs|r2|oss|dbfs|hdfs|webhdfs|https?|ftp|sftp|ssh|smb|file|memory"
 )
-_REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{'|'.join(_SCHEMES.split())})):/", re.IGNORECASE)
-
-
+_REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{_SCHEMES})):/", re.IGNORECASE)
 _HERE = re.compile(r"(?:file|local)://(?:localhost)?(?=/)", re.IGNORECASE)
 
 
@@ -65,11 +62,7 @@ def _spelled(path: Path) -> Path:
     return next((one for one in there if unicodedata.normalize("NFC", one.name) == asked), folder / path.name)
 
 
-_KINDS = {
-    "scene.json": "a scene",
-    "catalog.parquet": "an ensemble",
-    "run.json": "a run",
-}
+_KINDS = {"scene.json": "a scene", "catalog.parquet": "an ensemble", "run.json": "a run"}
 """What a folder is that holds a file."""
 
 

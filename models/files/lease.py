@@ -161,9 +161,8 @@ class Lease:
             try:
                 fcntl.flock(notes, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise self._refused(
-                    f"another process of this machine writes to this run{self._who()}"
-                ) from None
+                what = f"another process of this machine writes to this run{self._who()}"
+                raise self._refused(what) from None
             notes.seek(0)
             for left in notes.read().split():  # by a process that was killed, since it has the lock no more
                 self._remove(left)
@@ -190,16 +189,13 @@ class Lease:
                 first, since_s = seen[name]
                 if name not in waited_for and time.monotonic() - since_s > 2 * _RENEW_S:
                     waited_for.add(name)
-                    log.warning(
-                        "%s: %s has not said that it ended; if it gives no sign for %g s, its run goes on here",
-                        *(self.address, _owner(said), _GONE_AFTER_S),
-                    )
+                    told = "%s: %s has not said that it ended; if it gives no sign for %g s, its run goes on here"
+                    log.warning(told, self.address, _owner(said), _GONE_AFTER_S)
                 if said != first:
                     raise self._refused(f"another machine writes to this run{self._who()}")
                 if time.monotonic() - since_s > _GONE_AFTER_S:
-                    log.warning(
-                        "%s: %s gives no sign any more: its run goes on here", self.address, _owner(said)
-                    )
+                    told = "%s: %s gives no sign any more: its run goes on here"
+                    log.warning(told, self.address, _owner(said))
                     self._remove(name)
             time.sleep(random.uniform(*_PAUSE_S))
 

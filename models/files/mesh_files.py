@@ -70,12 +70,8 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
     found = read_mesh(Path(path)) if suffix == ".ply" else None
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
-        raise InputError(
-            "holds no triangles",
-            where=str(path),
-            expected="a triangle mesh",
-            remedy="a point cloud becomes a scene with 'toppling scan'",
-        )
+        remedy = "a point cloud becomes a scene with 'toppling scan'"
+        raise InputError("holds no triangles", where=str(path), expected="a triangle mesh", remedy=remedy)
     check_triangles(vertices, faces, str(path))
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)

@@ -82,11 +82,6 @@ class _Header:
     elements: tuple[_Element, ...]
     remarks: tuple[str, ...] = ()
 
-    def before(self, name: str) -> list[_Element] | None:
-        """Elements in front of the one of a name; None if there is none of it."""
-        names = [each.name for each in self.elements]
-        return list(self.elements[: names.index(name)]) if name in names else None
-
 
 def read_header(path: Path) -> _Header:
     """Read and check a header.
@@ -127,8 +122,7 @@ def read_vertices(path: Path) -> dict[str, NDArray]:
 
     Raises InputError if the file is not whole, or its vertices have lists, or stand behind rows of any length.
     """
-    header = read_header(path)
-    return _rows(header, "vertex")
+    return _vertex_rows(read_header(path))
 
 
 def read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
@@ -144,7 +138,7 @@ def read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
     if len(indices) != 1 or indices[0].name not in _INDICES or not header.order:
         return None
     vertex, face = header.elements
-    points = _rows(header, "vertex")
+    points = _vertex_rows(header)
     if not {"x", "y", "z"} <= points.keys():
         return None
     parts: list[tuple] = []
@@ -168,20 +162,19 @@ def read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
     )
 
 
-def _rows(header: _Header, name: str) -> dict[str, NDArray]:
-    before = header.before(name)
-    if before is None:
+def _vertex_rows(header: _Header) -> dict[str, NDArray]:
+    names = [each.name for each in header.elements]
+    if "vertex" not in names:
         return {}
-    element = header.elements[len(before)]
+    *before, element = header.elements[: names.index("vertex") + 1]
     if element.has_lists or any(each.has_lists for each in before if header.order):
-        raise _damaged(f"a list stands before or among the properties of '{name}'", header.path)
+        raise _damaged("a list stands before or among the properties of 'vertex'", header.path)
     if header.order:
         at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
         if len(rows) < element.count:
-            raise _damaged(
-                f"{len(rows)} of {element.count} rows of '{name}' follow: it is truncated", header.path
-            )
+            what = f"{len(rows)} of {element.count} rows of 'vertex' follow: it is truncated"
+            raise _damaged(what, header.path)
         return {each.name: rows[each.name] for each in element.properties}
     return _ascii_rows(header, element, sum(each.count for each in before))
 
@@ -190,11 +183,9 @@ def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, N
     with header.path.open("rb") as binary:
         binary.seek(header.data_at)
         lines = islice(_lines(binary, header), skipped, skipped + element.count)
-        table = (
-            np.loadtxt(lines, ndmin=2, comments=None)
-            if element.count
-            else np.empty((0, len(element.properties)))
-        )
+        table = np.empty((0, len(element.properties)))
+        if element.count:
+            table = np.loadtxt(lines, ndmin=2, comments=None)
     if table.shape != (element.count, len(element.properties)):
         raise _damaged(
             f"{' x '.join(map(str, table.shape))} numbers where the header counts {element.count} rows of "

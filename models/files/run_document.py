@@ -59,8 +59,7 @@ def check_run_document(
 ) -> dict[str, Any]:
     """Content of a `run.json`, if what is read of it is of its kind.
 
-    path: Of the file.
-    whole_document: Whether all must be there that goes on with a run; else what is there must be of its kind.
+    whole_document: whether all must be there that goes on with a run; else what is there must be of its kind.
     Raises InputError at the first value that is missing or mistyped, by its name.
     """
     required = _REQUIRED if whole_document else {f"{key}?": shape for key, shape in _REQUIRED.items()}

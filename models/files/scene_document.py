@@ -87,7 +87,6 @@ _SHAPE: dict[str, Any] = {
 }  # fmt: skip
 
 
-_ANEW = "make the scene anew with 'toppling scan' or Scene.save"
 _foreign = refusals(
     expected="the files of one scene, as they were written into its folder",
     remedy="put the scene's own file back from where the folder was copied, or make the scene anew",
@@ -109,20 +108,22 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     """
     document = read_json(path)
     if document.get("schema_version") != SCHEMA_VERSION:
-        version, expected = (
-            shown(document.get("schema_version")),
-            f"a scene of schema version {SCHEMA_VERSION}",
-        )
-        raise InputError(f"schema version {version}", where=str(path), expected=expected, remedy=_ANEW)
+        what = f"schema version {shown(document.get('schema_version'))}"
+        raise _unread(what, path, f"a scene of schema version {SCHEMA_VERSION}")
     check_shape(document, _SHAPE, path)
     normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
-        what, expected = f"interface.normal is {normal}", "a unit vector that points up"
-        raise InputError(what, where=str(path), expected=expected, remedy=_ANEW)
+        raise _unread(f"interface.normal is {normal}", path, "a unit vector that points up")
     if rows > _MOST_AZIMUTHS:
-        what, expected = f"quasi_static_toppling_m_s2 has {rows} rows", f"at most {_MOST_AZIMUTHS} azimuths"
-        raise InputError(what, where=str(path), expected=expected, remedy=_ANEW)
+        raise _unread(
+            f"quasi_static_toppling_m_s2 has {rows} rows", path, f"at most {_MOST_AZIMUTHS} azimuths"
+        )
     return document
+
+
+def _unread(what: str, path: Path, expected: str) -> InputError:
+    remedy = "make the scene anew with 'toppling scan' or Scene.save"
+    return InputError(what, where=str(path), expected=expected, remedy=remedy)
 
 
 def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:

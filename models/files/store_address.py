@@ -7,7 +7,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 
-_NO_STORES = (
+_NO_STORES = {
     "arrow_hdfs",
     "asynclocal",
     "data",
@@ -19,7 +19,7 @@ _NO_STORES = (
     "memory",
     "tar",
     "zip",
-)
+}
 """Kinds of fsspec that keep no folder, or that are this machine: the last is a path (`local`)."""
 
 _ADDRESS = re.compile(r"^([a-z][a-z0-9+.-]+):/+(?=[^/])", re.IGNORECASE)
@@ -44,7 +44,7 @@ def kinds() -> frozenset[str]:
     """Kinds of stores that Arrow or a package of fsspec reaches, by the beginning of an address."""
     import fsspec
 
-    return frozenset({"abfss", "gcs", "viewfs", *fsspec.available_protocols()} - {*_NO_STORES})
+    return frozenset({"abfss", "gcs", "viewfs", *fsspec.available_protocols()} - _NO_STORES)
 
 
 def address_of(path: str | os.PathLike[str]) -> str:

@@ -239,10 +239,8 @@ def named(path: Path) -> str:
 
 def kept_up(path: Path) -> AbstractContextManager[Callable[[], None]]:
     """As :meth:`Copy.kept_up`, if a folder is a copy of one in a store."""
-    return next(
-        (copy.kept_up() for copy in _COPIES.values() if copy.path == path),
-        contextlib.nullcontext(lambda: None),
-    )
+    copies = (copy.kept_up() for copy in _COPIES.values() if copy.path == path)
+    return next(copies, contextlib.nullcontext(lambda: None))
 
 
 def is_written_elsewhere(path: Path) -> bool:

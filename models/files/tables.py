@@ -45,8 +45,7 @@ def write_table(table: pa.Table, path: Path, rows_in_group: int | None = None, *
 def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
     """Read a Parquet file that the program wrote, by the options of `pyarrow.parquet.read_table`.
 
-    required: Refuse a file without a digest.
-    how: Passed on.
+    required: refuse a file without a digest.
     Raises InputError if it is damaged, or cannot be opened.
     Raises FileNotFoundError if there is no such file.
     """

@@ -32,7 +32,7 @@ def text_of(content: bytes) -> str | None:
     """
     encoding = _utf_16(content)
     if encoding:
-        text = content.decode(encoding, errors="replace").lstrip("\ufeff").rstrip("\0\x1a \t\r\n")
+        text = content.decode(encoding, errors="replace").lstrip("\ufeff").rstrip(_FILLED_UP.decode())
     else:
         content = _FILLING.sub(b"", content.rstrip(_FILLED_UP))
         if b"\0" in content[:HEAD_BYTES]:
@@ -95,12 +95,8 @@ class TextFile:
         content = path.read_bytes()
         text = text_of(content)
         if text is None or "\0" in text:
-            at = (
-                content.count(b"\n", 0, content.find(0))
-                if text is None
-                else text.count("\n", 0, text.find("\0"))
-            )
-            cls(path, ()).refuse(at, "a zero byte", "a CSV table", "save the table again")
+            before = content.partition(b"\0")[0] if text is None else text.partition("\0")[0].encode()
+            cls(path, ()).refuse(before.count(b"\n"), "a zero byte", "a CSV table", "save the table again")
         return cls(path, text.splitlines())
 
     def where(self, at: int) -> str:

@@ -15,6 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -305,8 +306,7 @@ def _row(curve: Lognormal) -> dict[str, Any]:
 
 def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[float]]) -> str:
     """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
-    found = iter(resampled.coefficients)
-    rows = [numbers(next(found)) if has_fit else () for has_fit in resampled.fitted[:_SAMPLES_KEPT]]
+    rows = [() if one is None else numbers(one) for one in islice(resampled.drawn(), _SAMPLES_KEPT)]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
 
 

@@ -1,7 +1,7 @@
 """Lognormal fragilities over one measure or several, what a fit of one rests on, and its samples."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -135,6 +135,11 @@ class Resampled:
         """Number of samples without a fit."""
         return int((~self.fitted).sum())
 
+    def drawn(self) -> Iterator[Array | None]:
+        """Coefficients of each sample in the order drawn; None of one without a fit."""
+        found = iter(self.coefficients)
+        return (next(found) if has_fit else None for has_fit in self.fitted)
+
     def interval(self, values: Array, level: float = 0.95) -> Array:
         """Ends of the interval of something that each sample has a value of, (2, ...); null without samples.
 
@@ -149,15 +154,13 @@ class Resampled:
 
         A sample without a fit bounds nothing: its curve is that of a rock which no shaking topples.
         """
-        found = iter(self.coefficients)
         never = Lognormal(measure, math.inf, 0.0)
-        return [lognormal_of(measure, *next(found)) if has_fit else never for has_fit in self.fitted]
+        return [never if one is None else lognormal_of(measure, *one) for one in self.drawn()]
 
     def surfaces(self, measures: Sequence[str]) -> list[Surface]:
         """The same over several measures."""
-        found = iter(self.coefficients)
         never = -math.inf, *(0.0 for _ in measures)
-        rows = (tuple(next(found).tolist()) if has_fit else never for has_fit in self.fitted)
+        rows = (never if one is None else tuple(one.tolist()) for one in self.drawn())
         return [Surface(tuple(measures), row) for row in rows]
 
 

@@ -27,7 +27,7 @@ from toppling.results.hazard.event_survival import (
     toppling_probabilities,
 )
 from toppling.results.hazard.survival import greatest_rate, largest_factor
-from toppling.results.hazard.tree import Statistics, drawn_weights, statistics_of
+from toppling.results.hazard.tree import drawn_weights, statistics_of
 from toppling.results.hazard.update import MEAN, changes_of, decided_by, rates_table
 
 _FACTOR_DRAWS = 60
@@ -160,19 +160,6 @@ class EventUpdate:
             [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
         ])  # fmt: skip
 
-    def _hazard(self, measure: str, site: int) -> tuple[Array, Statistics, Statistics | None] | None:
-        """Rates of exceedance at a site, counted (branches, levels), and their statistics before and after.
-
-        Fractiles are over branches, by OpenQuake's rule. None where no event is felt there; none after, where the rocks
-        survive under no branch.
-        """
-        levels, counted = self.counted(measure, [site])
-        if not len(levels):
-            return None
-        rates = counted[:, 0]
-        after = None if self.posterior is None else statistics_of(levels, rates, self.posterior)
-        return rates, statistics_of(levels, rates, self.events.prior), after
-
     def before_and_after(self, measure: str, site: int = 0) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Annual rates of exceedance at a site before and after, and motions exceeded at some of them.
 
@@ -180,15 +167,15 @@ class EventUpdate:
         (fractiles over branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
         Returns DataFrame: as `update.changes_table` states motions of curves.
         """
-        found = self._hazard(measure, site)
-        if found is None:
+        levels, counted = self.counted(measure, [site])
+        if not len(levels):
             return pd.DataFrame(), pd.DataFrame()
-        rates, before, after = found
+        rates = counted[:, 0]
+        before = statistics_of(levels, rates, self.events.prior)
+        after = None if self.posterior is None else statistics_of(levels, rates, self.posterior)
         means = drawn_weights(self.events.prior, self.drawn) @ rates
-        return (
-            rates_table(before.levels, {"prior": before, "posterior": after}),
-            changes_of(before, after, means, ends),
-        )
+        table = rates_table(levels, {"prior": before, "posterior": after})
+        return table, changes_of(before, after, means, ends)
 
     def _felt(self, branch: EventBranch) -> EventBranch:
         """A branch without the events that topple nothing even a factor stronger: a large set has few others."""

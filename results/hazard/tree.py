@@ -112,6 +112,11 @@ class Statistics:
     fractiles: dict[float, Array]  # dict of (n,)
 
 
+def same_levels(one: Array, other: Array) -> bool:
+    """Whether two curves are over the same levels, as files print them."""
+    return len(one) == len(other) and np.allclose(one, other, rtol=1e-6)
+
+
 def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
     """Levels of some curves (n,) and the rates of each there (curves, n).
 
@@ -120,9 +125,7 @@ def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
     Raises InputError if the curves have fewer than two levels in common.
     """
     first = curves[0].levels
-    if all(
-        len(curve.levels) == len(first) and np.allclose(curve.levels, first, rtol=1e-6) for curve in curves
-    ):
+    if all(same_levels(curve.levels, first) for curve in curves):
         return first, np.array([curve.rates for curve in curves])
     low = max(curve.levels[0] for curve in curves)
     high = min(curve.levels[-1] for curve in curves)
@@ -208,11 +211,9 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
     parts = [path.split("~") for path in paths]
     if not paths or len({len(split) for split in parts}) != 1 or not all(paths):
         return {}
-    names = (
-        ("source", "ground motion")
-        if len(parts[0]) == 2
-        else tuple(f"part {n + 1}" for n in range(len(parts[0])))
-    )
+    names = [f"part {n + 1}" for n in range(len(parts[0]))]
+    if len(names) == 2:
+        names = ["source", "ground motion"]
     levels: dict[str, list[str]] = {}
     for name, column in zip(names, zip(*parts, strict=True), strict=True):
         choices = _choices(column)

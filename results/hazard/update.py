@@ -37,6 +37,7 @@ from toppling.results.hazard.tree import (
     common_levels,
     drawn_weights,
     level_choices,
+    same_levels,
     statistics,
 )
 
@@ -84,7 +85,11 @@ class Update:
         curves = statistics(self.tree)
         if not self._bare_fractiles:
             return curves
-        return replace(curves, fractiles=self._stated_fractiles(curves.levels))
+        fractiles = {q: np.full(len(curves.levels), math.nan) for q in FRACTILES}
+        for q, curve in self.tree.fractiles.items():
+            if q in fractiles and same_levels(curve.levels, curves.levels):
+                fractiles[q] = curve.rates
+        return replace(curves, fractiles=fractiles)
 
     @cached_property
     def after(self) -> Statistics | None:
@@ -98,18 +103,6 @@ class Update:
     @property
     def _bare_fractiles(self) -> bool:
         return len(self.tree.branches) == 1 and bool(self.tree.fractiles)
-
-    def _stated_fractiles(self, levels: Array) -> dict[float, Array]:
-        """Rates of the files' fractiles at some levels, null where they state none."""
-        found = {q: np.full(len(levels), math.nan) for q in FRACTILES}
-        for q, curve in self.tree.fractiles.items():
-            if (
-                q in found
-                and len(curve.levels) == len(levels)
-                and np.allclose(curve.levels, levels, rtol=1e-6)
-            ):
-                found[q] = curve.rates
-        return found
 
     @cached_property
     def without_rejected(self) -> Statistics | None:

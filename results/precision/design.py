@@ -241,7 +241,10 @@ class Rounds:
         observed: answers by measure; None before the first round.
         """
         if observed is not None:
-            self.verdict, self.judged = self._judged(observed), len(self.chosen)
+            self.judged = len(self.chosen)
+            self.verdict = Verdict("", ended=True, reason=f"none of {self.judged} jobs has an answer")
+            if len(next(iter(observed.values())).toppled):
+                self.verdict = _judge(self.pool, observed, self.target, self.precision)
             if self.verdict.curve and self.judged >= _MEASURE_JOBS:
                 self.target = replace(self.target, measure=self.verdict.measure)
             if self.ended:
@@ -254,9 +257,3 @@ class Rounds:
             return
         self.chosen = np.concatenate([self.chosen, new])
         self.sizes.append(len(new))
-
-    def _judged(self, observed: Mapping[str, Answers]) -> Verdict:
-        if not len(next(iter(observed.values())).toppled):
-            reason = f"none of {len(self.chosen)} jobs has an answer"
-            return Verdict("", ended=True, reason=reason)
-        return _judge(self.pool, observed, self.target, self.precision)

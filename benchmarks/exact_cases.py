@@ -57,13 +57,11 @@ def slips(preset: Any) -> list[Any]:
 
 def drops(preset: Any) -> list[Any]:
     """A cube dropped flat: its largest distance from where it should be, falling and then at rest, over the drop."""
-    found = []
+    found, scene = [], Scene.block(0.5, 0.5, 0.5, friction=0.5)
+    options = {"trajectory": True, "shortcuts": False}
     for drop in (0.1, 0.2, 0.35):
         start = {"position_m": (0.0, 0.0, 0.5 + drop)}
-        scene = Scene.block(0.5, 0.5, 0.5, friction=0.5)
-        way = case.shake(
-            scene, case.STILL, preset, trajectory=True, shortcuts=False, initial=start
-        ).trajectory
+        way = case.shake(scene, case.STILL, preset, initial=start, **options).trajectory
         exact = np.maximum(drop - 0.5 * case.G * way.time_s**2, 0.0)
         found.append(np.abs(way.position_m[:, 2] - 0.5 - exact).max() / drop)
     return found

@@ -27,7 +27,7 @@ import resource
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -99,12 +99,6 @@ def planned_in(folder: Path, records: int, azimuths: int) -> Plan:
         f"azimuth_deg = {[round(360 * n / azimuths, 6) for n in range(azimuths)]}\n"
     )
     return plan_of(Campaign.read(folder / "campaign.toml"))
-
-
-def apart(work: Callable[..., dict[str, float]], *arguments: object) -> dict[str, float]:
-    """Call in a process of its own, whose greatest memory is the work's."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(work, arguments)
 
 
 def million() -> dict[str, float]:
@@ -384,7 +378,8 @@ def main() -> None:
     given = parser.parse_args()
     if "million" in given.parts:
         print("a million jobs, planned, handed out, counted and stored in one process")
-        say(apart(million))
+        with multiprocessing.get_context("spawn").Pool(1) as pool:  # whose greatest memory is the work's
+            say(pool.apply(million))
     if "pretended" in given.parts:
         print(f"pretended workers, for {given.seconds:g} s if nothing held them up")
         for workers, seconds_per_job in given.pretend or PRETENDED:

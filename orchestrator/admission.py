@@ -85,13 +85,8 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
         answers |= client.run(check, run_keys[0], on_error="return", workers=blind)
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
-    unfit = (
-        answer
-        for answer in answers.values()
-        if isinstance(answer, Exception) and not isinstance(answer, OSError)
-    )
-    reasons = sorted({str(answer) for answer in unfit})
-    if reasons:
+    unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
+    if reasons := sorted(set(map(str, unfit))):
         raise InputError(
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
             where="cluster",

@@ -154,12 +154,11 @@ def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]
             f"all levels are below the least constant acceleration that topples the rock ({least_static(statics)}): "
             "hardly any job will topple it; 'toppling init' writes levels that suit it"
         )
-    slips = [static for static, _ in campaign.friction if static * scene.gravity_m_s2 < least]
-    for static in slips:
-        found.append(
-            f"with friction {static:g} the rock slides in every direction before it tips: few jobs will topple it"
-        )
-    return found
+    return found + [
+        f"with friction {static:g} the rock slides in every direction before it tips: few jobs will topple it"
+        for static, _ in campaign.friction
+        if static * scene.gravity_m_s2 < least
+    ]
 
 
 def least_static(statics: Statics) -> str:

@@ -45,14 +45,11 @@ class ClusterSupervisor:
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._came: set[str] = set()
-        """Batch jobs of which a worker has been there."""
-        self._ended: set[str] = set()
-        """Batch jobs of which none has been there, and that their queue does not list."""
+        self._came: set[str] = set()  # batch jobs of which a worker has been there
+        self._ended: set[str] = set()  # of which none has been there, and that their queue does not list
         self._listed = -math.inf
         self._in_vain = 0
-        self._idle: dict[str | int, float] = {}
-        """Workers, or batch jobs, that have nothing to do, each with the time since when."""
+        self._idle: dict[str | int, float] = {}  # workers, or batch jobs, with nothing to do, and since when
 
     def gone(self) -> list[str | int]:
         """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""

@@ -89,8 +89,7 @@ class Dispatch:
         self._duration_s = duration_s
         self._last = int(_LAST_SHARE * len(pending))  # of them as yet in the order given
 
-    @property
-    def waiting(self) -> int:
+    def __len__(self) -> int:
         """Jobs that are not handed out now."""
         return self._waiting + len(self._suspects)
 

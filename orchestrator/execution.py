@@ -128,7 +128,7 @@ class Execution:
         """
         arriving = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:
-            while self.dispatch.waiting or self._flying:
+            while self.dispatch or self._flying:
                 try:
                     self._look()
                     self._submit(arriving)
@@ -288,14 +288,9 @@ class Execution:
     def _keep(self, rows: list[Row], attempt: int) -> None:
         self.progress.count(rows)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
-        self._unstored += [
-            {
-                **row,
-                "rock": self._rocks[row["scene_id"]],
-                "attempt": self.work.redo.get(row["job_id"], 0) + attempt,
-            }
-            for row in rows
-        ]
+        for row in rows:
+            newest = self.work.redo.get(row["job_id"], 0) + attempt
+            self._unstored.append({**row, "rock": self._rocks[row["scene_id"]], "attempt": newest})
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 INTERRUPTED = 130
@@ -152,14 +152,9 @@ class Uninterrupted(AbstractContextManager[_Entered]):
             raise
         return found
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> bool | None:
+    def __exit__(self, *raised: Any) -> bool | None:
         with held_back():
-            return self._inner.__exit__(kind, error, trace)
+            return self._inner.__exit__(*raised)
 
 
 @contextmanager

@@ -258,15 +258,9 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
             per_record[column] = np.repeat([own[record] for record in records], len(axes))
     codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
     of_scene = pa.DictionaryArray.from_arrays(np.zeros(len(codes), np.int32), pa.array([scene_id]))
-    jobs = pa.Table.from_arrays(
-        [
-            pa.nulls(len(codes)),
-            of_scene,
-            pa.DictionaryArray.from_arrays(codes, pa.array(records)),
-            *map(pa.array, per_record),
-        ],
-        names=_COLUMNS.names,
-    ).cast(_COLUMNS)
+    of_record = pa.DictionaryArray.from_arrays(codes, pa.array(records))
+    columns = [pa.nulls(len(codes)), of_scene, of_record, *map(pa.array, per_record)]
+    jobs = pa.Table.from_arrays(columns, names=_COLUMNS.names).cast(_COLUMNS)
     if len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1:
         # A record shakes a scene once: making many scenes ready would cost more than reading many records.
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())

@@ -76,10 +76,10 @@ def _begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
-        source, hazard = plan.campaign.target and plan.campaign.target.hazard, None
-        if source is not None:
-            hazard = f"hazard{source.suffix}"
-            shutil.copyfile(source, staging / hazard)
+        target, hazard = plan.campaign.target, ""
+        if target is not None and target.hazard is not None:
+            hazard = f"hazard{target.hazard.suffix}"
+            shutil.copyfile(target.hazard, staging / hazard)
         written = plan.campaign.to_toml(stood=stood, hazard=hazard)
         digest.write_sealed(written, staging / "campaign.toml")
         if sites:

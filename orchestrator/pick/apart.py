@@ -159,17 +159,6 @@ class Stored:
         return dataclasses.replace(self.rest, **arrays)
 
 
-@dataclass(frozen=True, eq=False)
-class _Split:
-    """What a split became: the cloud as registered, what was worked out, a label for each point, notes, the view."""
-
-    registered: Stored
-    worked: WorkedOut
-    label: NDArray[np.int8]
-    notes: tuple[str, ...]
-    view: View
-
-
 def split(
     stored: Stored,
     near_m: tuple[float, float] | None,
@@ -178,14 +167,14 @@ def split(
     inspection: Inspection,
     number: int,
     note: _Note,
-) -> _Split:
-    """Register a cloud, once, and split it; `number` is the view's."""
+) -> tuple[Stored, WorkedOut, NDArray[np.int8], tuple[str, ...], View]:
+    """Register a cloud, once, and split it: as registered, what was worked out, labels, notes, the view of a number."""
     cloud = _cloud(stored, note)
     worked, label, notes = work_out(cloud, note, near_m, hint, bootstrap, inspection)
     note("showing the rock")
     moved = Stored(stored.folder / "registered", stored.rest)
     fitted = moved if moved.folder.exists() else stored
-    return _Split(fitted, worked, label, notes, view_of(cloud.cloud.points_m, label, number))
+    return fitted, worked, label, notes, view_of(cloud.cloud.points_m, label, number)
 
 
 def _cloud(stored: Stored, note: _Note) -> Registered:

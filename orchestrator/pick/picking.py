@@ -221,11 +221,13 @@ class Picking:
             )
         near = None if said.near is None else (said.near[0], said.near[1])
         hints = near, said.hint(), self._bootstrap, said.inspection()
-        found = self._apart.do(self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1)
-        self._placed = dataclasses.replace(self._placed, cloud=found.registered.cloud())
-        answer = Answer(said, found.worked, found.label, found.notes)
+        registered, worked, label, notes, view = self._apart.do(
+            self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1
+        )
+        self._placed = dataclasses.replace(self._placed, cloud=registered.cloud())
+        answer = Answer(said, worked, label, notes)
         self._drawn.clear()
-        self._set(_answer=answer, view=found.view, _candidates=self._candidates or tops(answer.worked))
+        self._set(_answer=answer, view=view, _candidates=self._candidates or tops(worked))
         return answer
 
     def _cloud_apart(self) -> apart.Stored:

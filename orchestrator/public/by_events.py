@@ -230,13 +230,11 @@ def _of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
 
 def _tables(update: EventUpdate, measures: tuple[str, ...]) -> dict[str, pd.DataFrame]:
     """Tables by name, those that hold something; of each measure at each rock's site those that are of both."""
+    sites = update.events.sites
     parts = [
-        [
-            table.assign(measure=measure, site=update.events.sites[site].name)
-            for table in update.before_and_after(measure, site)
-        ]
-        for site in dict.fromkeys(rock.site for rock in update.rocks)
-        for measure in measures
+        [table.assign(measure=one, site=sites[at].name) for table in update.before_and_after(one, at)]
+        for at in dict.fromkeys(rock.site for rock in update.rocks)
+        for one in measures
     ]
     updated, changes = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     found = {

@@ -36,7 +36,6 @@ from toppling.results.weights import CONTACT, Weights, unweighed
 class Jobs:
     """Weighted jobs of one contact of a run, and what weights their bases."""
 
-    path: Path
     frame: pd.DataFrame
     weights: Weights | None
     completeness: Completeness | None
@@ -151,7 +150,7 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     if recorded:
         weights = _weighed(path, bare, recorded, weights)
         jobs = run.weighted(bare, weights)
-    return Jobs(path, jobs, weights, run.completeness() if run.planned() else None)
+    return Jobs(jobs, weights, run.completeness() if run.planned() else None)
 
 
 def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | None) -> Weights:

@@ -117,14 +117,9 @@ def audit(work: Work, count: int) -> list[RunProgress]:
             target = home / one.name
             run_integrity.check_audit(folder, target)
             (target / store.PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
-            write_json(
-                target / run_integrity.DRAWN_FILE,
-                {
-                    "plan_id": planned.id,
-                    "until": latest.isoformat() if latest else None,
-                    "of_jobs": len(rows),
-                },
-            )
+            until = latest.isoformat() if latest else None
+            origin = {"plan_id": planned.id, "until": until, "of_jobs": len(rows)}
+            write_json(target / run_integrity.DRAWN_FILE, origin)
             part = one.plan(planned, chosen)
             run_integrity.write_jobs(target, part.jobs, planned.id)
             pending = part.pending(store.finished_ids(target))

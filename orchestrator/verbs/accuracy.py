@@ -28,12 +28,7 @@ from toppling.workers.options import PRESETS
 )  # fmt: skip
 @shared.processes_option
 def accuracy(
-    scene: Path,
-    ensemble: Path,
-    out: Path,
-    count: int,
-    pga_m_s2: tuple[float, float],
-    workers: int,
+    scene: Path, ensemble: Path, out: Path, count: int, pga_m_s2: tuple[float, float], workers: int
 ) -> None:
     """Compare the answers and the cost of the presets for the rock of SCENE under motions of ENSEMBLE.
 

@@ -43,12 +43,9 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
 )  # fmt: skip
 @option(
-    "--vs30",
-    "vs30_m_s",
-    type=float,
-    required=True,
+    "--vs30", "vs30_m_s", type=float, required=True,
     help="m/s; shear-wave velocity of the upper 30 m at the rock.",
-)
+)  # fmt: skip
 @option(
     "--mechanism", type=click.Choice(MECHANISMS), default="SS",
     help="Strike slip, normal, reverse, or unknown (bssa14, cy14).",
@@ -73,12 +70,9 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 @option("--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'.")
 @option("--faults", type=shared.FILE, help="Fault traces (GeoJSON), with --site.")
 @option(
-    "--site",
-    type=float,
-    nargs=2,
-    metavar="LON LAT",
+    "--site", type=float, nargs=2, metavar="LON LAT",
     help="Degrees, or with compass letters; where the rock stands.",
-)
+)  # fmt: skip
 @option(
     "--deaggregation", type=shared.FILE,
     help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",

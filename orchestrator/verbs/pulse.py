@@ -1,6 +1,5 @@
 """`toppling pulse`: the response of a rock to an idealised pulse, as in the study's figure 8."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -72,11 +71,7 @@ def _pulse_motion(shape: str, pgv_m_s: float, period_s: float, azimuth_deg: floa
     """Idealised motion of a shape, scaled to its peak velocity."""
     if shape == "sawtooth":
         return idealised.sawtooth_velocity(pgv_m_s, period_s, azimuth_deg)
-    shapes: dict[str, Callable[[float, float, float], Motion]] = {
-        "sine": idealised.full_sine,
-        "cosine": idealised.full_cosine,
-        "ricker": idealised.ricker,
-    }
+    shapes = {"sine": idealised.full_sine, "cosine": idealised.full_cosine, "ricker": idealised.ricker}
     unit = shapes[shape](1.0, period_s, azimuth_deg)
     reached = float((unit.velocity_at(unit.time_s)[:, :2] ** 2).sum(axis=1).max() ** 0.5)
     return shapes[shape](pgv_m_s / reached, period_s, azimuth_deg)

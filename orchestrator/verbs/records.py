@@ -53,12 +53,7 @@ records.add_command(select)
 @shared.replace_option
 @shared.json_option("Print what was read and left out as JSON.")
 def _import(
-    paths: tuple[Path, ...],
-    out: Path,
-    metadata: Path | None,
-    replace: bool,
-    as_json: bool,
-    **asked: Any,
+    paths: tuple[Path, ...], out: Path, metadata: Path | None, replace: bool, as_json: bool, **asked: Any
 ) -> None:
     """Read records of any agency's format into the ensemble OUT.
 

@@ -36,13 +36,9 @@ _MOST_EMPTY = 6
     help="Only records of this quality; repeatable.",
 )  # fmt: skip
 @option(
-    "--pga",
-    "pga_m_s2",
-    type=float,
-    nargs=2,
-    metavar="LOW HIGH",
+    "--pga", "pga_m_s2", type=float, nargs=2, metavar="LOW HIGH",
     help="Least and largest PGA as recorded, m/s2.",
-)
+)  # fmt: skip
 @option(
     "--pgv-pga", "pgv_pga_s", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s."
 )

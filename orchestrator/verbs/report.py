@@ -23,11 +23,7 @@ from toppling.results.analysis.resampling import SAMPLES
 @option("--site-name", hidden=True)
 @shared.samples_option(SAMPLES)
 def report(
-    run: Path,
-    out: Path | None,
-    site: tuple[float, float] | None,
-    site_name: str | None,
-    **asked: Any,
+    run: Path, out: Path | None, site: tuple[float, float] | None, site_name: str | None, **asked: Any
 ) -> None:
     """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
 

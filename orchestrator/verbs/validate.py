@@ -43,12 +43,9 @@ _MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 @option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
 @option("--out", type=shared.FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
 @option(
-    "--draws",
-    "most_draws",
-    type=click.IntRange(4),
-    default=288,
+    "--draws", "most_draws", type=click.IntRange(4), default=288,
     help="Largest number of realisations per test.",
-)
+)  # fmt: skip
 @option(
     "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03,
     help="Standard error of a test's share below which no draws are added.",

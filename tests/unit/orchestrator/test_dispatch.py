@@ -107,7 +107,7 @@ def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_giv
     dispatch = dispatch_of(jobs)
     rng = np.random.default_rng(seed)
     done, given_up, flying = [], [], []
-    while dispatch.waiting or flying:
+    while dispatch or flying:
         while len(flying) < 6 and (batch := dispatch.next_batch(2)):
             flying.append(batch)
         batch = flying.pop(rng.integers(len(flying)))
@@ -128,9 +128,9 @@ def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_giv
 def test_waiting_counts_what_is_not_handed_out(finished):
     dispatch = dispatch_of(40)
     batch = dispatch.next_batch(1)
-    assert dispatch.waiting == 40 - len(batch.jobs)
+    assert len(dispatch) == 40 - len(batch.jobs)
     dispatch.came_back(batch, finished)
-    assert dispatch.waiting == 40 - finished
+    assert len(dispatch) == 40 - finished
 
 
 def idle_share_at_the_end(cost_s, duration_s, workers):

@@ -151,7 +151,7 @@ def test_a_rock_that_hangs_over_an_edge_topples_within_its_stated_interval(make)
 
 @pytest.fixture(scope="module")
 def scanned_toe(few_draws):
-    return scanned(toe()[0], 0.02)
+    return scanned(toe()[0], 0.025)
 
 
 @pytest.mark.thorough

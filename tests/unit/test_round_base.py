@@ -93,6 +93,7 @@ def test_a_lying_prism_keeps_the_faces_that_it_rolls_over(sides):
     assert base is None or not base.rolls
 
 
+@pytest.mark.thorough
 def test_a_rock_with_a_rounded_base_rests_where_its_centre_of_mass_is_lowest():
     vertices, faces = egg((0.3, 0.25, 0.2), 1.5, 3)
     leaning = Rotation.from_euler("xyz", [9.0, -6.0, 40.0], degrees=True)
@@ -129,6 +130,7 @@ def test_a_rough_base_is_not_rounded():
     assert rounded_base_of(Rock.from_triangles(rough, faces)) is None
 
 
+@pytest.mark.thorough
 def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width():
     """Rolling on over the border, its centre of mass falls from the start."""
     angles = np.radians([0, 15, 30, 45, 60])

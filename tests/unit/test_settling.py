@@ -117,6 +117,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
         assert [event for event in events if "settles" in event] == ([said] if said else [])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "said"), [("leans", True), ("stands", False)])
 def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
     campaign = Campaign.read(campaigns / f"{name}.toml")
@@ -125,6 +126,7 @@ def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campai
     assert (f">{TOLD}</td>" in _scene_section(Content(open_run(tmp_path / "run")), Document())) == said
 
 
+@pytest.mark.thorough
 def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campaigns, tmp_path):
     done = CliRunner().invoke(scene, ["show", str(campaigns / "leans"), "--out", str(tmp_path)])
     assert TOLD in done.stdout.splitlines()

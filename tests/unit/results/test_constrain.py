@@ -75,6 +75,7 @@ def test_the_age_of_a_rock_is_stated_and_a_few_years_are_asked_after(curves):
     assert "stood" not in constrain(curves).output.partition("\n")[0]
 
 
+@pytest.mark.thorough
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]
@@ -396,6 +397,7 @@ def test_the_words_begin_with_the_answer(tmp_path, curves):
     assert "logic-tree level ground motion: the rocks move" in words
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("empty_figures")
 def test_exported_curves_keep_their_intervals(tmp_path):
     (tmp_path / "run").mkdir()

@@ -83,6 +83,7 @@ def at_two_sites(tmp_path_factory):
     return told_by(*two_rocks(folder), *asked, "--out", folder / "out"), folder / "out"
 
 
+@pytest.mark.thorough
 def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
     told, out = at_two_sites
     assert [rock["site"] for rock in told["rocks"]] == ["aa", "bb"]
@@ -110,6 +111,7 @@ def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_the_page_of_an_event_set_begins_with_the_answer_at_each_site(at_two_sites):
     told, out = at_two_sites
     page = (out / "constraint.html").read_text(encoding="utf-8")

@@ -250,6 +250,7 @@ def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_one_of_the
     assert "firm: median" in stated.output
 
 
+@pytest.mark.thorough
 def test_a_rocks_report_is_linked_by_an_address_whatever_signs_its_folder_has(atlas, tmp_path):
     run, page = tmp_path / "ridge #3 50%", tmp_path / "page"
     shutil.copytree(atlas, run)

@@ -127,31 +127,28 @@ def in_millimetres(stump):
     return [np.concatenate(stump[0]) * 1000.0]
 
 
+NOTHING_STANDS = "nothing in the cloud stands on anything"
+
+
+def long(make, what):
+    return pytest.param(make, "station0.xyz", what, marks=pytest.mark.thorough)
+
+
 @pytest.mark.parametrize(
     ("make", "where", "what"),
     [
         (few, "station0.xyz", "holds 500 points"),
         (one_place, "station0.xyz", "one and the same"),
-        (bare_slope, "station0.xyz", "nothing in the cloud stands on anything"),
-        (rock_alone, "station0.xyz", "nothing in the cloud stands on anything"),
-        pytest.param(
-            pedestal_alone,
-            "station0.xyz",
-            "nothing in the cloud stands on anything",
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(
-            foot_hidden,
-            "station0.xyz",
-            "patches of the pedestal's top were seen beside the rock",
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(leaning, "station0.xyz", "outside any support", marks=pytest.mark.thorough),
-        pytest.param(lip, "station0.xyz", "hangs below the interface", marks=pytest.mark.thorough),
+        long(bare_slope, NOTHING_STANDS),
+        (rock_alone, "station0.xyz", NOTHING_STANDS),
+        long(pedestal_alone, NOTHING_STANDS),
+        long(foot_hidden, "patches of the pedestal's top were seen beside the rock"),
+        long(leaning, "outside any support"),
+        long(lip, "hangs below the interface"),
         (apart, "station2.xyz", "does not overlap"),
         (in_feet, "station2.xyz", "other units"),
         (survey_in_feet, "station2.xyz", "other units"),
-        pytest.param(in_millimetres, "station0.xyz", "m high", marks=pytest.mark.thorough),
+        long(in_millimetres, "m high"),
     ],
 )
 def test_a_cloud_without_a_rock_that_stands_is_refused(

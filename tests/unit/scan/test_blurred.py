@@ -59,6 +59,7 @@ def test_of_a_cloud_that_would_show_a_rock_nothing_else_is_said(noise_m):
     assert with_reason(REFUSED, of_a_scene(150_000, noise_m)) is REFUSED
 
 
+@pytest.mark.thorough
 def test_where_grass_stands_all_around_a_rock_it_is_the_reason_of_what_is_refused():
     random, bare = np.random.default_rng(4), of_a_scene(150_000)
     ground = bare[: 3 * len(bare) // 4]

@@ -267,12 +267,14 @@ def test_draws_are_of_the_kind_that_is_said(column, few_candidates, kind):
     assert drawn_with(column, base=kind).kinds == {kind: unseen.DRAWS}
 
 
+@pytest.mark.thorough
 def test_contacts_open_no_later_than_the_rock_overturns(column, few_candidates):
     drawn = drawn_with(column)
     assert (drawn.lift_off_m_s2 <= drawn.toppling_m_s2 * (1.0 + 1e-9)).all()
     assert (drawn.lift_off_m_s2 < 0.9 * drawn.toppling_m_s2).any()  # some draw rolls before
 
 
+@pytest.mark.thorough
 def test_a_rock_that_touches_nowhere_else_touches_at_these_places_alone(column, few_candidates):
     drawn = drawn_with(column, touching_m=FEET_M, touch_only=True)
     places = drawn.part.observed.places_m

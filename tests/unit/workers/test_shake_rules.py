@@ -99,6 +99,7 @@ def test_a_rock_at_rest_that_its_feet_can_hold_does_not_creep():
     assert len(set(map(tuple, result.trajectory.position_m))) == 1
 
 
+@pytest.mark.thorough
 def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
     # Nothing resists its rolling: it is never at rest while the ground moves.
     rock = ellipsoid((0.5, 0.5, 0.3), 3)
@@ -114,6 +115,7 @@ def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
     assert shake(scene, strong_end, "fast").simulated_s > weak_end.duration_s
 
 
+@pytest.mark.thorough
 def test_it_does_not_matter_at_which_step_a_rock_at_rest_is_pushed():
     # Points are taken in as the rock tilts; a push from rest turns it past all that are in at once.
     rock = ellipsoid((0.5, 0.5, 0.42), 3)

@@ -25,13 +25,7 @@ from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 from toppling.results.weights import Weights, weighed, weights_of
 
-_RUN_COLUMN = {
-    "column": "run",
-    "type": "string",
-    "group": "",
-    "unit": "",
-    "description": "name of the run's folder",
-}
+_RUN_COLUMN = pa.field("run", pa.string(), metadata={"description": "name of the run's folder"})
 
 _SITE_COLUMNS = (
     ("rock", "", "name of the rock"),
@@ -309,7 +303,7 @@ class Run:
 
     def describe(self) -> list[dict[str, str]]:
         """Every column of every table with its unit and meaning."""
-        rows = [{"table": "results", **_RUN_COLUMN}]
+        rows = [{"table": "results", **describe(_RUN_COLUMN)}]
         tables = (
             ("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene()), ("bases", self.bases())
         )  # fmt: skip

@@ -27,7 +27,7 @@ from toppling.models.files.tables import check_bounds, read_table, write_table
 from toppling.results.run_integrity import ForeignError, check_files, check_rows
 from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
-log = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 RESULTS_FILE = "results.parquet"
 PARTS_FOLDER = "parts"
@@ -236,9 +236,9 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         reason = error.what if isinstance(error, InputError) else str(error).splitlines()[0]
         if set_aside and _PART_NAME.fullmatch(path.name):
             aside = path.rename(path.with_name(f"_{path.name}"))
-            log.warning("%s is torn or changed (%s): set aside as %s", path, reason, aside.name)
+            _log.warning("%s is torn or changed (%s): set aside as %s", path, reason, aside.name)
         else:
-            log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)
+            _log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)
         return False
     wrong = [field.name for field in SCHEMA if not _is_as_declared(schema, field)]
     if not wrong:
@@ -251,7 +251,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
             expected=f"results of schema version {SCHEMA_VERSION}",
             remedy="read the run with the program that wrote it (versions in run.json), or start it again",
         )
-    log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
+    _log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
     return False
 
 

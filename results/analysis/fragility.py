@@ -90,13 +90,11 @@ FEW_BEYOND = 0.02
 
 def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
-
-    def extended(plane: Plane) -> Plane:
-        if beyond(frame, plane) <= FEW_BEYOND * len(frame):
-            return plane
-        return replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
-
-    return {name: extended(plane) for name, plane in PLANES.items()}
+    planes = dict(PLANES)
+    for name, plane in PLANES.items():
+        if beyond(frame, plane) > FEW_BEYOND * len(frame):
+            planes[name] = replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
+    return planes
 
 
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> Array:

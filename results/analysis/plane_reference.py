@@ -23,7 +23,7 @@ from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
 from toppling.results.analysis.regression import Fit, fit, softened
 
-log = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 _TIME_STEP_S = 0.005
 _SETTLING_S = 10.0
@@ -37,7 +37,7 @@ _MEASURES = ("pga_m_s2", "pgv_pga_s")
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class _Section:
     """A plane body on two corners."""
 
     azimuth_deg: float  # of the section's positive direction
@@ -47,7 +47,7 @@ class Section:
     beside_m: float = 0.0  # how far a contact point lies beside the section's plane, into which it is brought
 
 
-def _section(scene: Scene, azimuth_deg: float) -> Section | None:
+def _section(scene: Scene, azimuth_deg: float) -> _Section | None:
     """Cut a scene through the centre of mass.
 
     The contact points are where the section's plane cuts the edge of the support. Where it leaves the support on one
@@ -67,7 +67,7 @@ def _section(scene: Scene, azimuth_deg: float) -> Section | None:
             return None
     left, right = place
     inertia = float(across @ scene.rock.inertia_per_mass_m2 @ across)
-    return Section(azimuth_deg, np.array([-right, -left]), inertia, beside_m)
+    return _Section(azimuth_deg, np.array([-right, -left]), inertia, beside_m)
 
 
 def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
@@ -86,13 +86,13 @@ def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
     return place if place[0, 0] < 0 < place[1, 0] else None
 
 
-def topples(
+def _topples(
     arms_m: Array, inertia: Array, unit: Array, record: NDArray[np.intp], pga_m_s2: Array, gravity_m_s2: float
 ) -> NDArray[np.bool_]:
     """Rock plane bodies, each under its own motion.
 
-    arms_m: (n, 2, 2), `Section.arms_m` of each body.
-    inertia: (n,), `Section.inertia_per_mass_m2` of each body.
+    arms_m: (n, 2, 2), `_Section.arms_m` of each body.
+    inertia: (n,), `_Section.inertia_per_mass_m2` of each body.
     unit: (k, 2, m), ground acceleration along the section and up over PGA, of m records at k steps of
     `_TIME_STEP_S`.
     record: (n,), which record shakes each body.
@@ -147,7 +147,7 @@ def simulate(
     found = {azimuth: _section(scene, azimuth) for azimuth in azimuths_deg}
     cuts = [cut for cut in found.values() if cut is not None]
     for sentence in _notes(found):
-        log.warning("%s", sentence)
+        _log.warning("%s", sentence)
     levels = np.asarray(list(levels_m_s2), float)
     motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda motion: len(motion[2]))
     tables = []
@@ -160,7 +160,7 @@ def simulate(
         cut, record, level = (grid.ravel() for grid in np.indices((len(cuts), len(batch), len(levels))))
         arms = np.array([each.arms_m for each in cuts])[cut]
         inertia = np.array([each.inertia_per_mass_m2 for each in cuts])[cut]
-        toppled = topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
+        toppled = _topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
         tables.append(pd.DataFrame({
             "azimuth_deg": np.array([each.azimuth_deg for each in cuts])[cut],
             "record_id": np.array([name for name, _, _ in batch])[record],
@@ -172,7 +172,7 @@ def simulate(
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
 
 
-def _notes(found: Mapping[float, Section | None]) -> Iterator[str]:
+def _notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
     """What a reader should know of the sections along some azimuths."""
     without = [f"{azimuth:g}" for azimuth, cut in found.items() if cut is None]
     if without:

@@ -14,15 +14,7 @@ from toppling.results.drawing.report.document import Document, page
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS
 
-_BROWSERS = (
-    "chromium",
-    "chromium-browser",
-    "google-chrome",
-    "google-chrome-stable",
-    "chrome",
-    "msedge",
-    "microsoft-edge",
-)
+_BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable chrome msedge microsoft-edge"
 _PRINTING_S = 300.0
 """Time limit for a browser to print."""
 
@@ -58,7 +50,7 @@ def write_pdf(text: str, target: Path) -> Path:
 
 
 def _printed_by_browser(text: str, target: Path) -> Path:
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    browser = next(filter(None, map(shutil.which, _BROWSERS.split())), None)
     if browser is None:
         raise InputError(
             "no program that prints to PDF is installed",

@@ -13,9 +13,9 @@ from toppling.results.analysis import plane_reference
 from toppling.results.analysis.plane_reference import (
     _TIME_STEP_S,
     _section,
+    _topples,
     reference_lines,
     simulate,
-    topples,
 )
 
 
@@ -53,7 +53,7 @@ def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():
     record, level = (grid.ravel() for grid in np.indices((len(periods), len(amplitudes))))
     bodies = np.repeat(cut.arms_m[None], len(record), axis=0)
     inertia = np.full(len(record), cut.inertia_per_mass_m2)
-    ours = topples(bodies, inertia, unit, record, amplitudes[level], 9.81)
+    ours = _topples(bodies, inertia, unit, record, amplitudes[level], 9.81)
     exact = [
         overturns(body, Ground.sine(amplitude, periods[number])) != 0
         for number, amplitude in zip(record, amplitudes[level], strict=True)
@@ -67,7 +67,7 @@ def test_below_the_slenderness_nothing_moves_and_a_long_push_above_topples_to_th
     cut = _section(Scene.block(0.2, 0.2, 0.6), 0.0)
     unit = np.ones((1000, 2, 1)) * np.array([1.0, 0.0])[:, None]
     bodies, inertia = np.repeat(cut.arms_m[None], 2, axis=0), np.full(2, cut.inertia_per_mass_m2)
-    pushed = topples(bodies, inertia, unit, np.zeros(2, int), np.array([0.99, 1.01]) * 9.81 / 3, 9.81)
+    pushed = _topples(bodies, inertia, unit, np.zeros(2, int), np.array([0.99, 1.01]) * 9.81 / 3, 9.81)
     assert pushed.tolist() == [False, True]
 
 

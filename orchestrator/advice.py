@@ -10,9 +10,8 @@ from toppling.models.contact import ContactProperties
 from toppling.models.files.documents import listed
 from toppling.models.frames import compass_deg
 from toppling.models.hidden_base.intervals import median_width
-from toppling.models.motions.beyond_recorded import LARGEST_FACTOR, LARGEST_PGD_M, is_beyond, words
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.quality import TOLD_PGV_M_S
+from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_PGV_M_S, is_beyond, words
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.pilot import Statics, statics_of

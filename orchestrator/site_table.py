@@ -11,7 +11,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from toppling.models.coordinates import degrees_of
+from toppling.models.bearings import degrees_of
 from toppling.models.errors import InputError
 from toppling.models.files import documents
 from toppling.models.files.csv_text import plain, separator_of

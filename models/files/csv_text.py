@@ -1,5 +1,9 @@
-"""Text in tables: what is a number, and what a spreadsheet would take for a formula and stays text."""
+"""Text in tables: what is a number, what a spreadsheet would take for a formula, and how one saves a table again."""
 
+import csv
+import io
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +62,97 @@ def write_csv(frame: Any, target: Path, *, digits: int | None = 6, index: bool =
     with new_file(target) as hidden:
         plain_frame(frame).to_csv(hidden, index=index, float_format=digits and f"%.{digits}g")
     return target
+
+
+# What follows reads tables that a spreadsheet saved again.
+_COMMA_NUMBER = re.compile(r"[-+]?\d+(,\d+)+(\.\d+)?(e[-+]?\d+)?", re.IGNORECASE)
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
+_DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+(,\d+)?")
+_BETWEEN = re.compile(r"(?<=\d),(?=\d)")
+_SPACED = re.compile(
+    r"(?<![\w.])[1-9]\d{0,2}(?:(?:'\d{3})+|(?:\u2019\d{3})+|(?:[ \u00a0\u202f]\d{3})+)(?![\w'])"
+)
+_EXPONENT = r"(?:\^?([-+]?\d+)|([⁺⁻]?[⁰¹²³⁴-⁹]+))"
+_POWER = re.compile(
+    rf"(?<=\d)\s*[×·]\s*10{_EXPONENT}|(?:(?<![\w.,^])|(?<=\bx))(?P<bare>10)(?=[\^⁺⁻⁰¹²³⁴-⁹]){_EXPONENT}"
+)
+_MINUS = re.compile(r"[\u2212\u2013](?=[\d.])")
+_RAISED = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
+
+
+def plain_table(lines: Sequence[str]) -> list[str]:
+    """Lines of a table with commas between cells and decimal points, whatever program saved it; others as they are.
+
+    Commas between digits are decimal, unless each of them may part thousands; beside decimal commas dots part
+    thousands.
+
+    Examples
+    --------
+    >>> plain_table(["PGA (g);annual_rate", "0,1;1,5E-03"])
+    ['PGA (g),annual_rate', '0.1,1.5E-03']
+    >>> plain_table(["PGA (g),return_period", '0.1,"2,475"'])
+    ['PGA (g),return_period', '0.1,2475']
+    >>> plain_table(["Site: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
+    '1 475'
+    >>> plain_table(["PGA (g)\\tannual_rate", "0.1\\t1.5×10⁻³"])
+    ['PGA (g),annual_rate', '0.1,1.5e-3']
+    """
+    lines = [_ascii_numbers(line) for line in lines]
+    sign = _sign(lines)
+    lines = [_SPACED.sub(_digits, line) if sign in line else line for line in lines]  # else blanks part cells
+    if sign == "," and not any('"' in line for line in lines):
+        return lines
+    bare = [_unquoted(line, sign) for line in lines]
+    table = [_cells(line, sign) for line in bare]
+    commas = [cell.strip() for row in table for cell in row if _COMMA_NUMBER.fullmatch(cell.strip())]
+    if sign == "," and not commas:
+        return bare
+    decimal = not all(map(_THOUSANDS.fullmatch, commas))
+    dotted = [cell for row in table for cell in row if re.fullmatch(r"[-+]?\d+\.[\d.]+(,\d+)?", cell.strip())]
+    parted = decimal and all(_DOTTED.fullmatch(cell.strip()) for cell in dotted)
+
+    def cell_of(text: str) -> str:
+        if parted and _DOTTED.fullmatch(text.strip()):
+            return text.replace(".", "").replace(",", ".")
+        return _BETWEEN.sub("." if decimal else "", text)
+
+    return [_joined(row if row[:1] == ["#"] else [cell_of(cell) for cell in row]) for row in table]
+
+
+def _digits(thousands: re.Match[str]) -> str:
+    return re.sub(r"\D", "", thousands[0])
+
+
+def _ascii_numbers(line: str) -> str:
+    """Line with powers of ten and signs of numbers as Python reads them."""
+    return _POWER.sub(_with_e, _MINUS.sub("-", line.replace("∞", "inf")))
+
+
+def _with_e(power: re.Match[str]) -> str:
+    exponent = next(filter(None, power.group(1, 2, 4, 5)))
+    return f"{'1' if power['bare'] else ''}e{exponent.translate(_RAISED)}"
+
+
+def _sign(lines: Sequence[str]) -> str:
+    """Sign that most lines have, comments left out; where decimal commas stand beside another sign, that one."""
+    table = [line for line in lines if not line.lstrip('" ').startswith(("#", "%", "//"))]
+    return max("\t;,", key=lambda sign: sum(sign in line for line in table))
+
+
+def _cells(line: str, sign: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=sign), [])
+    except csv.Error:  # which the reader of the table tells of
+        return [line]
+
+
+def _unquoted(line: str, sign: str) -> str:
+    """A comment without the quotes around all of it; another line as it is."""
+    text = line.rstrip(sign + " ")
+    return text[1:-1].replace('""', '"') if text.startswith('"#') and text.endswith('"') else line
+
+
+def _joined(cells: Sequence[str]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="").writerow(cells)
+    return out.getvalue()

@@ -61,9 +61,7 @@ class Deaggregation:
     """What contributes to a site's hazard."""
 
     bins: list[Bin]
-    # The motion that it is of, and where several were to choose from, which; empty where the file does not
-    # say.
-    of: str = ""
+    of: str = ""  # the motion that it is of, and which of several; empty where the file does not say
 
 
 def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = None) -> Deaggregation:
@@ -75,7 +73,7 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the mean or of realisations).
 
     imt: OpenQuake's measure, such as PGV, where its table has several; the first if not given.
-    poe: Probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
+    poe: probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
     Raises InputError if a column is missing or a number is none, with the line; or the table has no such measure or
     probability.
     """
@@ -98,16 +96,13 @@ def _bins(file: TextFile) -> list[Bin]:
         for at, row in file.rows(separator, start)
     ]
     if not rows:
-        file.refuse(
-            start, "no bin below the names of columns", "a row for each bin", "export the table again"
-        )
+        what = "no bin below the names of columns"
+        file.refuse(start, what, "a row for each bin", "export the table again")
     known = list(rows[0][1])
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
     for name in rows[0][2]:
-        if (
-            _OTHER_LENGTHS.search(name)
-            and _plain(name).removesuffix(" low").removesuffix(" high") in _COLUMNS[1]
-        ):
+        bare = _plain(name).removesuffix(" low").removesuffix(" high")
+        if _OTHER_LENGTHS.search(name) and bare in _COLUMNS[1]:
             file.refuse(start, f"distances under {shown(name)}", "distances in km", "convert them to km")
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
     by_centre = all(roles) and not set(edges) <= set(known)
@@ -195,9 +190,8 @@ def _records(
         _refuse(file.path, f"has the columns {shown(header)}{lacks}", remedy)
     for where, row in rows:
         if len(row) != len(header):
-            _refuse(
-                where, f"has not the header's {len(header)} columns but {len(row)}", "give the whole file"
-            )
+            what = f"has not the header's {len(header)} columns but {len(row)}"
+            _refuse(where, what, "give the whole file")
     return header, [(where, dict(zip(header, row, strict=True))) for where, row in rows]
 
 
@@ -207,7 +201,6 @@ def _around(centre: float, width: float) -> tuple[float, float]:
 
 
 def _number(where: str, text: str, most: float = math.inf, states: str = "no number of 0 and more:") -> float:
-    """A finite number from 0 on."""
     value = float(text) if is_numeral(text) else math.nan
     if not (0 <= value <= most and value < math.inf):
         _refuse(where, f"states {states} {text[:40]!r}", "give the file as it was written")
@@ -264,12 +257,9 @@ def _openquake(file: TextFile, imt: str | None, poe: float | None) -> Deaggregat
         place = _place(where, record, edges)
         p = math.fsum(weight * _probability(where, record[name]) for name, weight in weights.items())
         stays[place] = stays.get(place, 0.0) - math.log1p(-min(p, 1 - 1e-15))
+    magnitudes, distances_km = (list(pairwise(one)) for one in edges)
     return Deaggregation(
-        [
-            Bin((edges[0][m], edges[0][m + 1]), (edges[1][d], edges[1][d + 1]), rate)
-            for (m, d), rate in sorted(stays.items())
-        ],
-        of,
+        [Bin(magnitudes[m], distances_km[d], rate) for (m, d), rate in sorted(stays.items())], of
     )
 
 

@@ -105,10 +105,8 @@ class Ensemble:
         except (pa.ArrowException, OSError) as error:
             raise _ensemble_error(f"not readable as Parquet ({error})", path) from error
         marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
-        if (
-            any(mark.get(b"toppling_ensemble") is None for mark in marks)
-            or len({mark[b"toppling_ensemble"] for mark in marks}) != 1
-        ):
+        ids = {mark.get(b"toppling_ensemble") for mark in marks}
+        if None in ids or len(ids) != 1:
             raise _ensemble_error("catalogue and motions do not belong together", path)
         version = marks[0].get(b"version", b"").decode()
         if version != SCHEMA_VERSION:
@@ -159,17 +157,7 @@ class Ensemble:
     def motion(
         self, record_id: str, *, pga_m_s2: float, azimuth_deg: float, peak_displacement_m: float | None = None
     ) -> Motion:
-        """A record as a job imposes it: scaled and turned (:func:`models.motions.impose.impose`).
-
-        Parameters
-        ----------
-        record_id : str
-        pga_m_s2 : float
-            Largest length of the horizontal acceleration vector.
-        azimuth_deg : float
-            Where the stronger horizontal component points, degrees counter-clockwise from x.
-        peak_displacement_m : float or None
-            Largest horizontal displacement to impose.
+        """A record as a job imposes it: scaled and turned, as by :func:`models.motions.impose.impose`.
 
         Raises
         ------
@@ -241,12 +229,8 @@ class Ensemble:
 
 def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     """Refuse a catalogue without a column that is read, or with a gap or repetition where none can be."""
-    for name, kind in (
-        *_IDENTITY,
-        *_ORIGIN,
-        ("pga_m_s2", pa.float64()),
-        ("strong_azimuth_deg", pa.float64()),
-    ):
+    measures = [("pga_m_s2", pa.float64()), ("strong_azimuth_deg", pa.float64())]
+    for name, kind in (*_IDENTITY, *_ORIGIN, *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
             raise _ensemble_error(f"the catalogue has no one column {name!r} of {kind}", folder)

@@ -132,11 +132,8 @@ def _processed(
     """Motion, processed if it is asked for or needed, its quality, and what was found and done."""
     quality, steps = "corrected" if corrected else "uncorrected", []
     if corrected is None:
-        drifting = drifts(motion)
-        quality = "uncorrected" if drifting else "sound"
-        steps.append(
-            f"nobody says if it was corrected: its displacement {'drifts' if drifting else 'is sound'}"
-        )
+        quality, found = ("uncorrected", "drifts") if drifts(motion) else ("sound", "is sound")
+        steps.append(f"nobody says if it was corrected: its displacement {found}")
     if asked if asked is not None else quality == "uncorrected":
         motion, done = process(motion, corner_hz)
         return motion, "drifting" if any(DRIFTS in step for step in done) else "processed", [*steps, *done]
@@ -216,10 +213,10 @@ def import_records(
 ) -> Import:
     """Read files into records.
 
-    files: As from :func:`record_files`.
-    table: Rows of a metadata table; rows none of whose files are given are passed over and counted.
-    advance: Called with the number of files that were read, and again when they have become records.
-    Returns Import: Records with ids that are unique, and refusals.
+    files: as from :func:`record_files`.
+    table: rows of a metadata table; rows none of whose files are given are passed over and counted.
+    advance: called with the number of files that were read, and again when they have become records.
+    Returns records with ids that are unique, and refusals.
     Raises InputError if there are rows of a metadata table and none of them names a file that is given.
     """
     options = options or ImportOptions()
@@ -250,7 +247,6 @@ def import_records(
 
 @contextmanager
 def _noting(subject: str, outcome: Import) -> Iterator[None]:
-    """Note what cannot be used and go on."""
     try:
         yield
     except InputError as error:

@@ -36,9 +36,9 @@ def impose(
     component (by component PGA) points to `azimuth_deg`. The azimuth of the vector PGA itself is in the
     intensity.
 
-    pga_m_s2: Largest length of the horizontal acceleration vector.
-    azimuth_deg: Degrees counter-clockwise from x.
-    peak_displacement_m: Largest horizontal displacement that a shaking table can follow. A motion beyond it is
+    pga_m_s2: largest length of the horizontal acceleration vector.
+    azimuth_deg: degrees counter-clockwise from x.
+    peak_displacement_m: largest horizontal displacement that a shaking table can follow. A motion beyond it is
     high-passed after scaling (acausal Butterworth, a corner that suffices), which takes some of its PGA too: the
     intensity is that of the motion as imposed.
     Raises InputError if `pga_m_s2` or `peak_displacement_m` is not positive, or no high-pass holds the displacement.
@@ -75,9 +75,8 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
     held, reached = _held(record.motion, float(_LIMITING_CORNERS_HZ[high]))
     if reached > limit_m:
         corner = _LIMITING_CORNERS_HZ[-1]
-        message = f"even a high-pass at {corner:g} Hz leaves {reached:.3g} m at the unscaled record"
         raise InputError(
-            message,
+            f"even a high-pass at {corner:g} Hz leaves {reached:.3g} m at the unscaled record",
             where=f"record {record.record_id}",
             expected=f"a displacement that a high-pass can hold within {limit_m:.3g} m (unscaled)",
             remedy="raise peak_displacement_m or lower the PGA levels",

@@ -20,6 +20,7 @@ from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.motion import Motion
 
 _DAMPING = 0.05
+"""Share of the critical."""
 SPECTRUM_PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
 """Periods at which a catalogue keeps the RotD50 spectrum."""
 _SAMPLES_A_PERIOD, _FINEST = 40, 16
@@ -47,7 +48,7 @@ def displacement_m(motion: Motion) -> NDArray[np.float64]:
 
 
 def _oscillator_response_m_s2(
-    acceleration: ArrayLike, time_step_s: float, period_s: float, damping: float = _DAMPING
+    acceleration: ArrayLike, time_step_s: float, period_s: float
 ) -> NDArray[np.float64]:
     """Pseudo-acceleration of a damped oscillator on a shaking base: omega squared times its displacement.
 
@@ -55,20 +56,17 @@ def _oscillator_response_m_s2(
     hold, the method of Nigam and Jennings 1969), from rest.
 
     acceleration: (n,), acceleration of the base, m/s2.
-    damping: share of critical damping.
     Returns array: as `acceleration`.
     """
-    numerator, denominator = _oscillator(time_step_s, period_s, damping)
+    numerator, denominator = _oscillator(time_step_s, period_s)
     return scipy.signal.lfilter(numerator, denominator, np.asarray(acceleration, float), axis=0)
 
 
 @lru_cache(maxsize=256)
-def _oscillator(
-    time_step_s: float, period_s: float, damping: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _oscillator(time_step_s: float, period_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Coefficients of the recursion from the base's acceleration to the oscillator's pseudo-acceleration."""
     omega = 2 * np.pi / period_s
-    continuous = [-(omega**2)], [1.0, 2 * damping * omega, omega**2]
+    continuous = [-(omega**2)], [1.0, 2 * _DAMPING * omega, omega**2]
     numerator, denominator, _ = scipy.signal.cont2discrete(continuous, time_step_s, method="foh")
     return numerator.ravel(), denominator
 
@@ -80,9 +78,7 @@ def _rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
     Returns (180,) array: its median is RotD50, its maximum RotD100.
     """
     points = np.asarray(horizontal, float)
-    coarse = np.stack(
-        [np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))]
-    )
+    coarse = [np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))]
     least = _rotated(
         points[coarse]
     ).min()  # nowhere is the peak smaller: points nearer than this reach it nowhere
@@ -113,7 +109,7 @@ def _spectral_acceleration_m_s2(motion: Motion, periods_s: Sequence[float]) -> d
     for period in periods_s:
         finer = min(math.ceil(_SAMPLES_A_PERIOD * motion.time_step_s / period), _FINEST)
         ground = _between_samples(motion.acceleration_m_s2[:, :2], finer)
-        response = _oscillator_response_m_s2(ground, motion.time_step_s / finer, period, _DAMPING)
+        response = _oscillator_response_m_s2(ground, motion.time_step_s / finer, period)
         rotated = _rotated_peaks(response)
         rows.append((rotated[0], rotated[90], np.median(rotated), np.hypot(*response.T).max()))
     return dict(zip(("x", "y", "rotd50", "rotd100"), np.array(rows).T, strict=True))

@@ -37,9 +37,8 @@ class Motion:
     def __init__(self, acceleration: ArrayLike, time_step: float) -> None:
         values = np.array(acceleration, dtype=float)
         if values.ndim != 2 or values.shape[1] != 3 or len(values) < 2:
-            raise _motion_error(
-                f"acceleration has shape {values.shape}", "(n, 3) with n >= 2: x, y, z in columns"
-            )
+            what = f"acceleration has shape {values.shape}"
+            raise _motion_error(what, "(n, 3) with n >= 2: x, y, z in columns")
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0, 0])
             raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
@@ -50,10 +49,8 @@ class Motion:
                 f"{len(values)} samples at a time step of {time_step:g} s",
                 f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
             )
-        if np.abs(values).max() > _LARGEST_M_S2:
-            raise _motion_error(
-                f"the acceleration reaches {np.abs(values).max():g} m/s2", f"at most {_LARGEST_M_S2:g} m/s2"
-            )
+        if (most := np.abs(values).max()) > _LARGEST_M_S2:
+            raise _motion_error(f"the acceleration reaches {most:g} m/s2", f"at most {_LARGEST_M_S2:g} m/s2")
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)
         object.__setattr__(self, "time_step_s", float(time_step))
@@ -115,9 +112,5 @@ class Motion:
 
 
 def _motion_error(what: str, expected: str) -> InputError:
-    return InputError(
-        what,
-        where="Motion",
-        expected=expected,
-        remedy="check the units and columns, and fill or cut gaps first",
-    )
+    remedy = "check the units and columns, and fill or cut gaps first"
+    return InputError(what, where="Motion", expected=expected, remedy=remedy)

@@ -1,10 +1,11 @@
-"""Doubts about samples: beyond what shaking is, clipped, a spike, a gap that was filled with a constant."""
+"""Doubts about samples: beyond what shaking is, clipped, a spike, a filled gap; and scaled beyond what was recorded."""
 
 import math
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.motions.formats.component import Component
 
@@ -24,6 +25,13 @@ _RAIL_SHARE, _RAIL_RUNS = 0.95, 3
 is reached so often is one."""
 _SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
+LARGEST_PGD_M = 4.0
+"""The largest of shaking without the fling of a fault are some metres (Chi-Chi 1999, TCU068 and TCU052)."""
+LARGEST_FACTOR = 100.0
+"""On a record's acceleration: beyond it noise is scaled, and a weak earthquake's spectrum."""
+LIMITS_WORDS = (
+    f"PGV above {TOLD_PGV_M_S:g} m/s, PGD above {LARGEST_PGD_M:g} m, or scaled above {LARGEST_FACTOR:g}-fold"
+)
 _FILLED_GAP_S = 0.5
 _FILLED_GAP_SHARE = 0.1
 """A constant stretch this long, with this share of the peak shortly before and after, is a filled gap."""
@@ -215,3 +223,21 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 def _refuse_sample(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:
     time = sample * component.time_step_s
     component.refuse(f"{what} (sample {sample}, {time:.3f} s)", expected, remedy)
+
+
+def is_beyond(factor: ArrayLike, pgv_m_s: ArrayLike, pgd_m: ArrayLike) -> NDArray[np.bool_]:
+    """Whether motions after scaling by some factors, which multiply PGV and PGD too, are no earthquake's."""
+    limits = ((factor, LARGEST_FACTOR), (pgv_m_s, TOLD_PGV_M_S), (pgd_m, LARGEST_PGD_M))
+    return np.logical_or.reduce([np.asarray(value, float) > limit for value, limit in limits])
+
+
+def words(factor: float, pgv_m_s: float, pgd_m: float) -> str:
+    """A motion after scaling, in words.
+
+    Examples
+    --------
+    >>> words(42.3, 7.04, 5.1)
+    '42-fold, PGV 7.0 m/s, PGD 5.1 m'
+    """
+    scaled = "" if factor != factor else f"{factor:.0f}-fold, " if factor >= 10.0 else f"{factor:.1f}-fold, "
+    return f"{scaled}PGV {pgv_m_s:.1f} m/s, PGD {pgd_m:.1f} m"

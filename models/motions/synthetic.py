@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass
 from toppling.models.motions.record import Record
@@ -62,10 +63,10 @@ def synthetic_ensemble(
     Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter
     lognormally about the published medians (standard deviations 0.4, 0.5 and 0.35 of the natural logarithm).
 
-    count, seed: The same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
-    pulse_share: Share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
-    advance: Called once a record.
-    Returns list of Record: `S0001` and on, x and y the recorded components.
+    count, seed: the same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
+    pulse_share: share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
+    advance: called once a record.
+    Returns records: `S0001` and on, x and y the recorded components.
     """
     records = []
     for index in range(count):
@@ -111,9 +112,7 @@ def _synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Mot
     shape = np.fft.rfft(noise, axis=1)
     shape /= np.sqrt(np.mean(np.abs(shape) ** 2, axis=1, keepdims=True))
     spectra = shape * np.stack([horizontal, horizontal, vertical]) / _TIME_STEP_S
-    history = [
-        f"M {scenario.magnitude:.2f}, R {scenario.distance_km:.1f} km, kappa {scenario.kappa_s:.3f} s",
-    ]
+    history = [f"M {scenario.magnitude:.2f}, R {scenario.distance_km:.1f} km, kappa {scenario.kappa_s:.3f} s"]
     if scenario.pulse:
         history.append(_add_pulse(spectra, samples, scenario, rng))
     motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, _TIME_STEP_S)
@@ -142,12 +141,8 @@ def _acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scen
     """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003)."""
     lower, upper, weight = _corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
-    constant = (
-        _RADIATION
-        * _FREE_SURFACE
-        * _PARTITION
-        / (4 * np.pi * _DENSITY_KG_M3 * _SHEAR_VELOCITY_M_S**3 * _REFERENCE_DISTANCE_KM * 1000)
-    )
+    stiffness = 4 * np.pi * _DENSITY_KG_M3 * _SHEAR_VELOCITY_M_S**3
+    constant = _RADIATION * _FREE_SURFACE * _PARTITION / (stiffness * _REFERENCE_DISTANCE_KM * 1000)
     f = frequency_hz
     source = moment_n_m * ((1 - weight) / (1 + (f / lower) ** 2) + weight / (1 + (f / upper) ** 2))
     distance = _effective_distance_km(scenario.magnitude, scenario.distance_km)
@@ -170,14 +165,10 @@ def _horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.flo
 
 def _saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
     """Exponential window of Saragoni and Hart (1974) as in Boore (2003), twice as long as the duration."""
-    b = (
-        -_WINDOW_PEAK_SHARE
-        * np.log(_WINDOW_END_SHARE)
-        / (1 + _WINDOW_PEAK_SHARE * (np.log(_WINDOW_PEAK_SHARE) - 1))
-    )
-    c = b / _WINDOW_PEAK_SHARE
+    peak = _WINDOW_PEAK_SHARE
+    b = -peak * np.log(_WINDOW_END_SHARE) / (1 + peak * (np.log(peak) - 1))
     share = np.linspace(0.0, 1.0, round(_WINDOW_LENGTH * duration_s / _TIME_STEP_S) + 1)
-    return (np.e / _WINDOW_PEAK_SHARE) ** b * share**b * np.exp(-c * share)
+    return (np.e / peak) ** b * share**b * np.exp(-b / peak * share)
 
 
 def _velocity_pulse_m_s(
@@ -232,14 +223,8 @@ def _median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) ->
     b1, b2, b3, b5, slope, reference, depth = _BOORE_1997[measure]
     distance = np.hypot(distance_km, depth)
     shift = magnitude - 6
-    ln_g = (
-        b1
-        + b2 * shift
-        + b3 * shift**2
-        + b5 * np.log(distance)
-        + slope * np.log(_ROCK_VELOCITY_M_S / reference)
-    )
-    return float(9.80665 * np.exp(ln_g))
+    ln_g = b1 + b2 * shift + b3 * shift**2 + b5 * np.log(distance)
+    return float(STANDARD_G_M_S2 * np.exp(ln_g + slope * np.log(_ROCK_VELOCITY_M_S / reference)))
 
 
 def _median_arias_duration_s(magnitude: float, distance_km: float) -> float:
@@ -264,10 +249,10 @@ def against_targets(records: Sequence[Record]) -> list[str]:
         (r.magnitude, r.distance_km, r.intensity)
         for r in records
         if r.magnitude is not None
-        and r.distance_km is not None
         and r.magnitude <= 7.5
+        and r.distance_km is not None
         and r.distance_km <= 80
-        and not any("near-fault pulse" in step for step in r.history)
+        if not any("near-fault pulse" in step for step in r.history)
     ]
     if not plain:
         return lines

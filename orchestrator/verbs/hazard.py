@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import click
 
-from toppling.models.coordinates import degrees_of
+from toppling.models.bearings import degrees_of
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.places import SITE_REACH_KM
 

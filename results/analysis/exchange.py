@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import plain
+from toppling.models.files.csv_text import plain, plain_table
 from toppling.models.files.documents import check_size
 from toppling.models.files.folder import instead, write_text
-from toppling.models.files.spreadsheet import plain_table
 from toppling.models.files.text_file import text_of
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface

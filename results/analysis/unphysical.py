@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.files.documents import finite, listed
-from toppling.models.motions.beyond_recorded import LIMITS_WORDS, is_beyond, words
+from toppling.models.motions.quality import LIMITS_WORDS, is_beyond, words
 from toppling.results.analysis import fits, regression
 from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run

@@ -21,7 +21,7 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.files.spreadsheet import plain_table
+from toppling.models.files.csv_text import plain_table
 from toppling.models.files.text_file import text_of
 
 _AGE_SAMPLES = 400

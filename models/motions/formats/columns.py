@@ -166,7 +166,6 @@ def _units_in(line: str, width: int) -> list[str]:
 
 
 def _parts(line: str) -> list[str]:
-    """Cells of a header."""
     text = line.strip().lstrip("".join(COMMENT)).strip(" ")
     between = next((separator for separator in SEPARATORS if separator in text), None)
     parts = (

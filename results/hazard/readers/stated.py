@@ -13,8 +13,7 @@ from typing import Any, NoReturn
 from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import is_numeral
-from toppling.models.files.spreadsheet import plain_table
+from toppling.models.files.csv_text import is_numeral, plain_table
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of, quantity_of

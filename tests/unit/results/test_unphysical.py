@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from seeded import rows
 
-from toppling.models.motions.beyond_recorded import is_beyond
+from toppling.models.motions.quality import is_beyond
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.unphysical import unphysical_of

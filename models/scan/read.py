@@ -39,7 +39,8 @@ from toppling.models.scan.ptx import read_ptx
 from toppling.models.scan.reference import Reference, names_a_system
 from toppling.models.scan.text import read_text
 
-FORMATS = (".ply", ".pcd", ".xyz", ".asc", ".pts", ".txt", ".csv", ".ptx", ".las", ".laz", ".e57")
+_TEXTS = (".xyz", ".xyzrgb", ".xyzn", ".xyzi", ".asc", ".pts", ".txt", ".csv", ".dat")
+FORMATS = (".ply", ".pcd", *_TEXTS, ".ptx", ".las", ".laz", ".e57")
 _LAS = ("las", ["laspy"])
 _GUARDED = {".las": _LAS, ".laz": _LAS, ".e57": ("e57", ["pye57"]), ".pcd": ("pcd", ["open3d"])}
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""

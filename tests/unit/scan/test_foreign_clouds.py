@@ -408,7 +408,7 @@ def test_text_in_another_encoding_is_read(tmp_path, encoding):
 
 
 @pytest.mark.parametrize("end", ["\x1a", "\r\n\x1a", "\0" * 512, "\n" + "\0" * 3])
-@pytest.mark.parametrize("suffix", [".xyz", ".pts", ".csv"])
+@pytest.mark.parametrize("suffix", [".xyz", ".xyzrgb", ".pts", ".csv", ".dat"])
 def test_an_end_of_file_character_and_zeros_at_the_end_are_dropped(tmp_path, end, suffix):
     form = "{},{},{}\n" if suffix == ".csv" else "{} {} {}\n"
     path = tmp_path / f"cloud{suffix}"

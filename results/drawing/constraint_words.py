@@ -385,7 +385,9 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         lines.append(
             f"No event topples under {listed(none, 4)}: its true rate may be up to 3 events in the time simulated."
         )
-    if len(statement["models"]) > 1:
+    if len(statement["models"]) > 1 and statement["models"][0]["bayes_factor"] is None:
+        lines.append("The rocks survive under no ground-motion model, so that none can be preferred.")
+    elif len(statement["models"]) > 1:
         best, least = statement["models"][0], statement["models"][-1]
         lines.append(
             f"Of {len(statement['models'])} ground-motion models {best['model']} agrees best, "

@@ -173,10 +173,11 @@ def _bootstrap(
     sampled: bool = True,
     readings: Sequence[EventBranch] = (),
 ) -> Array:
-    """Survival with everything uncertain resampled: events, fragilities of other records where known, and ages.
+    """Topplings to be expected, all that is uncertain resampled: events, fragilities of other records, and ages.
 
-    Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
-    would. Each sample takes one of the branch's readings, in turn.
+    Survival is exp(-topplings), which hundreds of them make 0 to the last bit. Each event of a sample occurs a Poisson
+    number of times with a mean of 1, as the number of events in a catalogue would. Each sample takes one of the
+    branch's readings, in turn.
 
     Returns (draws,) array.
     """
@@ -193,7 +194,7 @@ def _bootstrap(
         felt = np.flatnonzero(shares[0].min(axis=0) < -NEGLIGIBLE)
         rate = branch.rate[felt] * (random.poisson(1.0, len(felt)) if sampled else 1.0)
         once = exposure.drawn(int(ages[number]))
-        found[number] = once.survival(any_topples(shares, once.states, felt) @ rate)
+        found[number] = float(any_topples(shares, once.states, felt) @ rate @ once.years[:, 0])
     return found
 
 
@@ -224,7 +225,7 @@ def rank_branches(
 ) -> pd.DataFrame:
     """Survival and Bayes weight of each branch, by all rocks together.
 
-    `drawn` are survivals of each branch with everything resampled (`bootstrap_branches`), where these are known.
+    `drawn` are topplings under each branch with everything resampled (`bootstrap_branches`), where these are known.
 
     Returns DataFrame: one row a branch, in the set's order: name, model, events, effective_events (Kish's number of
     those that bear the toppling rate), toppling_rate (annual), survival, survival_low and survival_high (95 %: events,
@@ -233,8 +234,8 @@ def rank_branches(
     """
     lines = []
     resampled = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
-    for branch, prior, survivals in zip(events.branches, events.prior, resampled, strict=True):
-        low, high = np.quantile(survivals, [0.025, 0.975])
+    for branch, prior, topplings in zip(events.branches, events.prior, resampled, strict=True):
+        low, high = np.quantile(np.exp(-topplings), [0.025, 0.975])
         survives = survival(rocks, branch, exposure)
         part = toppling_probabilities(rocks, branch) * branch.rate
         lines.append({

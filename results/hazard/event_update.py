@@ -45,8 +45,8 @@ class EventUpdate:
     confidence: float = 0.95
 
     @cached_property
-    def drawn(self) -> Array:
-        """Survival under each branch with everything resampled, (draws, branches)."""
+    def topplings(self) -> Array:
+        """Topplings to be expected under each branch with everything resampled, (draws, branches)."""
         return np.array(bootstrap_branches(self.rocks, self.events, self.exposure)).T
 
     @cached_property
@@ -56,11 +56,11 @@ class EventUpdate:
         scale_factor is of motions, rate_factor of rates, and each has _low and _high (95 %: events, records and ages
         drawn again).
         """
-        table = rank_branches(self.rocks, self.events, self.exposure, self.confidence, list(self.drawn.T))
+        table = rank_branches(self.rocks, self.events, self.exposure, self.confidence, list(self.topplings.T))
         left = table["prior_weight"].where(~table["rejected"], 0.0)
         table["kept_weight"] = left / left.sum() if left.sum() > 0 else math.nan
         lines = [
-            self._factors([branch, *self.events.readings_of(number)], self.drawn[:, number], number)
+            self._factors([branch, *self.events.readings_of(number)], self.topplings[:, number], number)
             for number, branch in enumerate(self.events.branches)
         ]
         return pd.concat([table, pd.DataFrame(lines)], axis=1)
@@ -69,12 +69,11 @@ class EventUpdate:
     def mean(self) -> dict[str, float | str]:
         """Survival and factors of the branches' mean: the events of all, at their rates times the weights."""
         together = [self._together(branches) for branches in (self.events.branches, *self.events.readings)]
-        with np.errstate(divide="ignore"):  # the draws of all branches are of the same rocks and ages
-            drawn = np.exp(np.log(self.drawn) @ self.events.prior)
-        low, high = np.quantile(drawn, [0.025, 0.975])
+        topplings = self.topplings @ self.events.prior  # draws of all branches are of the same rocks and ages
+        low, high = np.quantile(np.exp(-topplings), [0.025, 0.975])
         survives = survival(self.rocks, together[0], self.exposure)
         statement = {"name": MEAN, "survival": survives, "survival_low": low, "survival_high": high}
-        return statement | self._factors(together, drawn, len(self.events.branches))
+        return statement | self._factors(together, topplings, len(self.events.branches))
 
     def _together(self, branches: Sequence[EventBranch]) -> EventBranch:
         """The events of all branches, at their rates times the branches' weights."""
@@ -84,7 +83,7 @@ class EventUpdate:
         }
         return EventBranch(MEAN, np.concatenate(rates), motions)
 
-    def _factors(self, readings: Sequence[EventBranch], drawn: Array, seed: int) -> dict[str, float]:
+    def _factors(self, readings: Sequence[EventBranch], topplings: Array, seed: int) -> dict[str, float]:
         """Factors of a branch, the first of its readings, and their intervals over the others."""
         felt, *others = [self._felt(one) for one in readings]
         motions = self._scale_factor_interval(others or [felt], seed)
@@ -92,7 +91,7 @@ class EventUpdate:
             any_topples(standing_shares(self.rocks, readings[0]), self.exposure.states) @ readings[0].rate
         )
         with np.errstate(divide="ignore"):
-            rates = ends(math.log(1.0 - self.confidence) / np.log(drawn))
+            rates = ends(-math.log(1.0 - self.confidence) / topplings)
         return {
             "scale_factor": self._scale_factor(self.rocks, felt, self.exposure),
             "scale_factor_low": float(motions[0]), "scale_factor_high": float(motions[1]),
@@ -173,7 +172,7 @@ class EventUpdate:
         rates = counted[:, 0]
         before = statistics_of(levels, rates, self.events.prior)
         after = None if self.posterior is None else statistics_of(levels, rates, self.posterior)
-        means = drawn_weights(self.events.prior, self.drawn) @ rates
+        means = drawn_weights(self.events.prior, np.exp(-self.topplings)) @ rates
         table = rates_table(levels, {"prior": before, "posterior": after})
         return table, changes_of(before, after, means, ends)
 

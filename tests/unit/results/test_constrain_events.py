@@ -139,6 +139,17 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
     assert low < told["mean"]["scale_factor"] < high
 
 
+def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_interval(rocks, events):
+    given = (*rocks, "--hazard", events, "--site", "aa", "--age", "100000")
+    told = told_by(*given)
+    assert [branch["survival"] for branch in told["branches"]] == [0.0, 0.0]
+    for one in (told["mean"], *told["branches"]):
+        assert 0.0 < one["rate_factor_low"] < one["rate_factor"] < one["rate_factor_high"]
+    said = constrain(*given)
+    assert said.exit_code == 0
+    assert "survive under no ground-motion model" in said.stdout
+
+
 def test_a_site_may_be_named_and_one_serves_all_rocks(rocks, events):
     told = told_by(*rocks, "--hazard", events, "--site", "bb", "--age", "300")
     assert [rock["site"] for rock in told["rocks"]] == ["bb", "bb"]

@@ -13,5 +13,6 @@ def jeffreys_mean(count: Any, of: Any) -> Any:
 
 
 def effective_number(weights: Array) -> float:
-    """Kish's number of equally weighted draws that say as much as these."""
-    return float(weights.sum() ** 2 / (weights**2).sum())
+    """Kish's number of equally weighted draws that say as much as these, which are not all 0."""
+    share = weights / weights.max()  # squares of weights may be too small for a number
+    return float(share.sum() ** 2 / (share**2).sum())

@@ -150,6 +150,13 @@ def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_
     assert "survive under no ground-motion model" in said.stdout
 
 
+def test_a_rock_that_no_event_can_topple_keeps_every_branch(events, tmp_path):
+    rock = write_curves(tmp_path / "rock.json", [Lognormal("pga_m_s2", 1e4, 0.3)])
+    done = constrain(rock, "--hazard", events, "--site", "aa", "--age", "100000")
+    assert done.exit_code == 0, done.output
+    assert "none of them is rejected" in done.stdout
+
+
 def test_a_site_may_be_named_and_one_serves_all_rocks(rocks, events):
     told = told_by(*rocks, "--hazard", events, "--site", "bb", "--age", "300")
     assert [rock["site"] for rock in told["rocks"]] == ["bb", "bb"]

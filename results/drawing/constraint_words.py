@@ -372,8 +372,8 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
     """What a set of events adds: how many events the answer hangs on, which model agrees best, each rock left out."""
     if "events" not in statement:
         return []
-    count, branches = len(statement["branches"]), statement["branches"]
-    of = f"{count} {'branch' if count == 1 else 'branches'}"
+    branches, models = statement["branches"], statement["models"]
+    of = "1 branch" if len(branches) == 1 else f"{len(branches)} branches"
     lines = [f"This rests on {statement['events']:,} events of {of}."]
     few = [row["name"] for row in branches if 0 < row["effective_events"] < _FEW_EVENTS]
     none = [row["name"] for row in branches if row["effective_events"] == 0]
@@ -385,14 +385,13 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         lines.append(
             f"No event topples under {listed(none, 4)}: its true rate may be up to 3 events in the time simulated."
         )
-    if len(statement["models"]) > 1 and statement["models"][0]["bayes_factor"] is None:
+    best, least = models[0], models[-1]
+    if len(models) > 1 and best["bayes_factor"] is None:
         lines.append("The rocks survive under no ground-motion model, so that none can be preferred.")
-    elif len(statement["models"]) > 1:
-        best, least = statement["models"][0], statement["models"][-1]
+    elif len(models) > 1:
         lines.append(
-            f"Of {len(statement['models'])} ground-motion models {best['model']} agrees best, "
-            f"{best['bayes_factor']:.2g} times the average; the least, {least['model']}, "
-            f"{least['bayes_factor']:.2g} times."
+            f"Of {len(models)} ground-motion models {best['model']} agrees best, {best['bayes_factor']:.2g} times the "
+            f"average; the least, {least['model']}, {least['bayes_factor']:.2g} times."
         )
     predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
     return lines + [

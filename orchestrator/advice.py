@@ -62,12 +62,8 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
                 f"friction {static:g} is above {_LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
             )
     turns = [azimuth / (math.pi / 4) for azimuth in campaign.azimuth_deg if azimuth]
-    if (
-        turns
-        and len(campaign.azimuth_deg) > 1
-        and max(turns) <= 8
-        and all(abs(turn - round(turn)) < _ROUNDED for turn in turns)
-    ):
+    in_eighths = all(abs(turn - round(turn)) < _ROUNDED for turn in turns)
+    if turns and len(campaign.azimuth_deg) > 1 and max(turns) <= 8 and in_eighths:
         found.append(
             f"the azimuths are eighths of a turn in radians up to {max(campaign.azimuth_deg):g}: "
             "'azimuth_deg' is in degrees"

@@ -117,22 +117,23 @@ def call() -> None:
         error.show()
         sys.exit(error.exit_code)
     except (InputError, FileExistsError, FileNotFoundError) as error:
-        click.echo(f"toppling: {error}", err=True)
-        sys.exit(1)
+        told = str(error)
     except ValueError as error:  # as Dask is imported
         if not str(error).startswith("A dask config file"):
             raise
-        click.echo(f"toppling: {error}\n  remedy: correct the file, or move it away", err=True)
-        sys.exit(1)
+        told = f"{error}\n  remedy: correct the file, or move it away"
     except (OSError, MemoryError, ImportError) as error:
         if isinstance(error, MemoryError) or _UNMAPPED.search(str(error)):
             why = str(error).partition("\n")[0]
-            click.echo(f"toppling: {_TOO_LITTLE}{f' ({why})' if why else ''}", err=True)
+            told = f"{_TOO_LITTLE}{f' ({why})' if why else ''}"
         elif isinstance(error, OSError):
-            click.echo(f"toppling: {_told(error)}", err=True)
+            told = _told(error)
         else:
             raise
-        sys.exit(1)
+    else:
+        return
+    click.echo(f"toppling: {told}", err=True)
+    sys.exit(1)
 
 
 def _told(error: OSError) -> str:

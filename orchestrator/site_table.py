@@ -116,11 +116,8 @@ def _rows(given: Path) -> list[dict[str, Any]]:
     if given.suffix.lower() == ".toml":
         content = documents.read_toml(given)
         rows = content.get("rock")
-        if (
-            not isinstance(rows, list)
-            or set(content) != {"rock"}
-            or not all(isinstance(one, dict) for one in rows)
-        ):
+        sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
+        if not sound or set(content) != {"rock"}:
             raise Place(str(given)).wrong("no list of rocks", "a table [[rock]] for each", "correct the file")
         return rows
     return _rows_of_csv(given)

@@ -150,11 +150,8 @@ def scene_of(
         raise _foreign("holds bases that were drawn otherwise", target, expected)
     found = Scene.load(target)
     bare = Scene.from_mesh(mesh, 0.5 * sum(_FRICTION))
-    if (
-        found.unseen is None
-        or replace(found, unseen=None).id != bare.id
-        or len(found.unseen) < sampling.most_draws
-    ):
+    few = found.unseen is None or len(found.unseen) < sampling.most_draws
+    if few or replace(found, unseen=None).id != bare.id:
         expected = f"the rock of {mesh} with {sampling.most_draws} bases"
         raise _foreign("holds another specimen, or too few bases", target, expected)
     return found
@@ -214,9 +211,8 @@ def _collect(target: Path, ids: list[str], answers: Array) -> None:
     """Enter a run's answers, (realisations, tests)."""
     frame = open_run(target).frame()
     column = frame["record_id"].map({name: number for number, name in enumerate(ids)})
-    answers[frame["realisation"], column] = (
-        frame["toppled"].astype("Float64").to_numpy(float, na_value=np.nan)
-    )
+    toppled = frame["toppled"].astype("Float64").to_numpy(float, na_value=np.nan)
+    answers[frame["realisation"], column] = toppled
 
 
 def _agreed(toppled: Array, shaken: NDArray[np.int64]) -> Array:

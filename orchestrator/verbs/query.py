@@ -1,7 +1,6 @@
 """`toppling query`: SQL over runs."""
 
 import json
-import math
 from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
@@ -13,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.documents import finite
 from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
@@ -77,7 +77,7 @@ def query(
     if form == "csv":
         click.echo(plain_frame(_frame(table)).to_csv(index=False), nl=False)
     elif form == "json":
-        click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
+        click.echo(json.dumps(finite(table.to_pylist()), indent=1, allow_nan=False, default=_plain))
     elif not parquet:
         click.echo(_spread_words(table.to_pandas()) if spread else _readable(table))
 
@@ -125,16 +125,10 @@ def _frame(table: pa.Table) -> pd.DataFrame:
 
 
 def _plain(value: Any) -> Any:
-    """Value for JSON, where DuckDB's decimal sums become whole numbers and infinity becomes null."""
-    if isinstance(value, list):
-        return [_plain(part) for part in value]
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
+    """What JSON has no word for: DuckDB's decimal sums as numbers, whole where they are, and all else as text."""
     if isinstance(value, Decimal):
         return int(value) if value == int(value) else float(value)
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    return str(value)
 
 
 def _readable(table: pa.Table) -> str:

@@ -13,8 +13,7 @@ import click
 from toppling.models.errors import InputError, UsageError
 from toppling.models.files.folder import local
 from toppling.models.files.lease import WRITERS
-from toppling.models.files.store_address import is_store
-from toppling.models.files.stores import at_hand, carry_back
+from toppling.models.files.stores import at_hand, carry_back, is_store
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
 

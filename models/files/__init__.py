@@ -2,5 +2,5 @@
 
 __all__ = [
     "csv_text", "digest", "documents", "folder", "guarded", "lease", "mesh_files", "ply", "run_document",
-    "scene_document", "store_address", "stores", "tables", "text_file",
+    "scene_document", "stores", "tables", "text_file",
 ]  # fmt: skip

@@ -88,8 +88,7 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         _refuse_other_unit(component, entry)
 
     def complete(component: Component, bearing: float | None) -> Component:
-        values = component.acceleration_m_s2
-        known = component.unit_known
+        values, known = component.acceleration_m_s2, component.unit_known
         if not known and entry.unit_m_s2 is not None:
             values, known = values * entry.unit_m_s2, True
         return replace(
@@ -106,11 +105,11 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         vertical = complete(vertical, None)
         if not isinstance(vertical.direction, str):
             vertical = replace(vertical, direction=UP)
-    completed = Triple(
+    first, second = (
         complete(channels.first, entry.h1_azimuth_deg),
         complete(channels.second, entry.h2_azimuth_deg),
-        vertical,
     )
+    completed = Triple(first, second, vertical)
     return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
 
 
@@ -145,10 +144,10 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
 
     Raises InputError if the scales differ, by which the peaks are of other samples.
     """
-    parts = channels.channels
-    scales = []
-    for component, peak in zip(parts, entry.peaks_m_s2, strict=False):
-        about_mean = float(np.abs(component.acceleration_m_s2 - component.acceleration_m_s2.mean()).max())
+    parts, scales = channels.channels, []
+    centred = [c.acceleration_m_s2 - c.acceleration_m_s2.mean() for c in parts]
+    for values, peak in zip(centred, entry.peaks_m_s2, strict=False):
+        about_mean = float(np.abs(values).max())
         if not peak or peak < 0 or about_mean == 0:
             return channels
         scales.append(peak / about_mean)
@@ -166,12 +165,12 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
     scaled = [
         replace(
             component,
-            acceleration_m_s2=(component.acceleration_m_s2 - component.acceleration_m_s2.mean()) * scale,
+            acceleration_m_s2=values * scale,
             unit_known=True,
             corrected=bool(component.corrected),
             notes=(*component.notes, note),
         )
-        for component, scale in zip(parts, scales, strict=True)
+        for component, values, scale in zip(parts, centred, scales, strict=True)
     ]
     return Triple(*scaled)
 

@@ -6,7 +6,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import local, new_file, new_folder
-from toppling.models.files.store_address import is_store
+from toppling.models.files.stores import is_store
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene

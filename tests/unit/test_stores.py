@@ -8,8 +8,7 @@ from typing import ClassVar
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.files.store_address import _azure_arguments, address_of, is_store, kinds
-from toppling.models.files.stores import Copy, at_hand
+from toppling.models.files.stores import Copy, _address_of, _azure_arguments, at_hand, is_store, kinds
 
 
 @pytest.fixture(scope="module")
@@ -257,7 +256,7 @@ def test_a_kind_of_store_without_its_package_is_told(tmp_path):
 @pytest.mark.parametrize("path", ["s3://b/run", "s3:/b/run", "S3://b/run/", "gs://b/r", "abfs://c@a/r"])
 def test_addresses_of_stores_are_told_from_paths(path):
     assert is_store(path)
-    assert address_of(path).startswith(path.partition(":")[0].lower() + "://")
+    assert _address_of(path).startswith(path.partition(":")[0].lower() + "://")
     assert not is_store("runs/" + path)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.record_text import RecordText
+from toppling.models.motions.formats.record_text import RecordText, first_found
 from toppling.models.motions.formats.units import unit_of
 
 NAME = "COSMOS V0/V1/V2"
@@ -33,6 +33,8 @@ _DATA = re.compile(
     re.IGNORECASE,
 )
 _CHANNEL = re.compile(r"^\s*Sta Chan?\s*:?\s*\S*?\s*:\s*(.*?)\s*(?:\(Rcrdr|Location|$)", re.IGNORECASE)
+_SCNL = re.compile(r"<SCNL>(\S+)")
+_MAGNITUDE = re.compile(r"Mw\s*=\s*(\d\.\d+)")
 _LAST = re.compile(r"^\s*(?:End[- ]of[- ]data|/&)", re.IGNORECASE)
 
 
@@ -83,8 +85,9 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         return None, stop + 1
     found = file.counted(at, count, at + 1, stop, width)
     factor, note = _factor(file, at, int(data[4]), data[3], reals)
-    scnl = next((re.search(r"<SCNL>(\S+)", text) for text in notes if "<SCNL>" in text), None)
-    label = _label(title)
+    scnl = first_found(_SCNL, notes)
+    channel, magnitude = first_found(_CHANNEL, title), first_found(_MAGNITUDE, title[2:4])
+    label = channel[1].strip() if channel else ""
     return file.channel(
         at + 1,
         found,
@@ -96,7 +99,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         event=re.sub(r"^Re?co?rd of\s*", "", title[1].strip()) if len(title) > 1 else "",
         station=_after("Code:", title),
         label=label,
-        magnitude=_magnitude(title),
+        magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(title),
         series=_after("Location:", title),
         notes=(note,) if note else (),
@@ -137,11 +140,6 @@ def _factor(file: RecordText, at: int, code: int, unit: str, reals: NDArray[np.f
     return factor, f"{factor:.6g} m/s2 per count: {source}"
 
 
-def _label(title: Sequence[str]) -> str:
-    match = next((_CHANNEL.match(text) for text in title if _CHANNEL.match(text)), None)
-    return match[1].strip() if match else ""
-
-
 def _direction(label: str, integers: NDArray[np.float64], scnl: str) -> float | str | None:
     """Bearing by the text, by the channel code's last letter, by integer header 54 (400 up, 401 down)."""
     found = bearing(label)
@@ -159,8 +157,3 @@ def _direction(label: str, integers: NDArray[np.float64], scnl: str) -> float | 
 def _after(word: str, title: Sequence[str]) -> str:
     text = next((text.split(word, 1)[1] for text in title if word in text), "")
     return re.split(r"\s{2,}|\s\w+:", text.strip())[0] if word == "Code:" else text.strip()
-
-
-def _magnitude(title: Sequence[str]) -> float | None:
-    match = next((re.search(r"Mw\s*=\s*(\d\.\d+)", text) for text in title[2:4]), None)
-    return float(match[1]) if match else None

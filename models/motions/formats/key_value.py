@@ -190,12 +190,9 @@ def _refuse_other_duration(file: RecordText, duration_s: float | None, count: in
     """Refuse a duration that is not that of the samples: one of step, count and duration is wrong."""
     if duration_s is None or abs(count * step_s - duration_s) <= 0.01 * duration_s + 2 * step_s:
         return
-    file.refuse(
-        0,
-        f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}",
-        "a duration that is the number of samples by their time step",
-        "correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again",
-    )
+    what = f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}"
+    remedy = "correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again"
+    file.refuse(0, what, "a duration that is the number of samples by their time step", remedy)
 
 
 def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: float) -> None:

@@ -56,8 +56,6 @@ class RecordText(TextFile):
         width: characters to a number; None for blanks.
         Raises InputError: at the first line with something that is not a finite number.
 
-        Notes
-        -----
         Decimal commas are read where no number has a point, and none a comma that could stand between two.
         """
         lines = self.lines[start:stop]
@@ -177,6 +175,11 @@ class RecordText(TextFile):
             missing=found.missing,
             **{"warnings": found.warnings} | stated,
         )
+
+
+def first_found(pattern: re.Pattern[str], lines: Sequence[str]) -> re.Match[str] | None:
+    """What a pattern finds in the first line that has it; None where none has."""
+    return next(filter(None, map(pattern.search, lines)), None)
 
 
 def parted(line: str) -> str:

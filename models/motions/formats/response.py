@@ -88,10 +88,9 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
         found = _converted(trace, values, channel.response, path)
         if channel.location_code == trace.stats.location:
             return found
-        only = (
-            f"{trace.id} is read with the response at location {channel.location_code!r}, the only one of its"
-        )
-        return replace(found, warnings=(*found.warnings, f"{only} channel in the StationXML"))
+        at = f"{trace.id} is read with the response at location {channel.location_code!r}"
+        said = f"{at}, the only one of its channel in the StationXML"
+        return replace(found, warnings=(*found.warnings, said))
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -169,9 +168,8 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
         )
     timed = [c for c in placed if c.is_active(time=stats.starttime)]
     if not timed:
-        epochs = _some(
-            [f"{_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}" for c in placed]
-        )
+        spans = [(_day(c.start_date, "the beginning"), _day(c.end_date, "today")) for c in placed]
+        epochs = _some([f"{start} to {end}" for start, end in spans])
         raise _no_response(
             f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}", path
         )
@@ -236,9 +234,7 @@ def _refuse_what_is_not_evaluated(response: Any, unit: Unit, name: str, path: Pa
         )
     stated = response.instrument_sensitivity
     if not stages and (unit.quantity != "acceleration" or stated is None or stated.value is None):
-        sensor = (
-            f"a sensor of {unit.quantity}" if response.instrument_sensitivity else "without a sensitivity"
-        )
+        sensor = f"a sensor of {unit.quantity}" if stated else "without a sensitivity"
         _refuse_response(f"the StationXML has no stages of the response of {name}, {sensor}", path)
 
 
@@ -269,9 +265,8 @@ def _checked_sensitivity(
     value = float(stated.value)
     if not np.isfinite(value) or value == 0:
         _refuse_response(f"the sensitivity of {trace.id} is {value:g}", path)
-    frequency = (
-        stated.frequency if stated.frequency and 0 < stated.frequency < 0.5 / trace.stats.delta else 1.0
-    )
+    nyquist = 0.5 / trace.stats.delta
+    frequency = stated.frequency if stated.frequency and 0 < stated.frequency < nyquist else 1.0
     gain = _gain(response, np.array([float(frequency)]), _OBSPY_OUTPUTS[unit.quantity])
     if gain is None or not np.isfinite(gain[0]) or gain[0] == 0:
         return value, ()

@@ -123,12 +123,8 @@ def _of_kinemetrics(said: Any, whole: bool) -> dict[str, Any]:
 def _header(stats: Any) -> dict[str, Any]:
     """What is used of a trace's header, as JSON says it."""
     header = {key: stats[key] for key in ("network", "station", "location", "channel")}
-    header |= {
-        "sampling_rate": float(stats.sampling_rate),
-        "calib": float(stats.calib),
-        "_format": stats["_format"],
-    }
-    header["starttime"] = stats.starttime.ns
+    header |= {"sampling_rate": float(stats.sampling_rate), "calib": float(stats.calib)}
+    header |= {"_format": stats["_format"], "starttime": stats.starttime.ns}
     for name in ("knet", "sac"):
         if name in stats:
             header[name] = {key: _plain(value) for key, value in stats[name].items()}
@@ -167,9 +163,8 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     joined = []
     for traces in pieces.values():
         traces.sort(key=lambda trace: trace.stats.starttime)
-        whole, messages = traces[0], []
-        for piece in traces[1:]:
-            messages.append(_append(whole, piece, path))
+        whole, *pieces_after = traces
+        messages = [_append(whole, piece, path) for piece in pieces_after]
         joined.append((whole, tuple(filter(None, messages))))
     return joined
 
@@ -198,9 +193,7 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
 def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
-    check_samples(
-        values, stats.channel, str(path)
-    )  # before the removal of a response spreads what is not finite
+    check_samples(values, stats.channel, str(path))  # before a removed response spreads what is not finite
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
         file = RecordText(path, ())
@@ -280,11 +273,8 @@ def _direction(stats: Any, inventory: Any | None) -> tuple[float | str | None, t
         return (None if stats.channel.isdecimal() else bearing(stats.channel)), ()
     stated = _stated_direction(stats, inventory)
     by_code = bearing(code) if code in {"N", "E", "Z"} else None
-    if (
-        stated is None
-        or (isinstance(stated[0], str) == (code == "Z"))
-        or code not in {"N", "E", "Z", "1", "2"}
-    ):
+    agree = stated is None or isinstance(stated[0], str) == (code == "Z")
+    if stated is None or agree or code not in {"N", "E", "Z", "1", "2"}:
         return (stated[0] if stated else by_code), ()
     direction, azimuth, source = stated
     instead = UP if code == "Z" else azimuth if azimuth or code == "N" else by_code

@@ -18,17 +18,10 @@ class Unit:
 
 
 _LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}
-UNITS_M_S2 = {
-    **{f"{length}/s2": factor for length, factor in _LENGTHS_M.items()},
-    "gal": 0.01,
-    "mgal": 1e-5,
-    "g": _G_M_S2,
-    "g/10": 0.1 * _G_M_S2,
-    "%g": 0.01 * _G_M_S2,
-    "mg": 1e-3 * _G_M_S2,
-}
+UNITS_M_S2 = {f"{length}/s2": factor for length, factor in _LENGTHS_M.items()} | {"gal": 0.01, "mgal": 1e-5}
+UNITS_M_S2 |= {"g": _G_M_S2, "g/10": 0.1 * _G_M_S2, "%g": 0.01 * _G_M_S2, "mg": 1e-3 * _G_M_S2}
 """Accelerations by their folded names."""
-UNITS: dict[str, Unit] = {
+_UNITS: dict[str, Unit] = {
     **{name: Unit("acceleration", factor) for name, factor in UNITS_M_S2.items()},
     **{f"{length}/s": Unit("velocity", factor) for length, factor in _LENGTHS_M.items()},
     "kine": Unit("velocity", 0.01),
@@ -93,7 +86,7 @@ def _folded(name: str) -> str:
 
 def unit_of(name: str) -> Unit | None:
     """Unit that a name stands for; None if it is not in the closed list."""
-    return UNITS.get(_folded(name))
+    return _UNITS.get(_folded(name))
 
 
 def acceleration_m_s2(name: str) -> float | None:
@@ -117,10 +110,9 @@ def counted_unit(text: str) -> Unit | None:
         name = f"1e{unicodedata.normalize('NFKC', exponent).replace(chr(0x2212), '-')} {name[power.end() :]}"
     match = _FACTOR.match(name)
     factor, name = (float(match[1]), match[2]) if match else (1.0, name)
-    unit = unit_of(name)
-    return (
-        Unit(unit.quantity, factor * unit.factor) if unit and _FACTORS[0] <= factor <= _FACTORS[1] else None
-    )
+    if (unit := unit_of(name)) is None or not _FACTORS[0] <= factor <= _FACTORS[1]:
+        return None
+    return Unit(unit.quantity, factor * unit.factor)
 
 
 def powered_unit(text: str) -> Unit | None:

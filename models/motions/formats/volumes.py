@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.record_text import Counted, RecordText, column_width
+from toppling.models.motions.formats.record_text import Counted, RecordText, column_width, first_found
 from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
@@ -43,6 +43,7 @@ _WHEN = re.compile(r"^(.*?)(?<!\s)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*
 _DATED = re.compile(r"\b(?:19|20)\d\d\b|\d/\d+/\d")
 _NO_DATE = re.compile(r"^0?1/0?1/1980\s+0?0:00")
 """What RENADIC's files have where nobody told the program the date."""
+_AZIMUTHS = re.compile(r"Azimuth\s+L\s*(\d+)\s+T\s*(\d+)")
 _MAGNITUDE = re.compile(r"\bMW\s*=?\s*(\d\.\d+)", re.IGNORECASE)
 
 
@@ -60,12 +61,9 @@ def read(file: RecordText) -> list[Component]:
     blocks = [(a, b) for a, b in zip(starts, stops, strict=True) if any(line.strip() for line in lines[a:b])]
     for start, stop in blocks[1:]:
         if not any(map(_HEADING.search, lines[start:stop])):
-            file.refuse(
-                start,
-                f"{stop - start} lines of numbers follow after the end of a channel",
-                "a channel that begins with its title, or the end of the file",
-                "fetch the file again, or cut them off",
-            )
+            what = f"{stop - start} lines of numbers follow after the end of a channel"
+            expected = "a channel that begins with its title, or the end of the file"
+            file.refuse(start, what, expected, "fetch the file again, or cut them off")
     return [_channel(file.part(start, stop)) for start, stop in blocks]
 
 
@@ -83,7 +81,7 @@ def _channel(file: RecordText) -> Component:
     label = _label(file)
     dialect = _dialect(lines, corrected)
     event, series = _event(lines, dialect)
-    title = next((_MAGNITUDE.search(text) for text in lines[:15] if _MAGNITUDE.search(text)), None)
+    magnitude = first_found(_MAGNITUDE, lines[:15])
     return file.channel(
         first,
         found,
@@ -95,7 +93,7 @@ def _channel(file: RecordText) -> Component:
         event=event,
         station=_station(lines),
         label=label,
-        magnitude=float(title[1]) if title else None,
+        magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(lines[:first]),
         series=series,
         notes=notes,
@@ -157,7 +155,7 @@ def _uncontrolled(body: Sequence[str]) -> list[str]:
 
 
 def _label(file: RecordText) -> str:
-    match = next((_CHANNEL.match(text) for text in file.lines[:12] if _CHANNEL.match(text)), None)
+    match = first_found(_CHANNEL, file.lines[:12])
     if match is None:
         what = "no line 'CHAN' or 'COMP' names the component"
         file.refuse(0, what, "a component such as 'CHAN 1: 90 DEG'")
@@ -168,10 +166,7 @@ def _direction(label: str, lines: Sequence[str]) -> float | str | None:
     """Bearing by the label; BHRC's L and T by the azimuths in the station's line."""
     letter = re.fullmatch(r"([LTV])\d?", label.strip().upper())
     if letter:
-        found = next(
-            (re.search(r"Azimuth\s+L\s*(\d+)\s+T\s*(\d+)", text) for text in lines[:12] if "Azimuth" in text),
-            None,
-        )
+        found = first_found(_AZIMUTHS, lines[:12])
         if found and letter[1] in "LT":
             return float(found[1] if letter[1] == "L" else found[2]) % 360
         return bearing(letter[1])

@@ -18,7 +18,9 @@ _SCREEN_PX_PER_IN = 132
 _LEAST_BROKEN = 12
 """Length of a cell in letters; shorter text breaks only at blanks."""
 
-_BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{20})(?=\S)")
+_BREAKS = re.compile(
+    r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=[^\s_/.]{20})(?=[^\s_/.]{3})"
+)
 """Places within a word where a line may break: within an id too, which is wider than a column on a narrow screen."""
 
 _MOST_BESIDE = 4

@@ -115,7 +115,7 @@ def read_sites(given: Path) -> tuple[Site, ...]:
 def _rows(given: Path) -> list[dict[str, Any]]:
     if given.suffix.lower() == ".toml":
         content = documents.read_toml(given)
-        rows = content.get("rock")
+        rows: Any = content.get("rock")
         sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
         if not sound or set(content) != {"rock"}:
             raise Place(str(given)).wrong("no list of rocks", "a table [[rock]] for each", "correct the file")

@@ -2,5 +2,5 @@
 
 __all__ = [
     "draws", "from_scan", "inspection", "intervals", "near_interface", "observed", "rough_base",
-    "standing", "statics", "underside", "unseen_side",
+    "standing", "statics", "underside",
 ]  # fmt: skip

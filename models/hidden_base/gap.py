@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.hidden_base.unseen_side import SIDE_TANGENT
+from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.shares import effective_number
 
 _JITTER = 1e-6

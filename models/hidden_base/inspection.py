@@ -140,16 +140,13 @@ def inspection_of(
     if contact is None:
         return known
     of_file = _places(Path(contact))
-    if not len(known.places_m):
-        return replace(
-            known,
-            touching_m=of_file.touching_m,
-            open_m=of_file.open_m,
-            file=of_file.file,
-            lines=of_file.lines,
-        )
-    places = (np.vstack([of_file.touching_m, touching]), np.vstack([of_file.open_m, free]))
-    return replace(known, touching_m=places[0], open_m=places[1], file=of_file.file)
+    return replace(
+        known,
+        touching_m=np.vstack([of_file.touching_m, touching]),
+        open_m=np.vstack([of_file.open_m, free]),
+        file=of_file.file,
+        lines=() if len(known.places_m) else of_file.lines,
+    )
 
 
 def _places(path: Path) -> Inspection:

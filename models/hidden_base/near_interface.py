@@ -1,14 +1,16 @@
-"""What was seen of rock and pedestal near their interface, and of sides that were seen higher up only."""
+"""What was seen of rock and pedestal near their interface, and where the rim goes on over a side unseen."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.special import ndtri
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.scan.crevice import not_strays
-from toppling.models.scan.doubt import SECTORS, sectors
+from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
 
 _RIM_PER_HEIGHT = 0.06
 """Height over the interface up to which the seen underside shapes the hidden one."""
@@ -49,7 +51,7 @@ _LEAST_PATCHES = 3
 _FITTED = 8
 """Lowest levels in which a side was seen, which tell its slope."""
 _STEEP = 0.5
-"""The same for a side that is led down: it lies within 30 degrees of the vertical."""
+"""Upward part of the normals of a side that is led down: it lies within 30 degrees of the vertical."""
 _LEAST_SPAN = 0.35
 """Height over which a side must have been seen over the depth that it is led down: the far side's crown is no side."""
 _SPREAD = 0.08
@@ -113,3 +115,239 @@ class SidesSeen:
         known = [np.flatnonzero(np.isfinite(self.radii_m[:, k])) for k in shown]
         each = [np.interp(at, own, self.radii_m[own, k]) for k, own in zip(shown, known, strict=True)]
         return np.asarray(np.mean(each, axis=0))
+
+
+DRAWN = 16
+"""Outlines that are drawn; lines of the weight take turns."""
+_UNSEEN_DEG = 70.0
+"""From so wide a range without any of the rim on: four feet at the corners of a block lie 60 degrees apart."""
+_SURMISED_DEG = 50.0
+"""The same from the middle of what was seen, from which such a range looks narrower."""
+_LEAST_SHARE = 0.1
+"""Of the points of an average direction, in one in which the rim was seen."""
+_LOWEST_SHARE = 0.2
+"""Of the points in a direction, the lowest, which tell how far the rim is there."""
+_LEAST_TURN_DEG, _MOST_TURN_DEG = 25.0, 88.0
+"""Between the straight line and an outline at its ends: roughness shows normals that an outline does not have, and of a
+side seen from the front alone a half circle is left."""
+_FULLEST = 2.5
+"""Weight of the fullest drawn outline over that of the circle's arc; of eight known rocks .6 to 2.2."""
+_SAMPLES, _DIRECTIONS = 65, 720
+"""Places of an arc, and directions in which an outline's radius is kept."""
+_LED_SHARE = 0.5
+"""Of the directions in which the rim was not seen; in fewer, a side seen higher up is the limb of what was seen."""
+_HORIZONTAL = 0.3
+"""Horizontal part of a normal below which it tells nothing of an outline."""
+_MOST_NORMALS, _NEIGHBOURS = 3000, 16
+"""Of a foot's points, and of points that a normal is of."""
+SIDE_TANGENT = 3.0
+"""Of the side that rises from a drawn outline, over the pedestal."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnseenSide:
+    """Outlines of a rim about a middle, over the range of directions in which nobody saw it."""
+
+    middle_m: Array  # (2,): u, v
+    ends_m: Array  # (2, 2): last places of the rim that were seen, counter-clockwise over the unseen range
+    radius_m: float  # half of what is seen of the width
+    radii_m: Array  # (1 + DRAWN, _DIRECTIONS + 1): of the likeliest outline and of draws, by direction
+
+    @classmethod
+    def of(cls, low: Array, normals: Array | None = None, led_down: Array | None = None) -> UnseenSide | None:
+        """From points (n, 3) of the rock near its interface, as u, v, h; None for a rim seen around, or too thinly.
+
+        Below a side that was seen higher up the rim goes on as that is led down, in draws farther out or in. What no
+        station saw at any height turns through the normals that were not seen, as a circle's arc or, in draws, between
+        the straight line and the corner where its tangents meet.
+
+        normals: (k, 3), of the rock's sides; those of the points unless given.
+        led_down: (m, 3), of :meth:`SidesSeen.led_down`.
+        """
+        hull = low[ConvexHull(low[:, :2]).vertices, :2]
+        ways, middle_m = normals, hull.mean(axis=0)
+        # The middle depends on where the range lies, and the range on the middle.
+        for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
+            rim = _Rim.about(middle_m, low, led_down)
+            seen = rim.only_seen
+            if not len(seen.sector) or seen.unknown_deg[0] < least_deg:
+                return None
+            ends_m, conic = seen.ends_m, None
+            reached = np.vstack([hull, rim.places_m])
+            if rim.unknown_deg[0] >= least_deg:
+                ways = _normals(low, middle_m) if ways is None else ways
+                conic = _Conic.between(rim.ends_m, ways)
+                reached = np.vstack([reached, conic.arc_m()[_SAMPLES // 2]])
+            # Of what is seen and the likeliest outline.
+            axes = np.column_stack(_along_and_back(ends_m))
+            low_m, high_m = (reached @ axes).min(axis=0), (reached @ axes).max(axis=0)
+            middle_m = axes @ (0.5 * (low_m + high_m))
+        rim = _Rim.about(middle_m, low, led_down)
+        share = (np.arange(DRAWN) + 0.5) / DRAWN
+        radii = [_radii(rim, conic, 0.0, 1.0)]
+        radii += [_radii(rim, conic, *each) for each in zip(ndtri(share), _FULLEST * share, strict=True)]
+        return cls(middle_m, ends_m, 0.5 * float(np.ptp(hull @ axes[:, 0])), np.array(radii))
+
+    def share_out(self, places_m: Array, number: int | None = None) -> Array:
+        """Distances (...) of places (..., 2 or 3) from the middle over that of a draw's outline, or the likeliest's.
+
+        Where the rim was not seen no outline lies within the straight line between its ends.
+        """
+        offset = places_m[..., :2] - self.middle_m
+        turn = np.mod(np.arctan2(offset[..., 1], offset[..., 0]), 2.0 * np.pi)
+        radii = self.radii_m[0 if number is None else 1 + number % DRAWN]
+        radius = np.interp(turn, np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1), radii)
+        return np.asarray(np.linalg.norm(offset, axis=-1) / np.maximum(radius, _LEAST_SHARE * self.radius_m))
+
+    def beyond_m(self, places_m: Array, number: int | None = None) -> Array:
+        """How far places (..., 2 or 3) lie beyond such an outline, in the unseen range; elsewhere 0."""
+        share = self.share_out(places_m, number)
+        away = np.linalg.norm(places_m[..., :2] - self.middle_m, axis=-1)
+        beyond = away * (1.0 - 1.0 / np.maximum(share, 1.0))
+        return np.where(self.in_range(places_m), beyond, 0.0)
+
+    def in_range(self, places_m: Array) -> Flags:
+        """Whether places (..., 2 or 3) lie in the unseen range, as seen from the middle."""
+        offset = places_m[..., :2] - self.middle_m
+        first, last = np.arctan2(*(self.ends_m - self.middle_m).T[::-1])
+        into = np.mod(np.arctan2(offset[..., 1], offset[..., 0]) - first, 2.0 * np.pi)
+        return np.asarray(into < np.mod(last - first, 2.0 * np.pi))
+
+    @property
+    def reach_m(self) -> Array:
+        """Lowest and highest u, v of all outlines (2, 2)."""
+        return self.middle_m + float(self.radii_m.max()) * np.array([[-1.0, -1.0], [1.0, 1.0]])
+
+
+def _shown(ways: Array) -> Indices:
+    count = np.bincount(sectors(ways), minlength=SECTORS)
+    return np.flatnonzero(count >= max(3.0, _LEAST_SHARE * count.mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rim:
+    """What is known of a rim about a middle, by sectors of directions."""
+
+    middle_m: Array  # (2,)
+    sector: Indices  # (k,), in order
+    away_m: Array  # (k,)
+    std_m: Array  # (k,), 0 where the rim was seen
+
+    @classmethod
+    def about(cls, middle_m: Array, low: Array, led_down: Array | None) -> _Rim:
+        """Of points (n, 3) near the interface, and of places (m, 3) with their standard deviation elsewhere."""
+        sector, away_m = _rim_seen(low, middle_m)
+        led = np.zeros((0, 3)) if led_down is None else led_down
+        below, first = np.unique(sectors(led[:, :2] - middle_m), return_index=True)
+        elsewhere = ~np.isin(below, sector)
+        if elsewhere.sum() < _LED_SHARE * (SECTORS - len(sector)):
+            elsewhere[:] = False
+        led, sector = led[first[elsewhere]], np.append(sector, below[elsewhere])
+        order = np.argsort(sector)
+        away_m = np.append(away_m, np.linalg.norm(led[:, :2] - middle_m, axis=1))
+        std_m = np.append(np.zeros(len(sector) - len(led)), led[:, 2])
+        return cls(middle_m, sector[order], away_m[order], std_m[order])
+
+    @property
+    def only_seen(self) -> _Rim:
+        """The same without what was not seen."""
+        seen = self.std_m == 0.0
+        return _Rim(self.middle_m, self.sector[seen], self.away_m[seen], self.std_m[seen])
+
+    @property
+    def turn(self) -> Array:
+        """Directions (k,), radians."""
+        return (self.sector + 0.5) * 2.0 * np.pi / SECTORS - np.pi
+
+    @property
+    def places_m(self) -> Array:
+        """Places (k, 2)."""
+        return self.middle_m + self.away_m[:, None] * np.column_stack([np.cos(self.turn), np.sin(self.turn)])
+
+    @property
+    def unknown_deg(self) -> tuple[float, float]:
+        """Width of the widest range of directions in which nothing is known, and its middle."""
+        return widest_gap_deg(self.sector)
+
+    @property
+    def ends_m(self) -> Array:
+        """Last places (2, 2) before that range and first after it, counter-clockwise."""
+        from_begin = np.mod(self.turn - np.deg2rad(self.unknown_deg[1]), 2.0 * np.pi)
+        return self.places_m[[from_begin.argmax(), from_begin.argmin()]]
+
+
+def _rim_seen(low: Array, middle_m: Array) -> tuple[Indices, Array]:
+    """Sectors (k,) in which the rim was seen, and its distance (k,) from a middle."""
+    offset = low[:, :2] - middle_m
+    sector, away = sectors(offset), np.linalg.norm(offset, axis=1)
+    shown = _shown(offset)
+    radii = []
+    for each in shown:
+        own = sector == each
+        foot = low[own, 2] <= np.quantile(low[own, 2], _LOWEST_SHARE)
+        radii.append(float(np.median(away[own][foot])))
+    return shown, np.array(radii)
+
+
+def _along_and_back(ends_m: Array) -> tuple[Array, Array]:
+    """Unit vectors from the first end to the second, and square to it toward what was not seen."""
+    along = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
+    return along, np.array([along[1], -along[0]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Conic:
+    """A conic between two ends: a rational Bezier curve of second degree (Farin 2002)."""
+
+    ends_m: Array  # (2, 2)
+    corner_m: Array  # (2,): where the tangents at its ends meet
+    weight: float  # of the corner, with which it is a circle's arc
+
+    @classmethod
+    def between(cls, ends_m: Array, normals: Array) -> _Conic:
+        """Its tangents are square to the first normals that were seen on either side of the straight line's."""
+        along, back = _along_and_back(ends_m)
+        flat = normals[np.linalg.norm(normals[:, :2], axis=1) > _HORIZONTAL]
+        shown = (
+            _shown(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
+        ) * 360.0 / SECTORS - 180.0
+        after = min(shown[shown >= 0.0], default=180.0)
+        before = min(-shown[shown <= 0.0], default=180.0)
+        turns = np.deg2rad(np.clip([before, after], _LEAST_TURN_DEG, _MOST_TURN_DEG))
+        wide_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+        deep_m = wide_m / (1.0 / np.tan(turns)).sum()
+        corner_m = ends_m[0] + deep_m * (back + along / np.tan(turns[0]))
+        return cls(ends_m, corner_m, float(np.cos(turns.mean())))
+
+    def arc_m(self, fullness: float = 1.0) -> Array:
+        """Places (_SAMPLES, 2) of the curve with so many times the circle's weight."""
+        t, weight = np.linspace(0.0, 1.0, _SAMPLES)[:, None], fullness * self.weight
+        first, between, last = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
+        whole = first * self.ends_m[0] + between * self.corner_m + last * self.ends_m[1]
+        return np.asarray(whole / (first + between + last))
+
+
+def _radii(rim: _Rim, conic: _Conic | None, out: float, fullness: float) -> Array:
+    """Distances (_DIRECTIONS + 1,) from a middle over a whole turn: of a rim and of a conic where nothing is known.
+
+    out: of what was not seen, in standard deviations.
+    """
+    turn, away_m = rim.turn, np.maximum(rim.away_m + out * rim.std_m, 0.0)
+    if conic is not None:
+        arc = conic.arc_m(fullness) - rim.middle_m
+        of_arc = np.arctan2(arc[:, 1], arc[:, 0])
+        first, last = of_arc[[0, -1]]
+        elsewhere = np.mod(turn - first, 2.0 * np.pi) > np.mod(last - first, 2.0 * np.pi)
+        turn = np.concatenate([of_arc, turn[elsewhere]])
+        away_m = np.concatenate([np.linalg.norm(arc, axis=1), away_m[elsewhere]])
+    return np.interp(np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1), turn, away_m, period=2.0 * np.pi)
+
+
+def _normals(points_m: Array, middle_m: Array) -> Array:
+    """Normals (k, 3) of planes through the neighbourhood of some of the points (n, 3), away from a middle (2,)."""
+    some = points_m[:: max(1, len(points_m) // _MOST_NORMALS)]
+    near = some[cKDTree(some).query(some, min(_NEIGHBOURS, len(some)))[1]]
+    off = near - near.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("kni,knj->kij", off, off))[1][:, :, 0]
+    outward = (normals[:, :2] * (some[:, :2] - middle_m)).sum(axis=1)
+    return np.asarray(normals * np.where(outward < 0.0, -1.0, 1.0)[:, None])

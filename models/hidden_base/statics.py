@@ -16,9 +16,9 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.ground.equilibrium import farthest_load, wrenches
 from toppling.models.hidden_base.draws import least_feet
 from toppling.models.hidden_base.gap import GapDraw
+from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.hidden_base.observed import HiddenPart
 from toppling.models.hidden_base.underside import Base
-from toppling.models.hidden_base.unseen_side import SIDE_TANGENT
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface

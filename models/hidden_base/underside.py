@@ -7,8 +7,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags
-from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
+from toppling.models.hidden_base.near_interface import DRAWN, NearInterface, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.doubt import SECTORS, sectors
 from toppling.models.scan.interface import Edge, Interface

@@ -18,9 +18,8 @@ from scipy.spatial import QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.hidden_base.near_interface import LEVELS, SidesSeen
+from toppling.models.hidden_base.near_interface import LEVELS, SidesSeen, UnseenSide
 from toppling.models.hidden_base.underside import Base
-from toppling.models.hidden_base.unseen_side import UnseenSide
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles

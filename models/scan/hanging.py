@@ -1,6 +1,6 @@
 """Parts of a rock below its seat: what of it hangs beyond the pedestal's edge, and where that edge runs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -37,20 +37,15 @@ _BESIDE_PER_HEIGHT = 0.06
 """What is called rock so near to what hangs is no pedestal, however near to its surface."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hanging:
-    """Patches (n,) of the rock that hang, and the interface up to the edge that they hang from."""
-
-    patches: Flags
-    interface: Interface
-
-
-def hanging(surfels: Surfels, rock: Flags, height_m: float, interface: Interface) -> Hanging | None:
-    """What of a rock hangs beyond an edge of its pedestal; None where nothing does, or no edge shows.
+def hanging(
+    surfels: Surfels, rock: Flags, height_m: float, interface: Interface
+) -> tuple[Flags, Interface] | None:
+    """Patches (n,) of a rock that hang beyond an edge of its pedestal, and the interface up to that edge.
 
     rock: (n,), which are the rock's.
     height_m: of the rock.
     interface: a plane.
+    Returns None where nothing hangs, or no edge shows.
     """
     hangs = _below(surfels, rock, _AT_EDGE_PER_HEIGHT * height_m, interface)
     if interface.sheet is not None or hangs.sum() <= _SHARE_AT_EDGE * rock.sum():
@@ -62,8 +57,9 @@ def hanging(surfels: Surfels, rock: Flags, height_m: float, interface: Interface
     hangs &= edge.outside_m(interface.flat(surfels.points_m)) > 0.0
     if hangs.sum() <= _SHARE_AT_EDGE * rock.sum():
         return None
-    found = Hanging(hangs, replace(interface, edge=edge))
-    return found if _divides(found, surfels, rock, height_m) else None
+    if not _divides(edge, surfels, rock, height_m, interface):
+        return None
+    return hangs, replace(interface, edge=edge)
 
 
 def seat_of(surfels: Surfels, rock: Flags, height_m: float, interface: Interface) -> Interface:
@@ -79,9 +75,9 @@ def seat_of(surfels: Surfels, rock: Flags, height_m: float, interface: Interface
         return interface
 
 
-def beside_hanging(points_m: Array, surfels: Surfels, found: Hanging, height_m: float) -> Flags:
-    """Which points (n,) lie beside what hangs."""
-    tree = cKDTree(surfels.points_m[found.patches])
+def beside_hanging(points_m: Array, surfels: Surfels, hangs: Flags, height_m: float) -> Flags:
+    """Which points (n,) lie beside the patches (k,) that hang."""
+    tree = cKDTree(surfels.points_m[hangs])
     reach = _BESIDE_PER_HEIGHT * height_m
     return np.isfinite(tree.query(points_m, distance_upper_bound=reach)[0])
 
@@ -155,15 +151,13 @@ def _top(surfels: Surfels, rock: Flags, flat: Array, height_m: float, interface:
     return np.asarray(~rock & level & (surfels.normals @ interface.normal > _FACE_DIP))
 
 
-def _divides(found: Hanging, surfels: Surfels, rock: Flags, height_m: float) -> bool:
+def _divides(edge: Edge, surfels: Surfels, rock: Flags, height_m: float, plane: Interface) -> bool:
     """Whether the edge parts what hangs from the seat around the rock's foot."""
-    edge = found.interface.edge
-    assert edge is not None
-    flat = found.interface.flat(surfels.points_m)
-    seat = _top(surfels, rock, flat, height_m, found.interface)
+    flat = plane.flat(surfels.points_m)
+    seat = _top(surfels, rock, flat, height_m, plane)
     seat &= cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < 3.0 * surfels.voxel_m
     off_m = _OFF_PER_HEIGHT * height_m
-    deep = _below(surfels, rock, _PER_HEIGHT * height_m, found.interface)
+    deep = _below(surfels, rock, _PER_HEIGHT * height_m, plane)
     within = (edge.outside_m(flat[deep]) < -off_m).mean() if deep.any() else 0.0
     beyond = (edge.outside_m(flat[seat]) > off_m).mean() if seat.any() else 1.0
     return bool(max(within, beyond) <= _MOST_OFF)

@@ -114,13 +114,8 @@ class InterfaceHint:
 
     def moved(self, shift_m: Array) -> "InterfaceHint":
         """The same hint in coordinates from which `shift_m` is taken away."""
-        plane = self.interface
-        return InterfaceHint(
-            Interface(plane.point_m - shift_m, plane.normal, plane.axes, plane.roughness_m),
-            self.anchors_m - shift_m,
-            self.encloses,
-            self.kind,
-        )
+        plane = replace(self.interface, point_m=self.interface.point_m - shift_m)
+        return replace(self, interface=plane, anchors_m=self.anchors_m - shift_m)
 
     def inside(self, flat_m: Array) -> Flags:
         """Which points (..., 2), u and v on the interface, lie inside the outline."""

@@ -117,15 +117,11 @@ def _covers(places_m: Array, place_m: Array) -> bool:
 
 def _refuse(found: Iterable[Lean], origin_m: Array) -> None:
     """Refuse the highest of some bodies that lean: say on what, where, and what to do."""
-    highest = max(found, key=lambda each: each.height_m, default=None)
-    if highest is not None:
-        raise leans(highest, origin_m)
-
-
-def leans(body: Lean, origin_m: Array) -> InputError:
-    """What to say of a body that leans."""
+    body = max(found, key=lambda each: each.height_m, default=None)
+    if body is None:
+        return
     x, y, z = body.held_m + origin_m
-    return InputError(
+    raise InputError(
         f"the rock leans: a body {body.height_m:.2g} m high rests on a wall or neighbour toward "
         f"{direction_told(body.toward_deg)}, which touches it {body.above_foot_m:.2g} m above its foot, about "
         f"{x:.2f}, {y:.2f}, {z:.2f}; its weight hangs {body.overhang_m:.2g} m over beside its foot",

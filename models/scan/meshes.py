@@ -97,8 +97,7 @@ def facing_up(vertices: Array, faces: Indices, placement: Placement) -> Indices:
 
 def _facing(vertices: Array, faces: Indices) -> Array | None:
     """Unit vector toward which an open surface faces in the mean; None for one that is closed."""
-    corners = vertices[faces]
-    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * _crossed(vertices[faces])
     total, whole = area.sum(axis=0), float(np.linalg.norm(area, axis=1).sum())
     size = float(np.linalg.norm(total))
     return total / size if size > _OPEN_SHARE * whole else None
@@ -157,7 +156,7 @@ def points_on(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     [0.5, 0.5, 0.0]
     """
     corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(_crossed(corners), axis=1)
     count = int(np.clip(_POINTS_PER_TRIANGLE * len(faces), FEWEST, _MOST))
     number = np.arange(count)
     share = np.cumsum(0.5 * area / area.sum() + 0.5 / len(faces))
@@ -170,10 +169,14 @@ def points_on(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return first * (1.0 - u - v) + second * u + third * v, triangle
 
 
+def _crossed(corners: Array) -> Array:
+    """Twice the area (m, 3) of triangles (m, 3, 3) along their normals."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
 def outward(vertices: Array, faces: Indices) -> Array:
     """Unit normals (m, 3) of triangles, by the order of their corners; 0 of one without area."""
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = _crossed(vertices[faces])
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
 
 

@@ -335,8 +335,7 @@ def _read_file(path: Path, said: _Said) -> _Read:
             points, station = _read_ply(path)
             remarks = read_header(path).remarks
         else:
-            text = read_text(path, unit_given)
-            points, remarks, note = text.points, text.remarks, text.note
+            points, remarks, note = read_text(path, unit_given)
             station = np.zeros(len(points), np.int32)
     except InputError:
         raise

@@ -215,7 +215,7 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     seat = seat_of(surfels, rock, height, interface) if fitted else interface
     hangs = hanging(surfels, rock, height, seat)
     interface = interface if hangs is None else seat
-    sure = None if hangs is None else beside_hanging(cloud.points_m, surfels, hangs, height)
+    sure = None if hangs is None else beside_hanging(cloud.points_m, surfels, hangs[0], height)
     label, interface = judge_crevice(
         cloud.points_m,
         parts.label,
@@ -228,7 +228,7 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     surfel_label = label_surfels(surfels, cloud.points_m, label)
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
     if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
-        interface = hangs.interface
+        interface = hangs[1]
     beside = np.zeros(len(rock), bool)
     if interface.edge is None:
         beside = stands_beside(surfels, rock, pedestal, interface, height)

@@ -40,6 +40,11 @@ _not_whole = refusals(
     expected="the same columns of numbers in every line of points",
     remedy="export the cloud again, or cut the damaged lines",
 )
+_out_of_order = refusals(
+    expected="x (east), y (north), z in this order, or a header line that names them",
+    remedy="put a line with the columns' names before the first point: id,x,y,z or id,y,x,z where points are "
+    "numbered, else y,x,z, or x,y,z if they are in order",
+)
 _ambiguous = refusals(
     expected="numbers with decimal points, or with decimal commas and parted by semicolons, tabs or blanks",
     remedy="export again with decimal points, or with semicolons between the columns",
@@ -74,19 +79,11 @@ class Layout:
         return not (self.decimal_comma or self.quoted)
 
 
-@dataclass(frozen=True, eq=False)
-class Text:
-    """A text cloud: points (n, 3) in the file's unit, the remarks before the first of them, and what is to be told."""
-
-    points: Array
-    remarks: tuple[str, ...]
-    note: str = ""
-
-
-def read_text(path: Path, unit_given: bool = False) -> Text:
+def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, ...], str]:
     """Read x, y, z of a text file: the columns that a header names, else the first three.
 
     unit_given: the user says which unit the numbers are in, so that a header may name another than metres.
+    Returns points (n, 3) in the file's unit, the remarks before the first of them, and what is to be told.
     Raises InputError if it cannot be told where the numbers part, or which columns are meant.
     """
     encoding = _encoding_of(path)
@@ -94,7 +91,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
         head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
     if skip is None:
-        return Text(np.empty((0, 3)), ())
+        return np.empty((0, 3)), (), ""
     with path.open(encoding=encoding, errors="replace") as lines:
         layout = _settled([*islice(lines, skip, skip + _LOOKED_AT)], path)
     titles = list(filter(_no_count, head[:skip]))
@@ -127,7 +124,7 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
     note = (
         "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
     )
-    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), note)
+    return points, tuple(line.strip().lstrip("#/ ") for line in titles), note
 
 
 def _rows(path: Path, encoding: str, skip: int, layout: Layout, counts: list[int]) -> Iterator[str]:
@@ -302,11 +299,9 @@ def _check_not_numbered(points: Array, path: Path) -> None:
         return
     if (number % 1.0).any() and np.ptp(rise) > _EVEN * rise.min():
         return
-    raise InputError(
+    raise _out_of_order(
         f"the first column, {', '.join(f'{each:g}' for each in number[:3])} ..., numbers or times the points",
-        where=str(path),
-        expected="x (east), y (north), z in this order, or a header line that names them",
-        remedy="put a line with the columns' names before the first point, such as id,x,y,z or id,y,x,z",
+        path,
     )
 
 
@@ -316,16 +311,9 @@ def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
         return
     x, y, z = np.abs(np.nanmedian(points, axis=0))
     if _EASTINGS_M[0] < z < _NORTHINGS_BELOW_M and not unit_given:
-        raise InputError(
-            f"the third column, about {z:.0f}, is no height",
-            where=str(path),
-            expected="x (east), y (north), z in this order, or a header line that names them",
-            remedy="put a line with the columns' names before the first point, such as id,y,x,z",
-        )
+        raise _out_of_order(f"the third column, about {z:.0f}, is no height", path)
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:
-        raise InputError(
+        raise _out_of_order(
             f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
-            where=str(path),
-            expected="x (east), y (north), z in this order, or a header line that names them",
-            remedy="put a line with the columns' names before the first point: y,x,z, or x,y,z if they are in order",
+            path,
         )

@@ -83,7 +83,7 @@ def test_a_height_of_850_m_in_millimetres_is_read_where_the_unit_is_given(tmp_pa
     path = tmp_path / "cloud.xyz"
     low = np.array([0.0, 0.0, 850000.0])
     np.savetxt(path, np.random.default_rng(1).uniform(low, low + 900.0, (50, 3)))
-    assert read_text(path, unit_given=True).points[:, 2].min() >= 850000.0
+    assert read_text(path, unit_given=True)[0][:, 2].min() >= 850000.0
 
 
 def test_rows_of_a_grid_are_no_points(tmp_path):

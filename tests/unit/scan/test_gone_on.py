@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.hidden_base.unseen_side import UnseenSide
+from toppling.models.hidden_base.near_interface import UnseenSide
 from toppling.models.scan.close import _side_gone_on
 
 STEP_M = 0.04

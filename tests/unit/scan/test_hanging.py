@@ -54,10 +54,10 @@ def block_over_a_cliff(lean_deg, hangs_m=0.2, inward=False):
 def test_the_edge_below_a_rock_is_where_the_faces_beside_it_meet_the_seat(lean_deg, inward):
     """The line goes straight on below the rock, whichever way the normals of a hidden face were turned."""
     surfels, rock = block_over_a_cliff(lean_deg, inward=inward)
-    found = hanging(surfels, rock, 1.4, LEVEL)
+    hangs, seat = hanging(surfels, rock, 1.4, LEVEL)
     below = np.stack(np.meshgrid(np.linspace(-0.4, 0.6, 11), np.linspace(-0.3, 0.3, 7)), axis=-1)
-    np.testing.assert_allclose(found.interface.edge.outside_m(below), below[..., 0] - EDGE_M, atol=0.01)
-    assert (surfels.points_m[found.patches, 0] > EDGE_M).all()
+    np.testing.assert_allclose(seat.edge.outside_m(below), below[..., 0] - EDGE_M, atol=0.01)
+    assert (surfels.points_m[hangs, 0] > EDGE_M).all()
 
 
 def test_a_rock_that_hangs_nowhere_has_no_edge():

@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.leaning import leaning, leans, upright_split
+from toppling.models.scan.leaning import _refuse, leaning, upright_split
 from toppling.models.scan.one_block import _weakest_joint
 from toppling.models.scan.segment import PEDESTAL, segment
 from toppling.models.scan.surfels import Surfels
@@ -82,15 +82,10 @@ def test_a_block_past_its_balance_on_a_wall_leans_toward_it_by_what_its_weight_h
     assert found.overhang_m == pytest.approx(hangs_m, abs=2.5 * VOXEL_M)
     assert found.above_foot_m == pytest.approx(held_at_m(25.0, wall_m)[1], abs=0.1 * HEIGHT_M)
     assert (found.toward_deg - azimuth_deg + 180.0) % 360.0 == pytest.approx(180.0, abs=5.0)
-    said = str(leans(found, np.array([1000.0, 2000.0, 300.0])))
-    for words in (
-        "the rock leans",
-        f"azimuth {found.toward_deg:.0f}",
-        "--rock",
-        "--pedestal",
-        "Scene.from_mesh",
-    ):
-        assert words in said
+    with pytest.raises(InputError, match="the rock leans") as said:
+        _refuse([found], np.array([1000.0, 2000.0, 300.0]))
+    for words in (f"azimuth {found.toward_deg:.0f}", "--rock", "--pedestal", "Scene.from_mesh"):
+        assert words in str(said.value)
 
 
 @pytest.mark.parametrize("leans", [True, False])

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.hidden_base.near_interface import SidesSeen
-from toppling.models.hidden_base.unseen_side import DRAWN, UnseenSide
+from toppling.models.hidden_base.near_interface import DRAWN, SidesSeen, UnseenSide
 from toppling.models.scan.close import _side_gone_on
 
 HEIGHT_M, STEP_M = 2.0, 0.02

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
-from toppling.models.hidden_base.near_interface import NearInterface
+from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
 from toppling.models.hidden_base.underside import Underside
-from toppling.models.hidden_base.unseen_side import DRAWN, SIDE_TANGENT, UnseenSide
 from toppling.models.scan.interface import Edge, Interface
 
 HEIGHT_M, PITCH_M = 2.0, 0.012

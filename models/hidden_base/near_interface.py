@@ -170,7 +170,7 @@ class UnseenSide:
         for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
             rim = _Rim.about(middle_m, low, led_down)
             seen = rim.only_seen
-            if not len(seen.sector) or seen.unknown_deg[0] < least_deg:
+            if len(seen.sector) < 2 or seen.unknown_deg[0] < least_deg:
                 return None
             ends_m, conic = seen.ends_m, None
             reached = np.vstack([hull, rim.places_m])

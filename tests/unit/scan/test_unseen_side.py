@@ -52,6 +52,11 @@ def test_no_rim_goes_on_where_it_was_seen_around(gaps_deg):
     assert UnseenSide.of(low[turn >= gaps_deg]) is None
 
 
+def test_no_rim_goes_on_that_was_seen_in_one_direction_alone():
+    patch = np.tile([[1.0, 0.02, 0.0], [1.001, 0.02, 0.0], [1.0, 0.021, 0.0]], (50, 1))
+    assert UnseenSide.of(np.vstack([patch, [[-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]]])) is None
+
+
 @pytest.mark.parametrize("unseen_deg", [90.0, 150.0, 180.0])
 def test_the_rim_of_a_round_base_goes_on_as_a_circle(unseen_deg):
     found = UnseenSide.of(side(unseen_deg))

@@ -157,8 +157,7 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
 def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> None:
     """Refuse pulls with which, although some draw agrees with each, the likeliest draws do not.
 
-    pulls: sequence of (azimuth_deg, ratio).
-    ratios: (n, pulls).
+    pulls, ratios: as of :func:`check_spanned`.
     weight, before: (n,), of the draws, with and without what was measured.
     Raises InputError if half of the draws' weight is on bases that contradict a pull.
     """

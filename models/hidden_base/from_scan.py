@@ -46,7 +46,7 @@ DRAWS = 48
 """Kept in the scene."""
 CANDIDATES = 162
 """Draws of each kind, shared by its priors, of which the likelier are kept."""
-MORE_ROUNDS, _ENOUGH = 3, 16.0
+_MORE_ROUNDS, _ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""
 LEVEL = 0.9
 """Of the intervals that are stated."""
@@ -208,7 +208,7 @@ def _weighed(
     ratios = borne(found)
     check_spanned(pulls, ratios, weight)
     measured = weight * pulls_likelihood(pulls, ratios)
-    for _ in range(MORE_ROUNDS):
+    for _ in range(_MORE_ROUNDS):
         if effective_number(measured) >= _ENOUGH:
             break
         more = candidates()

@@ -26,7 +26,7 @@ _POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
 """More than so many cannot be packed into a byte: a million points that are all equal take 7 kB of LAZ, 140 to one."""
 _POINTS_AT_ONCE = 500_000
 _PCD_HEADER_BYTES = 8192
-WKT = 2112
+_WKT = 2112
 """LAS's record of a coordinate system in words."""
 _UNIT_QUATERNION = 1e-3
 """How far from one the length of a rotation's quaternion may be: writers round to four digits."""
@@ -115,7 +115,7 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
         for each in records
         if each.user_id.strip("\0 ") == "LASF_Projection"
     }
-    wkt = content.get(WKT, b"").decode("latin-1").strip("\0 \r\n")
+    wkt = content.get(_WKT, b"").decode("latin-1").strip("\0 \r\n")
     keys, doubles = (content.get(each, b"") for each in (reference.GEO_KEYS, reference.GEO_DOUBLES))
     meant = bool(wkt) and source.header.global_encoding.wkt
     try:

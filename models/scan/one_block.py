@@ -18,7 +18,7 @@ from toppling.models.scan.surfels import Surfels, thin
 
 _PATCHES = 5000
 """So many tell a joint, and are cut in a tenth of a second."""
-_WIDER, WIDEST = 1.5, 4.5
+_WIDER, _WIDEST = 1.5, 4.5
 """Than patches are wide, or than they lie apart where a cloud has few points: else no crease shows between them."""
 _WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIDES = ((0.2, 0.8), (0.35, 0.9))
@@ -46,7 +46,9 @@ def _weakest_joint(observed: ObservedRock, interface: Interface) -> _Joint | Non
     """
     apart = observed.patches_apart
     least = _WIDER * (apart if apart > SPARSE else 1.0)
-    found = [_weakest_of(coarser(observed, each), interface) for each in sorted({least, max(least, WIDEST)})]
+    found = [
+        _weakest_of(_coarser(observed, each), interface) for each in sorted({least, max(least, _WIDEST)})
+    ]
     return max(
         (each for each in found if each is not None), key=lambda each: each.creased_share, default=None
     )
@@ -75,7 +77,7 @@ def _weakest_of(patches: Surfels, interface: Interface) -> _Joint | None:
     return found
 
 
-def coarser(observed: ObservedRock, least: float) -> Surfels:
+def _coarser(observed: ObservedRock, least: float) -> Surfels:
     """The rock's patches joined to wider ones, at least so many times as wide."""
     surfels, own = observed.surfels, observed.patches
     voxel = surfels.voxel_m * max(least, float(np.sqrt(own.sum() / _PATCHES)))
@@ -135,7 +137,7 @@ def _parted(observed: ObservedRock, interface: Interface) -> tuple[float, float]
 
     0 where no crease goes all around.
     """
-    patches, found = coarser(observed, WIDEST), (0.0, 0.0)
+    patches, found = _coarser(observed, _WIDEST), (0.0, 0.0)
     edges, over = neighbourhood(patches.points_m, patches.voxel_m), interface.flat(patches.points_m)
     up = (over[:, 2] - over[:, 2].min()) / np.ptp(over[:, 2])
     for low, high in _LEVELS:

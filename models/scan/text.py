@@ -52,7 +52,7 @@ _ambiguous = refusals(
 
 
 @dataclass(frozen=True)
-class Layout:
+class _Layout:
     """How numbers stand in a text."""
 
     parted_by: str | None = None  # one character; None for any blanks
@@ -127,7 +127,7 @@ def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, .
     return points, tuple(line.strip().lstrip("#/ ") for line in titles), note
 
 
-def _rows(path: Path, encoding: str, skip: int, layout: Layout, counts: list[int]) -> Iterator[str]:
+def _rows(path: Path, encoding: str, skip: int, layout: _Layout, counts: list[int]) -> Iterator[str]:
     """Lines of points as NumPy reads them; the counts that stand before each scan of a PTS file go into `counts`."""
     with path.open(encoding=encoding, errors="replace") as lines:
         counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
@@ -186,7 +186,7 @@ def _encoding_of(path: Path) -> str:
     return "utf-8"
 
 
-def _layout(line: str, where: str) -> Layout | None:
+def _layout(line: str, where: str) -> _Layout | None:
     """How the numbers of a line stand; None if it does not begin with three of them.
 
     Raises InputError if it holds numbers with thousands parted.
@@ -199,11 +199,11 @@ def _layout(line: str, where: str) -> Layout | None:
     if ";" in text:
         parted: str | None = ";"
     elif not quoted and len(words) >= 3 and _of_commas(words):
-        return Layout(None, True)
+        return _Layout(None, True)
     elif (
         not quoted and len(commas := re.split(r",\s+", text)) >= 3 and all(map(_WITH_COMMA.fullmatch, commas))
     ):
-        return Layout(", ", True)
+        return _Layout(", ", True)
     else:
         parted = "," if "," in text and "\t" not in text else None
     if (
@@ -212,9 +212,9 @@ def _layout(line: str, where: str) -> Layout | None:
         and all(_is_number(word) or _THOUSANDS.fullmatch(word) for word in words[:3])
     ):
         raise _ambiguous(f"numbers with thousands parted, such as {max(words[:3], key=len)}", where)
-    raw = Layout(parted, False, quoted).fields(text)
+    raw = _Layout(parted, False, quoted).fields(text)
     comma = parted != "," or quoted
-    layout = Layout(parted, comma and _of_commas(raw), quoted)
+    layout = _Layout(parted, comma and _of_commas(raw), quoted)
     numbers = 0
     for word in layout.fields(text):
         if _THOUSANDS.fullmatch(word) and not _is_number(word):
@@ -233,7 +233,7 @@ def _of_commas(words: list[str]) -> bool:
     )
 
 
-def _settled(lines: list[str], path: Path) -> Layout:
+def _settled(lines: list[str], path: Path) -> _Layout:
     """The layout of most of the first lines: a whole number tells nothing of the decimal sign.
 
     Raises InputError if commas part the numbers and are decimal too.

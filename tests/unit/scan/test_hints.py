@@ -57,7 +57,7 @@ def column():
 @pytest.fixture
 def few_candidates(monkeypatch):
     monkeypatch.setattr(unseen, "CANDIDATES", 9)
-    monkeypatch.setattr(unseen, "MORE_ROUNDS", 2)
+    monkeypatch.setattr(unseen, "_MORE_ROUNDS", 2)
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
     rounds = []

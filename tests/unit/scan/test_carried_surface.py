@@ -13,7 +13,7 @@ from toppling.models.hidden_base.statics import on_surface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.carried_surface import carried_surface
+from toppling.models.scan.carried_surface import _faceted, carried_surface
 from toppling.models.scan.close import _body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
@@ -142,6 +142,20 @@ def test_a_foot_that_came_off_at_its_top_is_the_rock_again_once_its_surface_is_k
     assert quadrants.min() > 80
     changed = np.flatnonzero(again.label != parts.label)
     assert (interface.over(points[changed])[:, 2] > 0.0).all()  # the ground stays what it was
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_facets_are_the_planes_through_all_of_their_noisy_patches(seed):
+    random, height_at = np.random.default_rng(seed), ledges(10, 20)
+    turn, away_m = random.uniform(0.0, 2.0 * np.pi, 3000), random.uniform(0.45, 0.8, 3000)
+    x, y = away_m * np.cos(turn), away_m * np.sin(turn)
+    slope = np.where(x < 0.0, -math.tan(math.radians(10)), math.tan(math.radians(20)))
+    normals = np.column_stack([-slope, np.zeros(3000), np.ones(3000)]) / np.hypot(slope, 1.0)[:, None]
+    sheet = _faceted(
+        np.column_stack([x, y, height_at(x, y) + random.normal(0.0, 0.006, 3000)]), normals, HEIGHT_M
+    )
+    places = below_the_base(height_at)
+    assert np.abs(sheet.at(places) - places[:, 2]).max() < 0.0015  # a single fit is off by up to its noise
 
 
 @pytest.mark.thorough

@@ -54,9 +54,7 @@ class PlannedScene:
     ensemble_id: str
     record_sha: dict[str, str]  # hash of every record in use
     duration_s: dict[str, float]  # duration of every record in use
-    # Of a rock among others.
-    site: Site | None = None
-    rock: str | None = None
+    site: Site | None = None  # of a rock among others
     # Their folders in the run's.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
@@ -65,9 +63,12 @@ class PlannedScene:
         """The same as one rock of an atlas."""
         scene, own = f"scenes/{site.rock}/scene", site.ensemble or site.seismograms
         ensemble = f"scenes/{site.rock}/ensemble" if own else "ensemble"
-        return dataclasses.replace(
-            self, site=site, rock=site.rock, scene_place=scene, ensemble_place=ensemble
-        )
+        return dataclasses.replace(self, site=site, scene_place=scene, ensemble_place=ensemble)
+
+    @property
+    def rock(self) -> str | None:
+        """Name of a rock among others."""
+        return None if self.site is None else self.site.rock
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,11 +66,6 @@ class Replay:
             return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
         return max(float(path.time_s[moving[0]]) - _LEAD_S, 0.0), float(path.time_s[-1])
 
-    def placed(self, position_m: Array, quaternion_xyzw: Array) -> Array:
-        """Vertices of the rock in a pose, (n, 3)."""
-        arms = self.scene.rock.vertices_m - self.scene.rock.com_m
-        return position_m + Rotation.from_quat(quaternion_xyzw).apply(arms)
-
 
 def trajectory_table(replay: Replay) -> pa.Table:
     """The trajectory as a table, one row a pose, units and descriptions in the fields' metadata."""

@@ -1,6 +1,5 @@
 """A shake as a moving picture: the rock across its fall, the seismogram below with a moving cursor."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import wrap
@@ -58,7 +57,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     milliseconds = round(1000 / _FRAMES_HZ)
     speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
     view = _view_of(replay, position)
-    ground = _drawn(replay, view, surfaces_of(replay.scene))
+    ground = _ground(replay, view)
     below = _seismogram(replay, times)
     heading = _heading(title, speed)
     frames = []
@@ -103,11 +102,19 @@ def _view_of(replay: Replay, position: Array) -> _View:
     return _View(surface, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
 
 
-def _drawn(replay: Replay, view: _View, surfaces: Sequence[Surface]) -> tuple[NDArray[np.uint8], Array]:
-    """The last of some surfaces, seen orthographically: colour of each pixel, and its depth (infinitely far: none)."""
-    triangles, colours, of_rock = painted(surfaces, view.frame, replay.scene.pedestal)
-    chosen = of_rock if len(surfaces) == 1 else ~of_rock
-    triangles, colours = triangles[chosen], colours[chosen]
+def _ground(replay: Replay, view: _View) -> tuple[NDArray[np.uint8], Array]:
+    """What `_drawn` gives of the pedestal; before a plane, whose triangles are large, the rock is everywhere."""
+    pedestal = replay.scene.pedestal
+    triangles, colours, of_rock = painted(surfaces_of(replay.scene), view.frame, pedestal)
+    colour, depth = _drawn(view, triangles[~of_rock], colours[~of_rock])
+    return colour, np.full_like(depth, -np.inf) if pedestal.is_plane else depth
+
+
+def _drawn(view: _View, triangles: Array, colours: Array) -> tuple[NDArray[np.uint8], Array]:
+    """Triangles (n, 3, 3) and their colours, from far to near, seen orthographically: each pixel's colour and depth.
+
+    A pixel of none is infinitely far.
+    """
     size = _OVERSAMPLING * _WIDTH
     image = Image.new("I", (size, size))
     draw = ImageDraw.Draw(image)
@@ -115,8 +122,6 @@ def _drawn(replay: Replay, view: _View, surfaces: Sequence[Surface]) -> tuple[ND
         draw.polygon(outline, fill=number)
     numbers = np.asarray(image)
     depth = triangles[:, :, 2].mean(axis=1)
-    if len(surfaces) > 1 and replay.scene.pedestal.is_plane:  # the rock is on its triangles, which are large
-        depth = np.full(len(depth), -np.finfo(float).max)
     shades = (255 * np.concatenate([[to_rgb("#f4f6f8")], colours])).astype(np.uint8)
     return shades[numbers], np.concatenate([[-np.inf], depth])[numbers]
 
@@ -134,7 +139,8 @@ def _pose(
     rock = replace(
         view.rock, vertices_m=centre_m + view.rock.vertices_m @ turn, normals=view.rock.normals @ turn
     )
-    colour, depth = _drawn(replay, view, [rock])
+    triangles, colours, _ = painted([rock], view.frame, replay.scene.pedestal)
+    colour, depth = _drawn(view, triangles, colours)
     image = Image.fromarray(np.where((depth > ground[1])[:, :, None], colour, ground[0]))
     _draw_arrow(ImageDraw.Draw(image), replay, view, time_s, image.width)
     return image.resize((_WIDTH, _WIDTH), Image.Resampling.BOX)

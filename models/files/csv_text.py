@@ -69,15 +69,7 @@ _COMMA_NUMBER = re.compile(r"[-+]?\d+(,\d+)+(\.\d+)?(e[-+]?\d+)?", re.IGNORECASE
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 _DOTTED = re.compile(r"[-+]?(?!0)\d{1,3}(\.\d{3})+(,\d+)?")
 _BETWEEN = re.compile(r"(?<=\d),(?=\d)")
-_SPACED = re.compile(
-    r"(?<![\w.])[1-9]\d{0,2}(?:(?:'\d{3})+|(?:\u2019\d{3})+|(?:[ \u00a0\u202f]\d{3})+)(?![\w'])"
-)
-_EXPONENT = r"(?:\^?([-+]?\d+)|([⁺⁻]?[⁰¹²³⁴-⁹]+))"
-_POWER = re.compile(
-    rf"(?<=\d)\s*[×·]\s*10{_EXPONENT}|(?:(?<![\w.,^])|(?<=\bx))(?P<bare>10)(?=[\^⁺⁻⁰¹²³⁴-⁹]){_EXPONENT}"
-)
 _MINUS = re.compile(r"[\u2212\u2013](?=[\d.])")
-_RAISED = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 
 
 def plain_table(lines: Sequence[str]) -> list[str]:
@@ -92,14 +84,9 @@ def plain_table(lines: Sequence[str]) -> list[str]:
     ['PGA (g),annual_rate', '0.1,1.5E-03']
     >>> plain_table(["PGA (g),return_period", '0.1,"2,475"'])
     ['PGA (g),return_period', '0.1,2475']
-    >>> plain_table(["Site: 34.1, -118.2", "pga_m_s2 return_period", "1 475"])[2]
-    '1 475'
-    >>> plain_table(["PGA (g)\\tannual_rate", "0.1\\t1.5×10⁻³"])
-    ['PGA (g),annual_rate', '0.1,1.5e-3']
     """
-    lines = [_ascii_numbers(line) for line in lines]
+    lines = [_MINUS.sub("-", line) for line in lines]
     sign = _sign(lines)
-    lines = [_SPACED.sub(_digits, line) if sign in line else line for line in lines]  # else blanks part cells
     if sign == "," and not any('"' in line for line in lines):
         return lines
     bare = [_unquoted(line, sign) for line in lines]
@@ -117,20 +104,6 @@ def plain_table(lines: Sequence[str]) -> list[str]:
         return _BETWEEN.sub("." if decimal else "", text)
 
     return [_joined(row if row[:1] == ["#"] else [cell_of(cell) for cell in row]) for row in table]
-
-
-def _digits(thousands: re.Match[str]) -> str:
-    return re.sub(r"\D", "", thousands[0])
-
-
-def _ascii_numbers(line: str) -> str:
-    """Line with powers of ten and signs of numbers as Python reads them."""
-    return _POWER.sub(_with_e, _MINUS.sub("-", line.replace("∞", "inf")))
-
-
-def _with_e(power: re.Match[str]) -> str:
-    exponent = next(filter(None, power.group(1, 2, 4, 5)))
-    return f"{'1' if power['bare'] else ''}e{exponent.translate(_RAISED)}"
 
 
 def _sign(lines: Sequence[str]) -> str:

@@ -8,7 +8,6 @@ from typing import NoReturn, Self
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows
-from toppling.models.files.markup import table_text
 
 HEAD_BYTES = 4000
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
@@ -27,8 +26,8 @@ _UTF_16_SHARE = 0.9
 def text_of(content: bytes) -> str | None:
     """Text of a file with lines that end in a newline, None if it is binary.
 
-    Tables in HTML, LaTeX and Markdown have tabs between their cells. UTF-8 and UTF-16 are recognised; what is neither
-    is in the encoding of western Windows, which has that of Latin-1 for every letter and sign of a unit.
+    UTF-8 and UTF-16 are recognised; what is neither is in the encoding of western Windows, which has that of Latin-1
+    for every letter and sign of a unit.
     """
     encoding = _utf_16(content)
     if encoding:
@@ -38,7 +37,7 @@ def text_of(content: bytes) -> str | None:
         if b"\0" in content[:HEAD_BYTES]:
             return None
         text = _decoded(content)
-    return table_text(_LINE_END.sub("\n", text)).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
+    return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
 
 
 def encoding_of(head: bytes) -> str | None:

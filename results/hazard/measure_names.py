@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from toppling.models.motions.formats.units import Quantity, powered_unit
+from toppling.models.motions.formats.units import Quantity, unit_of
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -13,7 +13,6 @@ _SA = re.compile(
     rf"(?:T ?= ?)?{_NUMBER_S}[ -]?(?:{_SECONDS}|(?P<hertz>HZ)) SA|SA(\d+)P(\d+)"
 )
 """Spectral acceleration at a period, or at a frequency."""
-_IN_TEXT = re.compile(rf"\bPG[AV]\b|\b(?:{_SA.pattern})")
 _WORDS = (
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION|^A_?G$"), "PGA"),
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
@@ -67,21 +66,6 @@ def measure_of(imt: str) -> tuple[str, float] | None:
     return None
 
 
-def measure_in(text: str) -> str:
-    """Name of the one measure that a text speaks of; empty where it is none, or several.
-
-    Examples
-    --------
-    >>> measure_in("Total hazard, spectral period: PGA"), measure_in("PGA and PGV")
-    ('PGA', '')
-    """
-    text = text.upper()
-    for words, short in _WORDS:
-        text = words.sub(short, text)
-    named = {found[0] for found in _IN_TEXT.finditer(text) if measure_of(found[0])}
-    return named.pop() if len(named) == 1 else ""
-
-
 def imt_of(column: str) -> tuple[str, float]:
     """OpenQuake's name of a column, and the factor from SI to its unit."""
     if column in OPENQUAKE:
@@ -113,7 +97,7 @@ def _name_and_unit(text: str) -> Iterator[tuple[str, str]]:
 
 def _of_unit(name: str, unit_name: str) -> tuple[str, float] | None:
     """Column of a measure and SI factor of its unit; None if either is not known or the unit is of something else."""
-    known, unit = measure_of(name), powered_unit(unit_name)
+    known, unit = measure_of(name), unit_of(unit_name)
     if known is None or unit is None or known[0] == "cav_m_s":
         return None
     return (known[0], unit.factor) if unit.quantity == quantity_of(known[0]) else None

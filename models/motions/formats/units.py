@@ -115,11 +115,6 @@ def counted_unit(text: str) -> Unit | None:
     return Unit(unit.quantity, factor * unit.factor)
 
 
-def powered_unit(text: str) -> Unit | None:
-    """Unit of a name, perhaps behind a power of ten: x10^-2 g; of another factor it may be no unit but a value."""
-    return counted_unit(text) if _POWER.match(text.strip()) else unit_of(text)
-
-
 def known_names() -> str:
     """Names of accelerations, as an error lists them."""
     return ", ".join(UNITS_M_S2)

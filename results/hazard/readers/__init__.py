@@ -1,6 +1,5 @@
 """Hazard as it comes: files and folders of OpenQuake, nshmp-haz and CyberShake, and two columns, found by content."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -9,8 +8,6 @@ from toppling.models.errors import InputError
 from toppling.models.files.text_file import text_of
 from toppling.results.hazard.readers import (
     cybershake,
-    json_tables,
-    listed,
     nrml,
     nshmp,
     openquake_curves,
@@ -42,12 +39,10 @@ _BINARY = {
 }
 """Beginnings of files that are no tables: what they are, and what to give instead."""
 
-_TURKISH_LEVEL = re.compile(r"\bDD-?[1-4]\b")
-
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
-    "json": (nshmp, json_tables),
+    "json": (nshmp,),
     "xml": (nrml,),
-    "text": (opensha, cybershake, openquake_curves, nshmp, listed, text_columns),
+    "text": (opensha, cybershake, openquake_curves, nshmp, text_columns),
 }
 """Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file)` states what is
 in one. The last of a kind says what is wrong with a file that nobody recognises."""
@@ -138,20 +133,13 @@ def _read(path: Path, hints: Hints) -> Stated:
     file = HazardFile(path, _text(path), hints)
     if not file.text.strip():
         refuse(path, "is empty")
-    if path.suffix.lower() in (".yaml", ".yml"):
-        refuse(path, "is YAML", "save the same as JSON, or its table as CSV")
     dialects = _DIALECTS[file.kind]
     try:
         dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
-        if dialect in (listed, text_columns):
+        if dialect is text_columns:
             openquake_curves.refuse_others(file)
         return dialect.read(file)
     except InputError:
-        if level := _TURKISH_LEVEL.search(file.text[:10_000]):
-            refuse(
-                path, f"names {level[0]}, a level of the Turkish code",
-                "write return periods instead: return_period 2475 for DD-1, 475 for DD-2, 72 for DD-3, 43 for DD-4",
-            )  # fmt: skip
         raise
     except (ValueError, LookupError, ArithmeticError, StopIteration) as error:
         refuse(path, f"cannot be read ({error})")

@@ -1,12 +1,13 @@
 """Curves of nshmp-haz: totals, contributions of ground-motion models and of source types, and the web service's JSON.
 
-The header is `[name,]lon,lat,<level>...`. The measure is the name of the folder (PGA/curves.csv); whether values are
-annual rates or probabilities in one year, only `config.json` in the output's root tells (`hazard.valueFormat`). Codes
-before November 2017 wrote `PGA/total.csv`, `PGA/gmm/ASK_14.csv`, `PGA/source/Fault.csv`, always rates.
+The header is `[name,]lon,lat,<level>...`, in OpenSHA's maps `Index,Latitude,Longitude,<level>...`. The measure is the
+name of the folder (PGA/curves.csv); whether values are annual rates or probabilities in one year, only `config.json` in
+the output's root tells (`hazard.valueFormat`).
 """
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,11 @@ from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse
 _DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
 
+_PLACES = {"Longitude": "lon", "Latitude": "lat"}
+"""OpenSHA's names of the columns of places, and nshmp-haz's."""
+_MOST_BEFORE = 3
+"""Columns before the first level."""
+
 _FORMATS = {"ANNUAL_RATE": 0.0, "POISSON_PROBABILITY": 1.0}
 
 
@@ -25,11 +31,19 @@ def matches(file: HazardFile) -> bool:
     """Whether a header is nshmp-haz's: longitude, latitude, then numbers; or a text an answer of its web service."""
     if file.kind == "json":
         return '"response"' in file.text and ('"xvalues"' in file.text or '"xs"' in file.text)
-    cells = [cell.strip() for cell in file.table[0].split(",")]
-    if "lon" not in cells[:2] or "lat" not in cells[:3]:
-        return False
-    levels = cells[cells.index("lat") + 1 :]
-    return len(levels) > 1 and all(map(is_numeral, levels))
+    header = _header(file.table[0].split(","))
+    first = _first_level(header)
+    return 0 < first <= _MOST_BEFORE and len(header) > first + 1 and all(map(is_numeral, header[first:]))
+
+
+def _header(cells: Sequence[str]) -> list[str]:
+    """Names of columns, of places as nshmp-haz calls them."""
+    return [_PLACES.get(cell.strip(), cell.strip()) for cell in cells]
+
+
+def _first_level(header: Sequence[str]) -> int:
+    """Number of the first column behind the place; 0 where there is none."""
+    return max(map(header.index, _PLACES.values())) + 1 if {*_PLACES.values()} <= {*header} else 0
 
 
 def read(file: HazardFile) -> list[Statement]:
@@ -40,7 +54,8 @@ def read(file: HazardFile) -> list[Statement]:
     """
     if file.kind == "json":
         return _service_answers(file)
-    (_, header), *rows = list(file.rows(file.table))
+    (_, names), *rows = list(file.rows(file.table))
+    header = _header(names)
     where = file.path.absolute()
     known = [measure_of(folder.name) for folder in where.parents[:3]]
     level = next((level for level, measured in enumerate(known) if measured), None)
@@ -48,17 +63,18 @@ def read(file: HazardFile) -> list[Statement]:
     if measure is None:
         file.refuse("states no intensity measure, and lies in no folder of that name", "give --measure")
     part = "" if level is None else _part(where, level)
-    years = _years(file, old=level is not None and where.name != "curves.csv")
+    years = _years(file)
     unit = 1.0 / imt_of(measure)[1]
-    first = header.index("lat") + 1
+    first = _first_level(header)
     levels = [file.number(1, cell) * unit for cell in header[first:]]
     if not rows:
         file.refuse("has no site")
+    total = "total" if "lon" in names else ""
     found = []
     for line, row in file.wanted_rows(rows, header, "name"):
         values = [file.number(line, cell) for cell in row[first:]]
         curve = file.curve(
-            measure, levels, values, years, part or "total", site=file.place_of(line, row, header),
+            measure, levels, values, years, part or total, site=file.place_of(line, row, header),
             site_name=row[header.index("name")] if "name" in header else "",
         )  # fmt: skip
         found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
@@ -78,7 +94,7 @@ def _root(path: Path) -> Path | None:
     return next((folder for folder in path.parents[:_DEPTH] if (folder / "config.json").is_file()), None)
 
 
-def _years(file: HazardFile, old: bool) -> float:
+def _years(file: HazardFile) -> float:
     """Time that the values are probabilities over; 0 for annual rates."""
     root = _root(file.path.absolute())
     stated: Any = None
@@ -90,7 +106,7 @@ def _years(file: HazardFile, old: bool) -> float:
             what = "is no configuration of nshmp-haz"
             refuse(root / "config.json", what, "give the output folder as it was written")
     return file.years_of_values(
-        _FORMATS.get(stated, 0.0 if old else None),
+        _FORMATS.get(stated),
         "does not say whether its values are annual rates or probabilities in one year",
         "give the output folder with its config.json, or --values rate, or --values 1",
     )  # fmt: skip

@@ -58,7 +58,7 @@ def read(file: HazardFile) -> list[Statement]:
     named = next(filter(says_value, phrases), "")
     rates = _RATES.search(about)
     if named and not (duration or rates):
-        years, convert = values_of(file, named, about.lower())
+        years, convert = values_of(file, named)
     else:
         stated = 0.0 if rates else file.number(1, duration[1]) if duration else None
         lacks = "states no Duration that its probabilities are over"

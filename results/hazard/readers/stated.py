@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,9 +19,9 @@ from toppling.results.hazard.measure_names import measure_of, quantity_of
 from toppling.results.hazard.places import Place, distance_km, of_name
 
 _EXPECTED = (
-    "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "
-    "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
-    "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
+    "CSV with the columns MEASURE,annual_rate or MEASURE,return_period or MEASURE,probability_50_years (MEASURE: "
+    "pga_m_s2, pgv_m_s ..., PGA in g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake "
+    "(hazard_curve, quantile_curve, realizations), nshmp-haz (curves.csv), CyberShake or OpenSHA, as they wrote them"
 )
 _POLE_DEG = 90.0
 _EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
@@ -42,11 +41,6 @@ class Hints:
     measure: str | None = None  # column of the results that a file is over which does not say
     # Time that values are probabilities over, in files that do not say; 0 for annual rates.
     years: float | None = None
-
-
-_ONE_IN = re.compile(r"1 ?(?:/|in|out of) ?(\d[\d.]*(?:e\+?\d+)?)(?: ?(?:years?|yrs?|a))?", re.IGNORECASE)
-_UNSTATED = re.compile(r"|nan|n[/.]?a\.?|null|none|[-\u2013\u2014.*]+|[<>\u2264\u2265].*", re.IGNORECASE)
-"""A cell that states no value, or a bound on it."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +93,6 @@ class HazardFile:
         if not (math.isfinite(value) or (endless and value > 0)):
             self.refuse(f"line {line}: {text[:40]!r} is no number")
         return value
-
-    def value(self, line: int, text: str, *, endless: bool = False) -> float:
-        """Value of a cell, also as 1/475 or 1 in 475 years; not a number where none is stated: NaN, >100000."""
-        if _UNSTATED.fullmatch(text):
-            return math.nan
-        if found := _ONE_IN.fullmatch(text):
-            period = self.number(line, found[1])
-            return period if endless else 1.0 / period if period else math.nan
-        return self.number(line, text, endless=endless)
 
     def measure_named(self, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
         """Column of a measure by the file's name of it, and what its unit is in SI; refused if it is no column."""

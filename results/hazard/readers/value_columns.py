@@ -1,4 +1,4 @@
-"""What a table's columns of values hold, by their names: rates, probabilities over some years, return periods."""
+"""What a table's column of values holds, by its name: rates, probabilities over some years, or return periods."""
 
 import math
 import re
@@ -9,123 +9,68 @@ from operator import mul
 from toppling.results.hazard.measure_names import LONGEST_NAME
 from toppling.results.hazard.readers.stated import HazardFile
 
-_LAMBDA = r"(?:lambda|λ)(?: ?\([^()]*\))?"
+_OF_EXCEEDANCE = "(?: of exceedance)?"
 _RATE = re.compile(
-    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency|hazard)(?: of exceedance)?|(?:mean )?m?afo?e|m?aro?e|maf|mar|"
-    rf"(?:mean )?(?:exceedance )?(?:rate|frequency|hazard|{_LAMBDA})(?: of exceedance)?"
-    r" per (?:year|(?P<some>\d+) years)|"
-    rf"(?:mean )?{_LAMBDA}|(?:exceedances|events) per (?:year|(?P<years>\d+) years)"
+    rf"(?:mean )?annual (?:exceedance )?(?:rate|frequency){_OF_EXCEEDANCE}|m?afo?e|"
+    rf"(?:exceedance )?(?:rate|frequency|hazard){_OF_EXCEEDANCE} per year"
 )
 _ANNUAL = re.compile(
-    r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|apo?e|"
-    r"(?:poe|(?:exceedance )?probability(?: of exceedance)?) per year"
+    rf"annual (?:(?:exceedance )?probability{_OF_EXCEEDANCE}|poe)|aep|"
+    rf"(?:poe|(?:exceedance )?probability{_OF_EXCEEDANCE}) per year"
 )
 _PROBABILITY = re.compile(
-    r"(?:(?P<first>\d+(?:\.\d+)?) ?(?:yrs?|years?) )?"
-    r"(?:poe|pe(?=\b|\d)|(?:exceedance )?probability(?: of (?P<non>non ?)?exceedance)?)"
-    r"[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
+    rf"(?:poe|(?:exceedance )?probability{_OF_EXCEEDANCE})(?: in| over)?"
+    r"(?: (?P<years>\d+(?:\.\d+)?)(?: (?:yrs?|years?))?)?"
 )
-_PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]|(?<![\d ]) ?%|\bpercent\b|(?<=\))%")
-"""Of a column's values; a percentage behind a number is that of a hazard level."""
-_SHARE_IN = re.compile(r"(?:%|percent)(?: of exceedance)?(?: in | ?/ ?)(?=\d)")
-"""A name that begins with what the values are a share of: % in 50 years."""
-_RETURN = re.compile(
-    r"(?:mean |average )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri|ari|rp|tr"
-)
-_EACH = re.compile(r"\b(yr|years?|a|kyr|ka)[ _]*(?:\^?[({]?-1[)}]?|⁻¹)|\b(?:p\. ?a\.|per annum)")
-"""A year's inverse, as a power or in Latin."""
-_TIMES = re.compile(
-    r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<number>1[0, ]*0 |million |thousand )?(?P<time>yrs?|years?|a|kyr|ka|myr|ma)[)\]]*$"
-)
-_MANY = {"million": 1_000_000, "thousand": 1000, "m": 1_000_000, "k": 1000}
-_SCALED = re.compile(
-    r"[ _]*[(\[]? ?(?:[x×*·] ?)?(?:10\^|10\*\*|1e)\(?(?P<power>[-+]?\d{1,2})\)?[)\]]?|"
-    r"[ _(\[]+[x×*·] ?1(?P<zeros>0+)\b[)\]]?"
-)
-"""Of what values are multiples, (x10^-3), or by what they were multiplied, x 1000: either way they are less."""
-_YEARS = re.compile(r"[(\[](?P<time>yrs?|years?|a|kyr|ka|anni|años|anos|ans|jahre?)[)\]]$")
-_STATED_YEARS = re.compile(
-    r"(?:investigation[_ ]?time\D{0,5}|\bin )(\d+(?:\.\d+)?)(?= ?-?(?:yr|years?|$|[,;]))"
-)
+_RETURN = re.compile(r"(?:mean )?return period(?: (?:yrs?|years?|a))?|rp(?: (?:yrs?|years?|a))?")
+_BARE = re.compile(r"rates?|frequency|hazard|lambda|values?|y")
+"""Names that leave to the user what the values are; of another name nobody knows what it says."""
+_PER_YEAR = re.compile(r" ?(?:1/|per |/ ?)(?:yrs?|years?|a)$")
+_PERCENT = re.compile(r"[ _]*[(\[] ?(?:%|percent) ?[)\]]")
 
 
 def _plain(name: str) -> str:
-    """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per 1000 years`."""
-    plain = _SHARE_IN.sub("poe in ", _EACH.sub(lambda each: f"1/{each[1] or 'year'}", name.lower()), count=1)
-    plain = re.sub(r"[ _-]+", " ", _PERCENT.sub("", plain)).strip()
-    if not (found := _TIMES.search(plain)):
-        return _YEARS.sub("", plain).strip()
-    many = (found["number"] or "1").strip().replace(",", "").replace(" ", "")
-    years = _MANY.get(many) or int(many)
-    if found["time"][0] in "km":
-        years *= _MANY[found["time"][0]]
-    bare = plain[: found.start()].strip()
-    if years == 1:
-        return bare if _RATE.fullmatch(bare) or _ANNUAL.fullmatch(bare) else f"{bare} per year"
-    return f"{bare} per {years} years"
-
-
-def _unscaled(name: str) -> tuple[str, float]:
-    """Plain name of a column without its power of ten, and what its values are to be multiplied by."""
-    found = _SCALED.search(name.lower())
-    if found is None:
-        return _plain(name), 1.0
-    power = abs(int(found["power"])) if found["power"] else len(found["zeros"])
-    plain = _plain(name[: found.start()] + name[found.end() :])
-    return ("" if _RETURN.fullmatch(plain) else plain), 10.0**-power
-
-
-def is_share(text: str) -> bool:
-    """Whether a text begins as the name of a column of percentages over some years."""
-    return _SHARE_IN.match(text.lower()) is not None
+    """A column's name in lower case, without brackets, with blanks; an annual rate's time is `per year`."""
+    plain = _PERCENT.sub("", name.lower())
+    plain = " ".join(re.sub(r"[\s_()\[\]-]+", " ", plain).split())
+    bare, per_year = _PER_YEAR.subn("", plain)
+    if not per_year:
+        return plain
+    return bare if _RATE.fullmatch(bare) or _ANNUAL.fullmatch(bare) else f"{bare} per year"
 
 
 def says_value(name: str) -> bool:
     """Whether a column's name says that it holds rates, probabilities or return periods."""
     if len(name) > LONGEST_NAME:
         return False
-    plain, _ = _unscaled(name)
+    plain = _plain(name)
     return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN, _PROBABILITY))
 
 
-def is_probability(name: str) -> bool:
-    """Whether the column of values of a name holds probabilities, which lose their digits near 1."""
-    return _PROBABILITY.fullmatch(_unscaled(name)[0]) is not None
-
-
-def values_of(file: HazardFile, name: str, before: str) -> tuple[float, Callable[[float], float]]:
+def values_of(file: HazardFile, name: str) -> tuple[float, Callable[[float], float]]:
     """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either.
 
-    Raises InputError if neither its name, nor the lines before in lower case, nor the user says so.
+    Raises InputError if neither its name nor the user says so.
     """
-    plain, scale = _unscaled(name) if len(name) <= LONGEST_NAME else ("", 1.0)
+    plain = _plain(name) if len(name) <= LONGEST_NAME else ""
     stated: float | None = None
-    if plain and _PERCENT.search(name.lower()):
-        scale *= 0.01
-    convert: Callable[[float], float] = partial(mul, scale)
-    if rate := _RATE.fullmatch(plain):
-        stated, convert = 0.0, partial(mul, scale / float(rate["some"] or rate["years"] or 1.0))
+    convert: Callable[[float], float] = partial(mul, 0.01 if plain and _PERCENT.search(name.lower()) else 1.0)
+    if _RATE.fullmatch(plain):
+        stated = 0.0
     elif _RETURN.fullmatch(plain):
-        kyr = (time := _YEARS.search(name.lower())) and time["time"].startswith("k")
-        stated, convert = 0.0, partial(_rate_of_return, 1000.0 if kyr else 1.0)
+        stated, convert = 0.0, _rate_of_return
     elif _ANNUAL.fullmatch(plain):
         stated = 1.0
     elif found := _PROBABILITY.fullmatch(plain):
-        above = set(_STATED_YEARS.findall(before))
-        text = found["first"] or found["years"] or (above.pop() if len(above) == 1 else None)
-        stated = float(text) if text else None
-        if found["non"]:
-            convert = partial(_exceedance, scale)
+        stated = float(found["years"]) if found["years"] else None
         if not (file.hints.years if stated is None else stated):
             remedy = "call the column after it, such as probability_50_years, or give --values 50"
             file.refuse(f"states no time that its {name!r} is over", remedy)
-    remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
-    return file.years_of_values(stated, f"has the column {name!r}", remedy), convert
+    lacks, remedy = f"has the column {name!r}", "call it annual_rate, or probability_50_years after its time"
+    if stated is None and not (_PROBABILITY.fullmatch(plain) or _BARE.fullmatch(plain)):
+        file.refuse(lacks, remedy)
+    return file.years_of_values(stated, lacks, f"{remedy}, or give --values"), convert
 
 
-def _rate_of_return(unit_years: float, period: float) -> float:
-    return 1.0 / (unit_years * period) if period > 0 else math.nan
-
-
-def _exceedance(scale: float, non_exceedance: float) -> float:
-    return 1.0 - scale * non_exceedance
+def _rate_of_return(period: float) -> float:
+    return 1.0 / period if period > 0 else math.nan

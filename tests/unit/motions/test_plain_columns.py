@@ -451,25 +451,6 @@ def test_times_since_1970_go_on_by_the_step_whatever_their_unit(name, since_1970
     np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking(), atol=1e-5)
 
 
-@pytest.mark.parametrize(("first", "between", "last"), [("| ", " | ", " |"), ("<tr><td>", "</td>\n<td>", "</td></tr>"),
-                                                        ("", " & ", r" \\"), ("|-\n| ", " || ", "")])  # fmt: skip
-def test_a_table_of_a_document_is_read_as_columns(first, between, last, tmp_path):
-    motion = shaking()
-    head = {"|": "|---|---|---|---|", "<": "", "": r"\hline"}[first[:1]]
-    begin = {"|": "Text.\n", "<": "<html><table>", "": r"\begin{tabular}{rrrr}"}[first[:1]]
-    if first.startswith("|-"):
-        begin, head = "{|", ""
-    cells = [["Time (s)", "UD (m/s2)", "NS (m/s2)", "EW (m/s2)"]]
-    cells += [
-        [f"{n * STEP_S:.3f}", *(f"{x:.6f}" for x in row)] for n, row in enumerate(motion[:, UP_NORTH_EAST])
-    ]
-    lines = [first + between.join(row) + last for row in cells]
-    path = tmp_path / "rec.txt"
-    path.write_text("\n".join([begin, lines[0], head, *lines[1:]]))
-    (record,) = import_records([path], options=AS_IT_IS).records
-    np.testing.assert_allclose(record.motion.acceleration_m_s2, motion, atol=1e-5)
-
-
 @pytest.mark.parametrize("said", ["Component: {}", "Comp. 1: {}", "COMPONENT {}", "Orientation = {}"])
 def test_one_column_points_where_the_text_above_says_whatever_the_files_are_called(said, tmp_path):
     motion = shaking()

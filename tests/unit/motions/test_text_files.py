@@ -188,34 +188,6 @@ def test_zeros_within_a_line_are_no_filling():
     assert text_of(b"1 2\n3 \0 4\n") is None
 
 
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize(
-    ("head", "damage"),
-    [
-        ("{|\n", '!!a="'),
-        ("{|\n", '| a="'),
-        ("{|\n", "\n"),
-        ("", "\n"),
-        ("<td>", "<!--"),
-        ("<td>", "<script>"),
-        ("<td>", "<tr"),
-        ("<td>", "<"),
-        (r"\begin{tabular}", r"\begin{"),
-        (r"\begin{tabular}", r"\\["),
-        (r"\begin{tabular}", r"\hline("),
-        (r"\begin{tabular}", r"\a{"),
-        ("|--\n", "| "),
-    ],
-)
-def test_each_place_of_a_damaged_table_is_looked_at_once(head, damage):
-    assert text_of((head + damage * (200_000 // len(damage))).encode()) is not None
-
-
-def test_how_a_cell_of_a_wiki_is_to_look_is_none_of_its_text():
-    cells = '{|\n! style="x" | PGA (g) !! rate\n|-\n\n| a="b" || align= "right" | 0.1 || p | q\n|}'
-    assert text_of(cells.encode()).split("\n")[:2] == ["PGA (g)\trate", 'a="b"\t0.1\tp | q']
-
-
 @pytest.mark.parametrize("writer", ["esm", "cwb", "smc_pairs", "peer", "cosmos_v2", "columns"])
 def test_long_words_in_every_line_of_a_header_are_looked_at_once(writer, tmp_path):
     """By the square of their length, minutes."""

@@ -126,14 +126,6 @@ def test_a_table_without_names_is_refused_by_the_header_that_is_expected(tmp_pat
         read_sites(tmp_path / "rocks.csv")
 
 
-def test_rocks_may_stand_in_a_table_of_markdown(tmp_path):
-    (tmp_path / "rocks.csv").write_text(
-        "# Rocks\n\n|scene|site|age|\n|---|---|---|\n| rock | Lion | 15-30 ka |\n"
-    )
-    (site,) = read_sites(tmp_path / "rocks.csv")
-    assert (site.scene, site.site, site.age) == (tmp_path / "rock", "Lion", "15-30 ka")
-
-
 def test_rocks_are_named_as_people_name_them_and_remarks_of_a_table_are_left_alone(tmp_path):
     (tmp_path / "rocks.csv").write_text(
         'scene,rock,site,Comment\na,"O\'Brien\'s Rock #3 (north)",St. John\'s & co,"hello, world"\n'

@@ -125,34 +125,12 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("PGA [g]\tAFE\r\n{0}\t{1}\r\n{2}\t{3}\r\n", "utf-16"),
         ("PGA (cm/s²),mean annual rate of exceedance\n98.0665,{1}\n196.133,{3}\n", "cp1252"),
         ("PGA (cm/sec^2),annual_rate\n98.0665,{1}\n196.133,{3}\n", "utf-8"),
-        ("% of mine\nPGA (mg),rate_per_kyr\n100,10\n200,1\n", "utf-8"),
-        ("// of mine\nPGA (%g),annual_rate\n10,1D-2\n20,1D-3\n", "utf-8"),
         ("PGA (g),Return period (yr)\n{0},100\n{2},1000\n", "utf-8"),
-        ("PGA (g),rate (1/kyr)\n{0},10\n{2},1\n", "utf-8"),
         ("PGA (g),annual_rate\n0,0.1\n{0},{1}\n{2},{3}\n", "utf-8"),
         ("PGA (m s-2),annual_rate\n0.980665,{1}\n1.96133,{3}\n", "utf-8"),
         ("PGA cm/s2,annual_rate\n98.0665,{1}\n196.133,{3}\n", "utf-8"),
-        ('"PGA, g",Return period (kyr)\n{0},0.1\n{2},1\n', "utf-8"),
         ("Peak Ground Acceleration (g),RP\n{0},100\n{2},1000\n", "utf-8"),
-        ("PGA,annual rate\nm/s2,1/yr\n0.980665,{1}\n1.96133,{3}\n", "utf-8"),
-        ("sep=,\nPGA in g,hazard (1/yr)\n{0},{1}\n{2},{3}\n", "utf-8"),
-        ("Hazard curve for PGA\n\nPGA (g),annual_rate\n{0},{1}\n{2},{3}\n", "utf-8"),
-        ("Hazard at the rock\n\nPGA (g);annual rate\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
-        ("# at the rock, Vs30 in m/s\n# PGA (g), annual rate\n{0},{1}\n{2},{3}\n", "utf-8"),
-        ("PGA (g),{0},{2}\nannual rate,{1},{3}\n", "utf-8"),
-        ("PGA (g),exceedances per 10000 years\n{0},100\n{2},10\n", "utf-8"),
-        ("PGA (g);Exceedances per 10 000 years\n{0};100\n{2};10\n", "utf-8"),
-        ("PGA (g),events per million years\n{0},10000\n{2},1000\n", "utf-8"),
-        ("PGA (g),annual rate (x10^-3)\n{0},10\n{2},1\n", "utf-8"),
-        ("PGA (g),annual rate (×10⁻³)\n{0},10\n{2},1\n", "utf-8"),
-        ("PGA (g),annual rate x 1000\n{0},10\n{2},1\n", "utf-8"),
-        ("PGA (g),annual frequency of exceedance (10^-3/yr)\n{0},10\n{2},1\n", "utf-8"),
-        ("PGA (x10^-2 g),annual_rate\n10,{1}\n20,{3}\n", "utf-8"),
-        ("PGA [g]      AFOE [1/yr]\n{0}      {1}\n{2}      {3}\n", "utf-8"),
-        ("PGA (g),annual_rate\n{0},{1} # as published\n{2},{3} # as published\n", "utf-8"),
         ("PGA (g);Return period (yr)\n0,1;100,0\n0,2;1.000,0\n", "utf-8"),
-        ("PGA (g),annual_rate\n{0},{1}\n{2},{3}\n\nSource: a report, 2019, table 3\n", "utf-8"),
-        ("{{|\n! PGA (g) !! annual_rate\n|-\n| {0} || {1}\n|-\n| {2}\n| {3}\n|}}\n", "utf-8"),
     ],
 )
 def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
@@ -186,7 +164,7 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize(
     ("rate", "said"),
-    [("-1e-3", "all of them positive"), ("nan", "states nan at the level"), ("inf", "'inf' is no number")],
+    [("-1e-3", "all of them positive"), ("nan", "'nan' is no number"), ("inf", "'inf' is no number")],
 )
 def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate, said):
     path = tmp_path / "curve.csv"
@@ -293,13 +271,6 @@ def test_nshmps_output_is_read_with_its_contributions_which_add_up():
     assert parts["gmm ASK_14"].rates[place] == pytest.approx(2.44076464e-2, rel=1e-9)
     assert parts["gmm BSSA_14"].rates[place] == pytest.approx(1.72432322e-2, rel=1e-9)
     assert parts["source FAULT"].rates[place] == total.rates[place]
-
-
-@samples
-def test_nshmps_old_layout_holds_rates():
-    tree = read_tree(SAMPLES / "nshmp/hazout_old_layout.made_from_source", "pga_m_s2", (-64.91005, 0.0))
-    curve = tree.curves[0]
-    assert curve.rates[np.argmin(abs(curve.levels - 0.05 * G))] == pytest.approx(4.16508787e-2, rel=1e-9)
 
 
 @samples
@@ -426,7 +397,6 @@ def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
         ("PGA (g),PoE in 50 years (%)", G, -math.log(0.999) / 50), ("PGA (g),AEP [%]", G, -math.log(0.999)),
         ("PGA,PoE [%] 50 yr", G, -math.log(0.999) / 50), ("Sa(T=1.0 s) [g],MAFE", G, 0.1), ("sa_1s_g,afe", G, 0.1),
         ("1.0 Second Spectral Acceleration (g),AFE", G, 0.1), ("pga_cm_s2,annual_rate", 0.01, 0.1),
-        ("# investigation time: 50 years\nPGA (g),poe", G, -math.log(0.9) / 50),
     ],
 )  # fmt: skip
 def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity, rate):
@@ -456,10 +426,65 @@ def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
         read_hazard(path)
 
 
-def test_probabilities_of_non_exceedance_are_those_of_exceedance_from_the_other_side(tmp_path):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "probability of non-exceedance in 50 years",
+        "rate per kyr",
+        "rate (x10^-3)",
+        "ln rate",
+        "poe (log)",
+        "PE50",
+    ],
+)
+@pytest.mark.parametrize("years", [None, 0.0, 50.0])
+def test_values_of_a_name_that_is_not_known_are_refused_whatever_the_user_says(tmp_path, name, years):
     path = tmp_path / "curve.csv"
-    path.write_text("PGA (g),probability of non-exceedance in 50 years\n0.1,0.9\n0.2,0.99\n")
-    assert read_curve(path).annual_rate == pytest.approx([-math.log(0.9) / 50, -math.log(0.99) / 50])
+    path.write_text(f"PGA (g),{name}\n0.1,0.9\n0.2,0.8\n")
+    with pytest.raises(InputError, match="has the column"):
+        read_hazard(path, hints=Hints(years=years))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "PGA (g),0.1,0.2\nannual_rate,1e-2,1e-3\n",
+        "ln PGA (g),annual_rate\n-2,1e-2\n-1,1e-3\n",
+        "imt,level,annual_rate\nPGA,0.1,1e-2\nPGA,0.2,1e-3\n",
+        "PGA (g),mean,5%,95%\n0.1,1e-2,1e-3,1e-1\n0.2,1e-3,1e-4,1e-2\n",
+        "level (g),PGA,SA(1.0)\n0.1,1e-2,1e-2\n0.2,1e-3,1e-3\n",
+        "imt,DD-1,DD-2\nPGA (g),0.62,0.34\n",
+        "PGA (g),annual_rate,return_period\n0.1,1e-2,100\n0.2,1e-3,1000\n",
+        "<table><tr><th>PGA (g)<th>annual_rate<tr><td>0.1<td>1e-2<tr><td>0.2<td>1e-3</table>\n",
+        "| PGA (g) | annual_rate |\n|---|---|\n| 0.1 | 1e-2 |\n| 0.2 | 1e-3 |\n",
+        '{"imt": "PGA", "unit": "g", "levels": [0.1, 0.2], "annual_rate": [1e-2, 1e-3]}',
+        "measure: PGA\nlevels: [0.1, 0.2]\nrates: [0.01, 0.001]\n",
+    ],
+)
+def test_a_table_of_another_form_is_refused_by_the_form_that_is_read(tmp_path, text):
+    path = tmp_path / "curve.txt"
+    path.write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_hazard(path)
+    assert "CSV with the columns MEASURE,annual_rate" in refused.value.expected
+
+
+def test_maps_of_opensha_are_curves_of_their_sites_once_the_user_says_what_they_are(tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text("Index,Latitude,Longitude,0.1,0.2\n0,34.2,-118.1,0.1,0.01\n1,34.0,-117.0,0.2,0.02\n")
+    curve = read_tree(path, "pga_m_s2", (-118.1, 34.2), years=1.0).curves[0]
+    assert curve.site == (-118.1, 34.2)
+    assert curve.intensity == pytest.approx([0.1 * G, 0.2 * G])
+    assert curve.annual_rate == pytest.approx(-np.log([0.9, 0.99]))
+    with pytest.raises(InputError, match="--measure"):
+        read_hazard(path)
+
+
+def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text("lat,lon,0.1,0.2\n-118.1,34.2,1e-2,1e-3\n")
+    with pytest.raises(InputError, match=r"the latitude is -118\.1"):
+        read_hazard(path, hints=Hints(measure="pga_m_s2", years=0.0))
 
 
 @pytest.mark.parametrize(
@@ -467,7 +492,7 @@ def test_probabilities_of_non_exceedance_are_those_of_exceedance_from_the_other_
     [
         ("# PGA in m/s2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "'m/s2'"),
         ("# units: cm/s^2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", r"'cm/s\^2'"),
-        ("PGV [m/s] of the rock\n\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "'m/s'"),
+        ("# PGV [m/s] of the rock\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "'m/s'"),
         ("PGA,annual_rate\n10,1e-2\n980,1e-3\n", "reach 980"),
         ("PGV,annual_rate\n{0},1e-2\n{1},1e-3\n", "reach 2"),
         ("SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n", "reach 200"),

@@ -28,11 +28,6 @@ from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.hazard.tree import Branch, HazardTree
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
-_INDEPENDENT = (
-    "OpenQuake draws the residuals of each measure independently, unless told otherwise: fields of two measures "
-    "understate how often both are strong at once"
-)
-
 
 def judged_by_events(
     question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
@@ -64,8 +59,12 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     events = read_events(path, asked.ratio, question.events.event_rate, question.events.catalogue_years)
     shared = measures_shared(question.paths)
     measures = asked.measures or (shared_measure(events.measures, shared, events.source),)
-    if len(measures) > 1 and len(events.branches[0].motions) > 1:
-        events = replace(events, notes=(*events.notes, _INDEPENDENT))
+    if len(measures) > 1 and not events.correlated:
+        raise InputError(
+            what="holds fields of OpenQuake, which draws the residuals of two measures independently",
+            where=events.source, expected="motions of one measure, or of two that are correlated as in earthquakes",
+            remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate",
+        )  # fmt: skip
     return events, measures
 
 

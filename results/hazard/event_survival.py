@@ -87,6 +87,8 @@ class EventSet:
     # The branches again, once for each of several equally likely readings of what the hazard leaves open;
     # intervals are over them. Empty where nothing is left open.
     readings: tuple[tuple[EventBranch, ...], ...] = ()
+    # Whether two measures of one event vary together as in earthquakes.
+    correlated: bool = True
 
     @property
     def measures(self) -> tuple[str, ...]:

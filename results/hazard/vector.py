@@ -12,8 +12,8 @@ where g rises and is such that PGV is exceeded as often as its own curve states.
 Where many magnitudes and distances give the same PGA, PGV varies with them too, and s is larger; where a model's
 residuals are small, s is smaller. Two curves do not tell by how much: over seven known seismicities and four
 ground-motion models (NGA-West2), some s of `SCATTERS` gives the joint rate to 3 %, and intervals are over all of them.
-Fields of OpenQuake draw the residuals of each measure independently of the other's
-(rho = 0), and must not be used for both at once.
+OpenQuake draws the residuals of each measure in an event independently of the other's
+(rho = 0): its fields are refused for two measures at once.
 """
 
 import math

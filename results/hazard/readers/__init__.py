@@ -94,11 +94,19 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
     files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
     if len(files) > _MOST_FILES:
         refuse(path, f"holds {len(files):,} files", "give the folder of one calculation")
+    others = []
     for one in files:
-        if any(part.startswith(".") for part in one.relative_to(path).parts) or not _is_hazard(one):
+        if any(part.startswith(".") for part in one.relative_to(path).parts):
             continue
-        found.append(_read(one, hints))
+        if (file := _beginning(one)) is None:
+            continue
+        if other := _other_output(file):
+            others.append((file, other))
+        elif any(dialect.matches(file) for dialect in _DIALECTS[file.kind]):
+            found.append(_read(one, hints))
     if not found:
+        for file, other in others:
+            file.refuse(*other)
         for one in path.glob("*.hdf5"):
             refuse(one, *_BINARY[b"\x89HDF"])
         refuse(path, f"holds no file of hazard among {len(files)} of text", "give the folder with the curves")
@@ -115,18 +123,23 @@ def _text(path: Path) -> str:
     return refuse(path, "is no text") if text is None else text
 
 
-def _is_hazard(path: Path) -> bool:
-    """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
+def _beginning(path: Path) -> HazardFile | None:
+    """First lines of a file of a folder, where it is text; all of JSON, whose keys may stand anywhere."""
     try:
         with path.open("rb") as head:
             text = text_of(b"".join(head.readline(1_000_000) for _ in range(_MOST_HEAD_LINES)))
     except OSError:
-        return False
+        return None
     if text is None or text.startswith("\n") or "\0" in text:
-        return False
-    whole = path.suffix in (".json", ".geojson")  # whose keys may stand anywhere
-    file = HazardFile(path, _text(path) if whole else text)
-    return any(dialect.matches(file) for dialect in _DIALECTS[file.kind])
+        return None
+    return HazardFile(path, _text(path) if path.suffix in (".json", ".geojson") else text)
+
+
+def _other_output(file: HazardFile) -> tuple[str, str] | None:
+    """What a table of a hazard program is that states no curves, and what to give instead; None of curves."""
+    if file.kind != "text":
+        return None
+    return openquake_curves.other_output(file) or nshmp.other_output(file)
 
 
 def _read(path: Path, hints: Hints) -> Stated:
@@ -136,8 +149,8 @@ def _read(path: Path, hints: Hints) -> Stated:
     dialects = _DIALECTS[file.kind]
     try:
         dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
-        if dialect is text_columns:
-            openquake_curves.refuse_others(file)
+        if other := _other_output(file):
+            file.refuse(*other)
         return dialect.read(file)
     except InputError:
         raise

@@ -43,7 +43,9 @@ def _read_fields(
         name, mine = paths[number] or f"{BRANCH} {number}", rows[rows[BRANCH] == number]
         branches.append(branch_of(name, mine, sites, factors, rate_of, weight))
     note = () if event_rate is None else (f"the scenario's rate is taken as {event_rate:g} a year",)
-    return EventSet(tuple(sites.values()), tuple(branches), str(table.path.parent), years, note)
+    # The engine draws the residuals within an event for each measure by itself, whatever its cross_correlation.
+    source = str(table.path.parent)
+    return EventSet(tuple(sites.values()), tuple(branches), source, years, note, correlated=False)
 
 
 def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd.DataFrame:

@@ -94,7 +94,7 @@ def opened(path: Path) -> Table | None:
 def kind_of(table: Table) -> str:
     """What a table is, by its columns."""
     columns = set(table.header)
-    if any(name.startswith("gmv_") for name in columns):
+    if EVENT in columns and any(name.startswith("gmv_") for name in columns):
         return "fields"
     if columns.issuperset(_CYBERSHAKE):
         return "cybershake"

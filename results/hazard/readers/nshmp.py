@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
@@ -23,6 +25,14 @@ _PLACES = {"Longitude": "lon", "Latitude": "lat"}
 """OpenSHA's names of the columns of places, and nshmp-haz's."""
 _MOST_BEFORE = 3
 """Columns before the first level."""
+
+_MAGNITUDE = re.compile(r"mag(?:nitude)?s?|m_?w", re.IGNORECASE)
+"""Name of a column of magnitudes."""
+_LEAST_MAGNITUDE, _LARGEST_MAGNITUDE = 1.0, 10.5
+_EARTHQUAKE_RATES = (
+    "states rates of earthquakes by magnitude, not of ground motions",
+    "give the hazard curves of that calculation",
+)
 
 _FORMATS = {"ANNUAL_RATE": 0.0, "POISSON_PROBABILITY": 1.0}
 
@@ -44,6 +54,20 @@ def _header(cells: Sequence[str]) -> list[str]:
 def _first_level(header: Sequence[str]) -> int:
     """Number of the first column behind the place; 0 where there is none."""
     return max(map(header.index, _PLACES.values())) + 1 if {*_PLACES.values()} <= {*header} else 0
+
+
+def other_output(file: HazardFile) -> tuple[str, str] | None:
+    """What a table over magnitudes is, by its header, and what to give instead; None of other tables.
+
+    Numbers from 1 to 10.5 in equal steps are magnitudes: a hazard curve begins below 1 g, or ends above 10.5 cm/s.
+    """
+    header = next((line for line in file.table if not line.startswith("#")), "")
+    cells = [cell.strip(' "') for cell in header.split(",")]
+    levels = np.array([float(cell) for cell in cells if is_numeral(cell)])
+    steps = np.diff(levels)
+    inside = (levels >= _LEAST_MAGNITUDE) & (levels <= _LARGEST_MAGNITUDE)
+    equal = len(steps) > 1 and steps[0] != 0 and np.allclose(steps, steps[0], rtol=1e-3)
+    return _EARTHQUAKE_RATES if any(map(_MAGNITUDE.fullmatch, cells)) or (equal and inside.all()) else None
 
 
 def read(file: HazardFile) -> list[Statement]:

@@ -51,16 +51,14 @@ _OTHERS = {
 """Other files of the engine by the beginning of their columns: what they are, and what to give instead."""
 
 
-def refuse_others(file: HazardFile) -> None:
-    """Refuse by name what else the engine writes.
-
-    Raises InputError if the file is one of those.
-    """
+def other_output(file: HazardFile) -> tuple[str, str] | None:
+    """What else of the engine's output a table is, and what to give instead; None of other tables."""
     stated, header = file.table[0].startswith("#"), _header(file.table)
     plain = re.sub(r":\w+", "", header.lower().replace('"', ""))
-    for columns, (what, remedy) in _OTHERS.items():
-        if (stated or "~" in plain) and re.match(columns, plain):
-            file.refuse(f"{what} (columns {header[:60]})", remedy)
+    if matches(file) or not (stated or "~" in plain):
+        return None
+    found = next((of for columns, of in _OTHERS.items() if re.match(columns, plain)), None)
+    return found and (f"{found[0]} (columns {header[:60]})", found[1])
 
 
 def read(file: HazardFile) -> Stated:

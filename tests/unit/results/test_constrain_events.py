@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.stats import norm
 from seeded import rows
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
@@ -184,7 +185,7 @@ def test_words_say_how_many_events_a_verdict_hangs_on(rocks, events):
         (["--site", "aa", "--measure", "pgv_m_s"], "no fragility over pgv_m_s"),
         (["--site", "aa", "--correlation", "0.5"], "--correlation applies"),
         (["--site", "aa", "--measure", "pga_m_s2+cav_m_s"], "not an intensity measure"),
-        (["--site", "aa", "--measure", "pga_m_s2+pgv_m_s"], "it is no run"),
+        (["--site", "aa", "--measure", "pga_m_s2+pgv_m_s"], "independently"),
     ],
 )
 def test_events_that_do_not_answer_are_refused_and_nothing_is_written(rocks, events, tmp_path, options, what):
@@ -193,6 +194,26 @@ def test_events_that_do_not_answer_are_refused_and_nothing_is_written(rocks, eve
     assert done.exit_code != 0
     assert what in f"{done.output} {done.exception}"
     assert not out.exists()
+
+
+def test_two_measures_at_once_need_events_that_correlate_them_which_the_engines_fields_do_not(tmp_path):
+    """A plain table's motions belong together; the engine draws PGA and PGV of one event independently."""
+    rock, table = tmp_path / "rock.csv", tmp_path / "table.csv"
+    rock.write_text(
+        "measure,median,beta,coefficient_0,coefficient_1,coefficient_2\n"
+        "pga_m_s2,7,.45,,,\npgv_m_s,.9,.45,,,\npga_m_s2+pgv_m_s,,,-2.8,1.6,2.2\n"
+    )
+    table.write_text("event_id,annual_rate,pga_m_s2,pgv_m_s\n1,1e-4,8,1\n2,1e-3,3,.3\n")
+    asked = ["--age", "5000", "--measure", "pga_m_s2+pgv_m_s"]
+    rates = norm.cdf(-2.8 + 1.6 * np.log([8, 3]) + 2.2 * np.log([1, 0.3])) @ [1e-4, 1e-3]
+    (branch,) = told_by(rock, "--hazard", table, *asked)["branches"]
+    assert branch["survival"] == pytest.approx(math.exp(-5000 * rates))
+    fields = tmp_path / "gmf-data_1.csv"
+    fields.write_text("event_id,gmv_PGA,gmv_PGV,custom_site_id\n0,.8,100,aa\n1,.3,30,aa\n")
+    refused = constrain(rock, "--hazard", fields, "--catalogue-years", "1000", *asked)
+    assert refused.exit_code != 0
+    assert "independently" in str(refused.exception)
+    assert constrain(rock, "--hazard", fields, "--catalogue-years", "1000", *asked[:2]).exit_code == 0
 
 
 def test_a_set_of_events_stands_alone_and_its_options_need_it(rocks, events, tmp_path):

@@ -70,6 +70,18 @@ def test_an_event_has_the_rate_of_its_branchs_own_time(tmp_path):
     assert events.sites == (EventSite("aa", (1.0, 2.0)), EventSite("bb", (1.5, 2.0)))
 
 
+def test_mean_fields_beside_the_fields_are_no_second_set(tmp_path):
+    """`avg_gmf`, which engine 3.25 exports beside `gmf-data`, has sites and no events."""
+    write_calculation(tmp_path)
+    alone = read_events(tmp_path)
+    mean = tmp_path / "avg_gmf_1.csv"
+    mean.write_text("custom_site_id,lon,lat,gmv_PGA,gsd_PGA\naa,1.0,2.0,.05,2.1\n")
+    together = read_events(tmp_path)
+    for one, other in zip(alone.branches, together.branches, strict=True):
+        assert one.motions["pga_m_s2"].tolist() == other.motions["pga_m_s2"].tolist()
+    assert not is_event_set(mean)
+
+
 def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
     first, second = read_events(write_calculation(tmp_path)).branches
     assert first.motions["pga_m_s2"] == pytest.approx(np.array([[0.5, 0.1], [0.8, 0.0]]) * G)

@@ -578,6 +578,43 @@ def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what)
         read_hazard(file)
 
 
+def test_a_folder_of_a_disaggregation_is_its_curves_and_without_them_a_disaggregation(tmp_path):
+    """As the engine exports one: `Dist-mean-0_3.csv` beside `hazard_curve-mean-PGA_3.csv`."""
+    (tmp_path / "Dist-mean-0_3.csv").write_text(OQ + "imt,iml,poe,dist,mean\nPGA,.2,.1,5,.04\n")
+    with pytest.raises(InputError, match="is a disaggregation"):
+        read_hazard(tmp_path)
+    openquake(tmp_path / "hazard_curve-mean-PGA_3.csv", (10.0, 45.0))
+    assert len(read_hazard(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name,lon,lat,4.25,4.35,4.45\nFresno,-119.75,36.75,3e-3,2e-3,1e-3\n",  # nshmp-haz, cumulative
+        "lon,lat,5.0,5.5,6.0,6.5\n-119.75,36.75,0,3e-3,4e-3,1e-3\n",  # and incremental
+        "lat,lon,8,7,6\n36.75,-119.75,1e-4,1e-3,3e-3\n",
+        "mag,freq\n4.7,2e-2\n",  # OpenQuake's mfd.csv
+        "Magnitude,annual_rate\n5,1e-2\n6,1e-3\n7,1e-4\n",
+        "#,generated_by='x'\nmag,annual_rate\n5,1e-2\n",
+    ],
+)
+@pytest.mark.parametrize("measure", ["pga_m_s2", "pgv_m_s", "sa_1s_m_s2"])
+def test_magnitudes_are_never_levels_of_motion(tmp_path, text, measure):
+    (tmp_path / "total.csv").write_text(text)
+    for path in (tmp_path / "total.csv", tmp_path):
+        with pytest.raises(InputError, match="by magnitude") as refused:
+            read_hazard(path, hints=Hints(None, measure, 0.0))
+        assert "--measure" not in refused.value.remedy
+
+
+def test_levels_of_motion_are_no_magnitudes(tmp_path):
+    """Equal steps alone are none: below 1 g, or up to more than 10.5 cm/s, they are levels."""
+    for levels, measure in (("0.1,0.2,0.3", "pga_m_s2"), ("5,10,15,20", "pgv_m_s"), ("1,2,5,10", "pgv_m_s")):
+        values = ",".join(f"{10.0**-n}" for n in range(1, levels.count(",") + 2))
+        (tmp_path / "total.csv").write_text(f"lon,lat,{levels}\n-119.75,36.75,{values}\n")
+        assert len(read_hazard(tmp_path / "total.csv", hints=Hints(None, measure, 0.0))) == 1
+
+
 @pytest.mark.parametrize("filler", [" ", "[", "poe", "1 "])
 def test_a_name_of_any_length_is_soon_known_to_be_no_column(filler):
     began_s = time.process_time()

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-PHYSICS_VERSION = "32"
+PHYSICS_VERSION = "33"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 

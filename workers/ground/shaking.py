@@ -195,13 +195,15 @@ class GroundShaking:
         return holds(self.body, self.sim.pose[self.last], loads)
 
     def _will_stand(self, over_s: float) -> bool:
-        """Whether the energy of a rock on ground at rest is too little to overturn it from where it would stand.
+        """Whether a rock on ground at rest does not slide, and has too little energy to overturn where it would stand.
 
-        At first a small share of what overturns it; from when it has had time to come near rest a larger one.
+        At first that is a small share of what overturns it; once it has had time to come near rest, a larger one.
         """
         options, last = self.problem.options.termination, self.last
         pose, velocity = self.sim.pose[last], self.sim.velocity[last]
         self._next_look_s = self.time_s + _LOOKS_AFTER * self.problem.unit_s
+        if not self._sliding_m_s() <= self.problem.rest_speed_m_s:
+            return False
         rest = let_down(self.body, pose)
         if rest is None:
             return False
@@ -217,6 +219,13 @@ class GroundShaking:
             return False
         self._stands_in = rest
         return True
+
+    def _sliding_m_s(self) -> float:
+        """Speed along the ground of the rock's fastest contact that carries it; infinite where none does."""
+        carrying, velocity = self.sim.contacts[: self.sim.counts[0]], self.sim.velocity[self.last]
+        rate = velocity[:3] + np.cross(velocity[3:], carrying["arm_m"])
+        rate -= (rate * carrying["normal"]).sum(axis=1)[:, None] * carrying["normal"]
+        return float(np.linalg.norm(rate, axis=1).max()) if len(carrying) else math.inf
 
     @property
     def _stood_m(self) -> float:

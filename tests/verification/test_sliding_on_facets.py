@@ -1,0 +1,88 @@
+"""Rocks that slide on ground that is no plane: closed forms, and that no shake ends before the slide does."""
+
+import math
+
+import numpy as np
+import pytest
+from test_ground import G, as_surface, block_on, facets, pulse
+from test_rest_on_facets import burst
+
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.workers.shake import shake
+
+
+def stool_on(left_deg, right_deg, friction):
+    return block_on(left_deg, right_deg, friction, half_width=0.4, half_height=0.25, foot_m=0.245)
+
+
+def slips_m(scene, motion, preset):
+    """With shortcuts, and without."""
+    ended, whole = (shake(scene, motion, preset, shortcuts=each) for each in (True, False))
+    assert ended.outcome == whole.outcome
+    return ended.slip_m, whole.slip_m
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+@pytest.mark.parametrize(
+    ("left", "right"), [(5, 5), (30, 30), (-5, -5), (-15, -15), (0, 15), (0, -15)], ids=str
+)
+def test_a_slide_that_outlasts_the_motion_is_followed_to_its_end(left, right, preset):
+    for friction in (0.3, 0.4, 0.6):
+        scene = stool_on(left, right, friction)
+        for azimuth_deg in (0.0, 90.0, 200.0):
+            ended, whole = slips_m(scene, pulse(0.8 * G, 0.25, azimuth_deg, after_s=0.01), preset)
+            assert ended == pytest.approx(whole, rel=0.01, abs=1e-4)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("half_width", "half_height"), [(0.4, 0.25), (0.2, 0.6)])
+def test_a_motion_that_ends_in_full_swing_leaves_the_slip_of_the_whole_shake(half_width, half_height):
+    for slopes_deg in ((15, 15), (-15, -15), (0, -15)):
+        scene = block_on(*slopes_deg, 0.4, half_width, half_height)
+        for seed in range(3):
+            motion = Motion(burst(seed, peak_m_s2=9.0, lasting_s=1.5)[:100], 0.01)
+            ended, whole = slips_m(scene, motion, "fast")
+            assert ended == pytest.approx(whole, rel=0.01, abs=1e-4)
+
+
+@pytest.mark.parametrize("slope_deg", [5, 15, 30, -5, -15])
+def test_along_a_fold_friction_grows_as_the_facets_press_harder(slope_deg):
+    """Both facets carry the weight over the cosine of their slope."""
+    friction, level, lasting_s = 0.4, 0.8, 0.25
+    scene = stool_on(slope_deg, slope_deg, friction)
+    found_m = shake(scene, pulse(level * G, lasting_s, 90.0, after_s=0.01), "standard").slip_m
+    grown = friction / math.cos(math.radians(slope_deg))
+    exact_m = (level * G * lasting_s) ** 2 / (2.0 * grown * G) * (1.0 - grown / level)
+    assert found_m == pytest.approx(exact_m, rel=0.01)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 30.0, 90.0])
+def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth_deg):
+    level, friction, lasting_s = 1.2, 0.6, 0.1
+    block = box(0.4, 0.4, 0.1).moved(np.eye(3), (0.0, 0.0, 0.1))
+    scene = Scene.from_mesh((block.vertices_m, block.faces), pedestal=facets(0, 0), friction=friction)
+    found_m = shake(
+        as_surface(scene), pulse(level * G, lasting_s, azimuth_deg, after_s=0.01), "standard"
+    ).slip_m
+    exact_m = (level * G * lasting_s) ** 2 / (2.0 * friction * G) * (1.0 - friction / level)
+    assert found_m == pytest.approx(exact_m, rel=0.01)
+
+
+def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says():
+    slope, level, friction, lasting_s = math.radians(5.0), 1.2, 0.6, 0.1
+    turn = np.array(
+        [[math.cos(slope), 0, math.sin(slope)], [0, 1, 0], [-math.sin(slope), 0, math.cos(slope)]]
+    )
+    ground, faces = facets(0, 0)
+    block = box(0.4, 0.4, 0.1).moved(turn, turn @ [0.0, 0.0, 0.1])
+    scene = Scene.from_mesh(
+        (block.vertices_m, block.faces), pedestal=(ground @ turn.T, faces), friction=friction
+    )
+    found_m = shake(as_surface(scene), pulse(-level * G, lasting_s, after_s=0.01), "standard").slip_m
+    driven = level * G * (math.cos(slope) + friction * math.sin(slope))
+    braked = G * (friction * math.cos(slope) - math.sin(slope))
+    exact_m = ((driven - braked) * lasting_s) ** 2 / 2.0 * (1.0 / (driven - braked) + 1.0 / braked)
+    assert found_m == pytest.approx(exact_m, rel=0.01)

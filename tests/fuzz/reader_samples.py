@@ -10,7 +10,6 @@ from unittest.mock import patch
 
 import laspy
 import numpy as np
-import obspy
 import open3d as o3d
 import pye57
 import pyproj
@@ -187,18 +186,6 @@ def _read_records(folder: Path) -> Any:
     if not outcome.records and outcome.refusals:
         raise outcome.refusals[0].reason
     return [[*each.motion.acceleration_m_s2.ravel(), *each.intensity.values()] for each in outcome.records]
-
-
-def _write_obspy(kind: str) -> Callable[[Path], None]:
-    def write(folder: Path) -> None:
-        values = (shaking(200) * 1e5).astype(np.int32)
-        for letter, series in zip("ENZ", values.T, strict=True):
-            header = {"delta": STEP_S, "network": "XX", "station": "STA1", "channel": f"HN{letter}"}
-            trace = obspy.Trace(np.ascontiguousarray(series), header=header)
-            trace.write(str(folder / f"STA1_{letter}.dat"), format=kind)
-        (folder / "table.csv").write_text("h1,h2,v,unit\nSTA1_E.dat,STA1_N.dat,STA1_Z.dat,1e-5 m/s2\n")
-
-    return write
 
 
 def _write_station_xml(folder: Path) -> None:
@@ -393,10 +380,6 @@ READERS: dict[str, Reader] = {
     **{
         f"record {name}": Reader(lambda folder, w=write: w(folder, shaking(150)), _read_records)
         for name, write in WRITERS.items()
-    },
-    **{
-        f"record {kind}": Reader(_write_obspy(kind), _read_records)
-        for kind in ("GSE2", "SACXY", "SLIST", "TSPAIR", "AH")
     },
     "StationXML": Reader(_write_station_xml, _read_station_xml),
     "metadata table": Reader(

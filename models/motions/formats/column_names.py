@@ -11,7 +11,7 @@ from toppling.models.motions.formats.units import unit_of
 
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(
-    r"(.*?[^\W_])_((?:[cmu]?m_s\^?2)|m?gal|mg|g|ms|us|ns|s|sec|seconds|milliseconds)$", re.IGNORECASE
+    r"(.*?[^\W_])_((?:[cm]?m_s\^?2)|gal|g|ms|us|ns|s|sec|seconds|milliseconds)$", re.IGNORECASE
 )
 """A unit at the end of a name, as this program's own columns have it: time_s, ns_m_s2."""
 _LONGEST = 200

@@ -63,8 +63,8 @@ _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 _WORD = re.compile(r"[^\s(\[]+\s*+(?:[(\[][^)\]]{0,200}[)\]])?")
 _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
-_OF_OBSPY = ("TIMESERIES", "WID2", "WID1")
-"""First words of text formats of others, whose samples look like columns."""
+_OTHERS = ("TIMESERIES", "WID2", "WID1")
+"""First words of SLIST, TSPAIR and GSE, which are not read and whose samples look like columns."""
 _REMARK = tuple(sign for sign in COMMENT if sign not in SEPARATORS)
 """How a remark begins among samples: there a semicolon may stand before an empty cell."""
 _DERIVED = 0.9
@@ -90,7 +90,7 @@ class _Layout:
 
 def recognises(head: str) -> bool:
     """Whether rows of numbers follow that have names, or are as many columns as need none."""
-    if head.lstrip().startswith(_OF_OBSPY):
+    if head.lstrip().startswith(_OTHERS):
         return False
     layout = _layout(head.splitlines()[:-1])
     if layout is None:

@@ -78,7 +78,9 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
                 refuse_file(path, f"the file is {what}", remedy=remedy)
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         remedy = "convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'"
-        refuse_file(path, "the format is not known", f"{names}, or a format that ObsPy reads", remedy)
+        refuse_file(
+            path, "the format is not known", f"{names}, miniSEED, SAC, K-NET or Kinemetrics EVT", remedy
+        )
     return _checked(found, path)
 
 

@@ -1,4 +1,4 @@
-"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED and more, with StationXML where samples are counts."""
+"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED and Kinemetrics, with StationXML where samples are counts."""
 
 import io
 import re
@@ -28,13 +28,9 @@ from toppling.models.motions.formats.response import Converted, in_m_s2, locatio
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
 _NAME = "ObsPy"
-_FORMATS = (
-    "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "SLIST", "TSPAIR", "WIN", "AH", "KINEMETRICS_EVT", "GCF",
-    "KNET", "REFTEK130",
-)  # fmt: skip
+_FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
-_TEXT_FORMATS = {"GSE2", "SACXY", "GSE1", "SLIST", "TSPAIR", "KNET"}
 _KNET_DURATION_AT = 11
 _MOST_SAMPLES = 10**9
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
@@ -76,12 +72,13 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         try:
             text = text_of(content)
             plain = content if text is None else text.encode()
-            of = {name: plain if name in _TEXT_FORMATS else content for name in _FORMATS}
-            file_format = next((name for name in _FORMATS if _recogniser(name)(io.BytesIO(of[name]))), None)
+            of = {name: io.BytesIO(plain if name == "KNET" else content) for name in _FORMATS}
+            file_format = next((name for name in _FORMATS if _recogniser(name)(of[name])), None)
             if file_format is None:
                 return None, []
+            of[file_format].seek(0)
             stream = obspy.read(
-                io.BytesIO(of[file_format]), format=file_format, apply_calib=False, check_compression=False
+                of[file_format], format=file_format, apply_calib=False, check_compression=False
             )
         except MemoryError:
             raise

@@ -1,10 +1,6 @@
 """USGS SMC: 11 lines of text, 48 integers, 50 reals, comments, samples in cm/s2, ten characters each."""
 
 import re
-from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
 from toppling.models.motions.formats.record_text import RecordText
@@ -16,9 +12,6 @@ _INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
 _NO_INTEGER, _NO_REAL = -32768, 1.6e38
 _EXTREMES = (29, 31)
 """Where, from 0, the reals state the largest and the least sample."""
-_PAIRS_A_LINE = 4
-_UNEVEN_STEPS_S = (0.005, 0.002, 0.001)
-"""Steps to which unevenly digitised samples are interpolated: the first that is no longer than their mean step."""
 _KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
 _EVENT = re.compile(r"^\s*(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s*(.*)$")
 
@@ -40,16 +33,19 @@ def read(file: RecordText) -> list[Component]:
     reals = file.exactly(_REALS_AT, file.numbers(_REALS_AT, _REALS_AT + _REAL_LINES, _REAL_WIDTH), 50)
     first = _REALS_AT + _REAL_LINES + max(int(integers[15]), 0)
     found = file.counted(_TEXT_LINES + 2, int(integers[16]), first, None, _SAMPLE_WIDTH)
-    values, step, notes = _equally_spaced(file, first, found.values, float(reals[1]))
+    if not reals[1] < _NO_REAL:
+        what = "no sampling rate in the header: its samples are pairs of time and acceleration"
+        remedy = "give the corrected record, or columns of time and acceleration at equal steps"
+        file.refuse(_REALS_AT, what, "samples at one rate", remedy)
     station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)(?<!\s)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
     return [
         file.channel(
             first,
-            replace(found, values=values),
+            found,
             0.01,
-            step,
+            1 / file.positive(_REALS_AT, float(reals[1]), "sampling rate"),
             direction=_direction(label, int(integers[12]), int(integers[13])),
             file_format=NAME,
             corrected=kind[1] == "2",
@@ -60,24 +56,8 @@ def read(file: RecordText) -> list[Component]:
             distance_km=float(reals[16]) if 0 <= reals[16] < _NO_REAL else None,
             stated_peak_m_s2=0.01
             * max((abs(reals[n]) for n in _EXTREMES if abs(reals[n]) < _NO_REAL), default=0.0),
-            notes=notes,
         )
     ]
-
-
-def _equally_spaced(
-    file: RecordText, first: int, values: NDArray[np.float64], rate_hz: float
-) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
-    """Samples at the header's rate; where it has none, they are pairs of time and acceleration."""
-    if rate_hz < _NO_REAL:
-        return values, 1 / file.positive(_REALS_AT, rate_hz, "sampling rate"), ()
-    if len(values) < 4 or len(values) % 2:
-        what = f"no sampling rate in the header, and {len(values)} numbers"
-        file.refuse(first, what, "pairs of time and acceleration where the header has no rate")
-    pairs = values.reshape(-1, 2)
-    mean = abs(float(pairs[-1, 0] - pairs[0, 0])) / (len(pairs) - 1)
-    step = next((step for step in _UNEVEN_STEPS_S if step <= mean), _UNEVEN_STEPS_S[-1])
-    return file.evenly(first, pairs, _PAIRS_A_LINE, step)
 
 
 def _event(line: str) -> str:

@@ -17,9 +17,8 @@ class Unit:
     factor: float  # one of it in m/s2, m/s or m
 
 
-_LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}
-UNITS_M_S2 = {f"{length}/s2": factor for length, factor in _LENGTHS_M.items()} | {"gal": 0.01, "mgal": 1e-5}
-UNITS_M_S2 |= {"g": _G_M_S2, "g/10": 0.1 * _G_M_S2, "%g": 0.01 * _G_M_S2, "mg": 1e-3 * _G_M_S2}
+_LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}
+UNITS_M_S2 = {f"{length}/s2": factor for length, factor in _LENGTHS_M.items()} | {"gal": 0.01, "g": _G_M_S2}
 """Accelerations by their folded names."""
 _UNITS: dict[str, Unit] = {
     **{name: Unit("acceleration", factor) for name, factor in UNITS_M_S2.items()},
@@ -44,17 +43,13 @@ _WORDS = (
     (r"metres|meters|metre|meter", "m"),
     (r"centim", "cm"),
     (r"millim", "mm"),
-    (r"microm", "um"),
     (r"nanom", "nm"),
     (r"inches|inch", "in"),
     (r"feet|foot", "ft"),
     (r"squared|square", "2"),
     (r"seconds|second|secs|sec", "s"),
-    (r"milligals?", "mgal"),
     (r"gals", "gal"),
     (r"kines", "kine"),
-    (r"milli-?g", "mg"),
-    (r"percentg|percentofg|%ofg", "%g"),
     (r"fractionofg", "g"),
     (r"gravity|g's|gn", "g"),
 )
@@ -74,9 +69,9 @@ _SPELLINGS = (
 def _folded(name: str) -> str:
     """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
     text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
-    for sign, plain in (("\u2215", "/"), ("\u2212", "-"), ("\u03bc", "u"), ("\u039c", "u")):
-        text = text.replace(sign, plain)
-    text = text.lower().replace("ý", "2")  # the square of DOS' code pages, read in those of Windows
+    text = (
+        text.replace("\u2215", "/").replace("\u2212", "-").lower().replace("ý", "2")
+    )  # the square of DOS' code pages, read in those of Windows
     text = re.sub(r"\s+", "", text).strip("\"'[]{},;:.")
     text = text.replace("(", "").replace(")", "")
     for pattern, word in (*_WORDS, *_SPELLINGS):

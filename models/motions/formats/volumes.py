@@ -12,7 +12,8 @@ from dataclasses import replace
 from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.record_text import Counted, RecordText, column_width, first_found
-from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
+from toppling.models.motions.formats.units import acceleration_m_s2
+from toppling.models.motions.measures import STANDARD_G_M_S2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
 _HEADER_LINES = 27
@@ -76,7 +77,7 @@ def _channel(file: RecordText) -> Component:
         first = heading + 1
         notes: tuple[str, ...] = ()
     else:
-        first, unit_m_s2 = _HEADER_LINES, UNITS_M_S2["g/10"]
+        first, unit_m_s2 = _HEADER_LINES, 0.1 * STANDARD_G_M_S2
         found, step, notes = _headed_by_count(file)
     label = _label(file)
     dialect = _dialect(lines, corrected)

@@ -289,21 +289,6 @@ def smc(folder: Path, a: np.ndarray) -> list[Path]:
     return paths
 
 
-def smc_pairs(folder: Path, a: np.ndarray) -> list[Path]:
-    """As old records have it: no rate in the header, pairs of time and acceleration."""
-    paths = smc(folder, a)
-    for path, series in zip(paths, (a[:, 0], a[:, 2], a[:, 1]), strict=True):
-        lines = path.read_text().splitlines(keepends=True)
-        pairs = np.column_stack([np.arange(len(a)) * STEP_S, series * 100]).ravel()
-        lines[13] = f"{len(pairs):10d}{lines[13][10:]}"
-        lines[17] = lines[17][:15] + f"{1.7e38:15.7E}" + lines[17][30:]
-        body = "".join(
-            "".join(_short_exponent(v) for v in pairs[i : i + 8]) + "\n" for i in range(0, len(pairs), 8)
-        )
-        path.write_text("".join(lines[:29]).replace("2 CORRECTED", "1 UNCORRECTED") + body)
-    return paths
-
-
 def _short_exponent(value: float) -> str:
     mantissa, exponent = f"{value:.4E}".split("E")
     return f"{float(mantissa):7.4f}E{max(int(exponent), -9):+d}"
@@ -540,7 +525,6 @@ WRITERS = {
     "knet": knet,
     "miniseed": miniseed,
     "sac": sac,
-    "smc_pairs": smc_pairs,
     "csmip_v2_bare": csmip_v2_bare,
     "columns_with_commas": columns_with_commas,
     "miniseed_in_pieces": miniseed_in_pieces,

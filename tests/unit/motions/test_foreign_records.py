@@ -61,16 +61,6 @@ def test_columns_of_csmip_are_found_by_their_lines():
     assert peaks == pytest.approx([-2.67957, -0.94805, -2.56231])
 
 
-def test_pairs_of_smc_are_interpolated_near_their_peak():
-    (component,) = components(5)
-    assert component.acceleration_m_s2.min() == pytest.approx(
-        -2.284, rel=2e-3
-    )  # the header's, between two samples
-    assert component.time_step_s <= 0.00145
-    assert any("interpolated" in note for note in component.notes)
-    assert any("counts 66898" in text for text in component.warnings)
-
-
 def test_channel_codes_are_directions_of_peer_nga_east():
     found = {component.label: component for component in components(6)}
     assert {component.event for component in found.values()} == {"ComalTX11-10-20"}

@@ -25,13 +25,12 @@ ROUNDING = {
     "geonet_v1a": 5e-5,
     "cwb": 5e-6,
     "smc": 5e-5,
-    "smc_pairs": 5e-5,
     "miniseed_in_pieces": 3e-6,
     "miniseed": 3e-6,
     "knet": 2e-6,
 }
 RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb", "knet", "miniseed", "sac"}
-RAW |= {"smc_pairs", "miniseed_in_pieces"}
+RAW |= {"miniseed_in_pieces"}
 UNORIENTED = {"pairs_v1"}
 
 

@@ -183,12 +183,14 @@ def test_a_sample_that_is_not_finite_is_named_before_the_response_spreads_it(tmp
     assert "sample 200 of HNE is nan" in reasons
 
 
-@pytest.mark.parametrize("pieces", [1, 2])
-def test_a_rate_of_nothing_is_refused_as_a_time_step(tmp_path, pieces):
-    head = "TIMESERIES XX_TST__HNE_R, 3 samples, 0 sps, 2020-01-01T00:00:00.000000, SLIST, INTEGER, Counts\n1 2 3\n"
-    (tmp_path / "a.txt").write_text(head * pieces)
-    with pytest.raises(InputError, match="time step is"):
-        read_file(tmp_path / "a.txt")
+@pytest.mark.parametrize("kind", ["GSE2", "SACXY", "SLIST", "TSPAIR", "AH", "GCF"])
+def test_other_formats_of_obspy_are_refused_by_the_form_that_is_read(tmp_path, kind):
+    header = {"network": "XX", "station": "TST", "channel": "HNE", "delta": STEP_S, "starttime": START}
+    obspy.Trace(COUNTS, header).write(str(tmp_path / "r.dat"), format=kind)
+    outcome = import_records([tmp_path / "r.dat"])
+    assert not outcome.records
+    (refusal,) = outcome.refusals
+    assert "Time (s),NS (cm/s2)" in refusal.reason.remedy, refusal.reason
 
 
 KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.files.mesh_files import MeshLike, remarks_of, triangles_of
 from toppling.models.frames import rotation_between
-from toppling.models.lengths import metres_in, too_large, unit_of_remarks
+from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
 
@@ -19,8 +19,8 @@ from toppling.models.rock import Rock, check_size, check_triangles, origin_besid
 def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
     """Rock of a mesh, moved to an origin (3,) beside it where it lies far from its own.
 
-    units: of the coordinates; None for what the mesh states, else metres, with a warning if these make it larger than
-    any precarious rock.
+    units: of the coordinates; None for what an object of trimesh states, else metres, with a warning if these make it
+    larger than any precarious rock.
     Raises InputError if the mesh is none of one closed body, or not of a rock's height.
     """
     vertices, faces, where, stated = _in_metres(mesh, units, "rock mesh")
@@ -64,8 +64,9 @@ def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike,
 
 
 def _stated_unit(mesh: MeshLike) -> str | None:
-    """Unit of a file by its remarks, or of an object that knows one, as trimesh's do of some formats."""
+    """Unit of an object that knows one, as trimesh's do of some formats; a file is to be in metres."""
     if isinstance(mesh, str | os.PathLike):
-        return unit_of_remarks(remarks_of(Path(mesh)), str(mesh))
+        check_remarks(remarks_of(Path(mesh)), str(mesh))
+        return None
     stated = getattr(mesh, "units", None)
     return stated if isinstance(stated, str) else None

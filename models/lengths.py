@@ -3,15 +3,13 @@
 import re
 from collections.abc import Iterable
 
-from toppling.models.errors import InputError, refusals
+from toppling.models.errors import InputError
 
 _US_FOOT_M = 1200.0 / 3937.0
 _UNITS = {
     "m": (1.0, "metres", r"m|met(?:re|er)s?"),
     "mm": (1e-3, "millimetres", r"mm|milli ?met(?:re|er)s?"),
     "cm": (1e-2, "centimetres", r"cm|centi ?met(?:re|er)s?"),
-    "dm": (0.1, "decimetres", r"dm|deci ?met(?:re|er)s?"),
-    "km": (1e3, "kilometres", r"km|kilo ?met(?:re|er)s?"),
     "ft": (0.3048, "feet", r"i?ft|feet|foot|(?:international|intl) (?:feet|foot|ft)"),
     "us-ft": (
         _US_FOOT_M,
@@ -20,43 +18,38 @@ _UNITS = {
         r"(?:ft|feet|foot) ?us(?: survey)?",
     ),
     "in": (0.0254, "inches", r"in|inch(?:es)?"),
-    "yd": (0.9144, "yards", r"yd|yards?"),
 }
 """Of each unit: metres of one, its name, and how people and files write it."""
 METRES = {unit: metres for unit, (metres, _, _) in _UNITS.items()}
 """Metres of one of each unit; its names are those of `--units`."""
 NAMES = {unit: name for unit, (_, name, _) in _UNITS.items()}
-_DEGREES = re.compile(r"(?:decimal )?(?:deg|degrees?|°)\b|lat\w*[ /,]+lon\w*")
 _ANY = re.compile(
     "|".join(
         f"(?P<{unit.replace('-', '_')}>(?:{_UNITS[unit][2]}))\\b" for unit in sorted(_UNITS, reverse=True)
     )
 )
 """US survey feet before feet, with which some of their names begin."""
-_SAID = re.compile(
-    r"\b(?:units?(?: of (?:length|measure(?:ment)?))?|(?:linear|length|coordinate|vertical|horizontal)s? ?units?)\b"
-    r" ?(?:[:=]|\bare\b|\bis\b|\bin\b)? ?(?:in )?(?:the )?(?P<word>[^,;]{1,40})"
-    r"|\b(?:coordinates?|points?|vertices|x y z|xyz|values?|lengths?|distances?|dimensions?|heights?|data|model|mesh|"
-    r"cloud|scan(?:ned)?|scaled?|measured|given|expressed|exported|saved|stored)\b"
-    r"(?: are| is| given| stored| measured| expressed| exported)* in (?P<in>[^,;]{1,40})"
-    r"|(?P<foot>\b(?:us survey|survey|us|international) (?:feet|foot)\b|\bft ?us\b|\bus ?ft\b)"
+_OTHER = (
+    r"(?:milli|centi|deci|kilo) ?met(?:re|er)s?|[mcdk]m|(?:us[ -]?|survey )?(?:feet|foot|ft)(?:[ -]?us)?|inch(?:es)?|"
+    r"yards?|yd|deg(?:rees?)?"
 )
-_OUTRIGHT = re.compile(
-    r"\W*(?:linear|length|coordinate|model)?s? ?units?\s*[:=]\s*[\"']?(?P<word>[a-z][\w./ -]{0,30})"
+_STATED = re.compile(
+    r"\W*(?:(?:linear|length|coordinate|vertical|model) )?units?\s*[:=]\s*[\"']?(?!m\b|met(?:re|er)s?\b)\w|"
+    rf".*\b(?:units? (?:[^,;.]{{0,30}} )?|in )(?:{_OTHER})\b|.*\bsurvey (?:feet|foot)\b",
+    re.IGNORECASE,
 )
-_NO_LENGTHS = ("db", "none", "unknown", "count", "dn", "raw", "percent", "rgb", "unitless", "intensity")
-"""Words after "units" that are about something else than coordinates, or say nothing."""
+"""A remark in a file that says what its coordinates are in, other than metres."""
+_SYSTEM = re.compile(
+    r"\bEPSG\s*:+\s*\d{4,6}|\b(?:PROJ|GEOG|COMP|GEOC|LOCAL_|BOUND|ENG)[A-Z_]*C[RS]S?\s*[\[(]"
+)
+_LONGEST = 200
+"""Characters of a remark that are looked at."""
 _ROCK_M = (0.1, 30.0)
 """Heights of the precarious rocks that are known; others are told which unit would make them one."""
 _LARGEST_M3 = 5000.0
 """Twice the volume of the largest balanced rocks."""
 _CUBES_OF_HEIGHT = (0.01, 3.0)
 """Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
-
-_unclear = refusals(
-    expected=f"one of {', '.join(METRES)}",
-    remedy="say in which unit the coordinates are by --units, which wins over what the file says",
-)
 
 
 def _unit_called(word: str) -> str | None:
@@ -71,39 +64,32 @@ def _unit_called(word: str) -> str | None:
     return found.lastgroup.replace("_", "-") if found is not None and found.lastgroup else None
 
 
-def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
-    """The unit that remarks in a file state, None if they state none.
-
-    remarks: such as "units: US survey feet", "coordinates in mm".
-    where: the file, for errors.
-    Raises InputError if they state degrees, a unit that nobody knows, two, or one of heights alone.
+def other_unit_in(remarks: Iterable[str]) -> str:
+    """The first remark that states another unit than metres; empty where none does.
 
     Examples
     --------
-    >>> unit_of_remarks(["made by a scanner", "Units: US Survey Feet"], "cloud.ply")
-    'us-ft'
+    >>> other_unit_in(["made in Germany", "Units: US Survey Feet"]), other_unit_in(["units: metres"])
+    ('Units: US Survey Feet', '')
     """
-    found, of_heights_alone = set(), True
-    for remark in remarks:
-        plain = re.sub(r"[\s._()\"'\[\]-]+", " ", remark.lower())
-        for said in _SAID.finditer(plain):
-            word = (said["word"] or said["in"] or said["foot"]).strip(" :=")
-            if _DEGREES.match(word) and said["in"]:
-                raise in_degrees(remark.strip()[:80], where)
-            if (unit := _unit_called(word)) is not None:
-                found.add(unit)
-                of_heights_alone &= said[0].startswith("vertical")
-        outright = _OUTRIGHT.match(remark.lower().strip())
-        if outright is not None and not _unit_called(outright["word"]):
-            if _DEGREES.match(outright["word"]):
-                raise in_degrees(remark.strip()[:80], where)
-            if not outright["word"].startswith(_NO_LENGTHS):
-                raise _unclear(f"it states a unit that is not known: {remark.strip()[:80]!r}", where)
-    if found and of_heights_alone:
-        raise _unclear("it states the unit of heights alone", where)
-    if len(found) > 1:
-        raise _unclear(f"it states two units: {', '.join(NAMES[unit] for unit in sorted(found))}", where)
-    return next(iter(found), None)
+    return next((remark.strip()[:80] for remark in remarks if _STATED.match(remark[:_LONGEST])), "")
+
+
+def check_remarks(remarks: Iterable[str], where: str) -> None:
+    """Refuse a file whose remarks state another unit than metres, or a coordinate system: remarks are not converted.
+
+    Raises InputError with the option that says the unit.
+    """
+    told = list(remarks)
+    unit = other_unit_in(told)
+    system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
+    if unit or system:
+        raise InputError(
+            f"a remark states {'another unit than metres' if unit else 'a coordinate system'}: {unit or system!r}",
+            where=where,
+            expected="coordinates in metres",
+            remedy="say which unit they are in by --units (in Python units), or the system by --crs EPSG:2229",
+        )
 
 
 def explaining_units(height_m: float) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
-from toppling.models.lengths import unit_of_remarks
+from toppling.models.lengths import check_remarks, other_unit_in
 from toppling.models.scan import reference
 from toppling.models.scan.plausible import coordinate_steps
 from toppling.models.scan.ptx import NOWHERE, Pose, in_survey
@@ -50,7 +50,7 @@ def las(path: Path) -> Points:
 
     with laspy.open(path) as source:
         header = source.header
-        system = _said(lambda: (None, _las_system(source, path)))
+        system = _said(lambda: _las_system(source, path))
         _check_count(header.point_count, path)
         if not source.header.are_points_compressed:
             room = path.stat().st_size - header.offset_to_point_data
@@ -94,14 +94,13 @@ def classes(path: Path) -> Points:
     return {}, [np.concatenate(parts)]
 
 
-def _said(ask: Callable[[], tuple[str | None, reference.Reference | None]]) -> dict[str, Any]:
-    """Unit and coordinate system that a file states, or why what it states is refused."""
+def _said(ask: Callable[[], reference.Reference | None]) -> dict[str, Any]:
+    """Coordinate system that a file states, or why what it states is refused."""
     try:
-        unit, system = ask()
+        return {"reference": ask(), "refusal": None}
     except InputError as error:
         refusal = {"what": error.what, "expected": error.expected, "remedy": error.remedy}
-        return {"unit": None, "reference": None, "refusal": refusal}
-    return {"unit": unit, "reference": system, "refusal": None}
+        return {"reference": None, "refusal": refusal}
 
 
 def _las_system(source: Any, path: Path) -> reference.Reference | None:
@@ -164,7 +163,7 @@ def e57(path: Path) -> Points:
             yield points, _e57_pose(header.node, path)
 
     points, station, step, nowhere = in_survey(scans())
-    stated = _said(lambda: (None, _e57_system(source, headers, path)))
+    stated = _said(lambda: _e57_system(source, headers, path))
     stated |= {"step": step.tolist(), "left_out": {"are flagged invalid": invalid, NOWHERE: nowhere}}
     return stated, [points, station]
 
@@ -235,8 +234,8 @@ def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Refere
     """
     words = [_text(source.root, "coordinateMetadata"), *(_text(each.node, "description") for each in headers)]
     system = reference.of_words(words[0], str(path))
-    unit = unit_of_remarks(words, str(path))
-    if (unit or "m") != "m" or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
+    unit = other_unit_in(words if system is None else words[1:])
+    if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
         stated = unit if system is None else f"{system['name']}, in {system['unit']}"
         raise InputError(
             f"its coordinates are said to be in another unit than metres ({stated}), which are E57's by its standard",
@@ -267,13 +266,8 @@ def pcd(path: Path) -> Points:
     with path.open("rb") as file:
         head = file.read(_PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
-    header = _said(lambda: _of_remarks(remarks, path))
+    header = _said(lambda: check_remarks(remarks, str(path)))
     return header | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
-
-
-def _of_remarks(remarks: list[str], path: Path) -> tuple[str | None, reference.Reference | None]:
-    unit = unit_of_remarks(remarks, str(path))
-    return unit, None if unit else reference.of_words("\n".join(remarks), str(path))
 
 
 def _pcd_points(path: Path) -> int:

@@ -14,7 +14,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import MESH_FORMATS, remarks_of
 from toppling.models.files.ply import read_header, read_vertices
-from toppling.models.lengths import METRES, NAMES, unit_of_remarks
+from toppling.models.lengths import METRES, NAMES, check_remarks
 from toppling.models.scan.meshes import (
     UPWARD_Y,
     Mesh,
@@ -36,7 +36,7 @@ from toppling.models.scan.plausible import (
     steps_of_mesh,
 )
 from toppling.models.scan.ptx import read_ptx
-from toppling.models.scan.reference import Reference, names_a_system
+from toppling.models.scan.reference import Reference
 from toppling.models.scan.text import read_text
 
 _TEXTS = (".xyz", ".xyzrgb", ".xyzn", ".xyzi", ".asc", ".pts", ".txt", ".csv", ".dat")
@@ -125,7 +125,6 @@ class _Read:
     points: Array
     station: NDArray[np.int32]
     step: Array
-    unit: str | None = None
     reference: Reference | None = None
     mesh: "_Mesh | None" = None
     note: str = ""
@@ -290,8 +289,6 @@ def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
     if read.reference is not None:
         across, up = read.reference["metres_per_unit"]
         stated, by = (across, up), f"{read.reference['name']}: {read.reference['unit']}"
-    elif read.unit is not None:
-        stated, by = (METRES[read.unit],) * 2, f"its remarks: {NAMES[read.unit]}"
     given = option = name = None
     if said.unit is not None:
         given, option, name = (METRES[said.unit],) * 2, f"--units {said.unit}", NAMES[said.unit]
@@ -327,7 +324,7 @@ def _read_file(path: Path, said: _Said) -> _Read:
             if told["refusal"] and not unit_given:
                 raise InputError(**told["refusal"] | {"where": str(path)})
             step, left_out = np.array(told["step"]), told.get("left_out", {})
-            return _Read(points, station, step, told["unit"], told["reference"], left_out=left_out)
+            return _Read(points, station, step, told["reference"], left_out=left_out)
         if suffix == ".ptx":
             points, station, step, left_out = read_ptx(path)
             return _Read(points, station, step, left_out=left_out)
@@ -341,15 +338,17 @@ def _read_file(path: Path, said: _Said) -> _Read:
         raise
     except Exception as error:  # each reader raises whatever its parser raises
         raise _unreadable(f"cannot be read ({type(error).__name__}: {error})", path) from error
-    unit, system = _of_remarks(remarks, path, unit_given)
-    return _Read(points, station, coordinate_steps(points), unit, system, note=note)
+    if not unit_given:
+        check_remarks(remarks, str(path))
+    return _Read(points, station, coordinate_steps(points), note=note)
 
 
 def _read_mesh(path: Path, said: _Said) -> _Read:
     """Points on a mesh of one or several pieces, open or closed."""
     vertices, faces = mesh_as_in_file(path)
-    unit, system = _of_remarks(remarks_of(path), path, said.unit_given)
-    check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given or bool(unit or system))
+    if not said.unit_given:
+        check_remarks(remarks_of(path), str(path))
+    check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given)
     if path.suffix.lower() in UPWARD_Y and not said.placement.says_up:
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     if said.placement.says_up:
@@ -357,23 +356,7 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
     points, triangle = points_on(vertices, faces)
     station = np.zeros(len(points), np.int32)
     mesh = (vertices, faces, triangle)
-    return _Read(points, station, steps_of_mesh(vertices, faces), unit, system, mesh)
-
-
-def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[str | None, Reference | None]:
-    """Unit, or else coordinate system, that a text file or the head of a PLY states in its remarks.
-
-    Raises InputError if nobody understands what they state, unless the user says the unit.
-    """
-    try:
-        unit = unit_of_remarks(remarks, str(path))
-        if unit is not None or not names_a_system("\n".join(remarks)):
-            return unit, None
-        return None, read_guarded("toppling.models.scan.reference:of_text_head", path)[0]
-    except InputError:
-        if not unit_given:
-            raise
-        return None, None
+    return _Read(points, station, steps_of_mesh(vertices, faces), mesh=mesh)
 
 
 def _read_ply(path: Path) -> tuple[Array, NDArray]:

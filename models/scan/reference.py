@@ -5,13 +5,11 @@ WKT and codes are parsed by PROJ, in C++, so only in the guarded process.
 
 import re
 import struct
-from pathlib import Path
 from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 
-_HEAD_BYTES = 65_536
 _LONGEST_WKT = 20_000
 _SYSTEMS = (
     "PROJCS|GEOGCS|COMPD_CS|GEOCCS|LOCAL_CS|VERT_CS|PROJCRS|GEOGCRS|GEODCRS|COMPOUNDCRS|ENGCRS|ENGINEERINGCRS|BOUNDCRS|"
@@ -112,25 +110,13 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
     )
 
 
-def of_text_head(path: Path) -> tuple[Reference | None, list]:
-    """Coordinate system that the beginning of a file names in words, as WKT or by an EPSG code."""
-    with path.open("rb") as file:
-        text = file.read(_HEAD_BYTES).decode("latin-1")
-    return of_words(text, str(path)), []
-
-
 def of_words(text: str, where: str) -> Reference | None:
-    """The same for a text."""
+    """Coordinate system that a text names, as WKT or by an EPSG code; None if it names none."""
     if wkt := _WKT.search(text):
         return of_wkt(_balanced(wkt[0]), where)
     if code := _CODE.search(text):
         return _of_code(int(code[1]), where)
     return None
-
-
-def names_a_system(text: str) -> bool:
-    """Whether a text holds what `of_words` reads."""
-    return bool(_WKT.search(text) or _CODE.search(text))
 
 
 def _balanced(text: str) -> str:

@@ -26,16 +26,12 @@ _EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
 _BETWEEN_CELLS = ",;\t\r\n "
-_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d+")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:(?!\1)[.,]\d+)")
 
 
 _FORTRAN = re.compile(r"(\d\.?)[dD]([+-]?\d)")
-_NOT_FINITE = re.compile(r"[+-]?(?:1\.?#(?:IND|QNAN|SNAN|INF)\w*|nan\(\w*\))", re.IGNORECASE)
-"""As programs on Windows write what is not a number."""
-
 _not_whole = refusals(
     expected="the same columns of numbers in every line of points",
     remedy="export the cloud again, or cut the damaged lines",
@@ -134,7 +130,7 @@ def _rows(path: Path, encoding: str, skip: int, layout: _Layout, counts: list[in
         rows: Iterator[str] = (
             _points_alone(lines, skip, counts) if counted else islice(iter(lines), skip, None)
         )
-        if _ends_oddly(path, encoding):
+        if _ends_oddly(path):
             rows = _without_ends(rows, path)
         if not layout.is_plain:
             rows = (";".join(layout.fields(line)) for line in rows)
@@ -150,13 +146,11 @@ def _points_alone(lines: Iterable[str], skip: int, counts: list[int]) -> Iterato
 
 
 def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str], path: Path) -> Array:
-    """Points of a text with numbers that Python does not know, of Fortran or Windows, or with lines of empty cells.
+    """Points of a text with numbers of Fortran, or with lines of empty cells.
 
     Raises InputError: at the first line that cannot be read.
     """
-    kept = [
-        _FORTRAN.sub(r"\1E\2", _NOT_FINITE.sub("nan", line)) for line in rows if line.strip(_BETWEEN_CELLS)
-    ]
+    kept = [_FORTRAN.sub(r"\1E\2", line) for line in rows if line.strip(_BETWEEN_CELLS)]
     try:
         return load(kept)
     except ValueError as error:
@@ -170,20 +164,14 @@ def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str],
 
 
 def _encoding_of(path: Path) -> str:
-    """Encoding of a text file by its first bytes: by a mark, or UTF-8 where it is, else Latin."""
+    """Encoding of a text file by its first bytes: UTF-8 where it is, else that of western Windows."""
     with path.open("rb") as file:
         head = file.read(65_536)
-    for mark, encoding in _MARKS.items():
-        if head.startswith(mark):
-            return encoding
-    for first, encoding in ((0, "utf-16-be"), (1, "utf-16-le")):
-        if len(head) > 8 and not any(head[first:64:2]) and all(head[1 - first : 64 : 2]):
-            return encoding
     try:
         head[:-4].decode("utf-8")
     except UnicodeDecodeError:
         return "cp1252"
-    return "utf-8"
+    return "utf-8-sig"
 
 
 def _layout(line: str, where: str) -> _Layout | None:
@@ -249,10 +237,8 @@ def _settled(lines: list[str], path: Path) -> _Layout:
     return layout
 
 
-def _ends_oddly(path: Path, encoding: str) -> bool:
+def _ends_oddly(path: Path) -> bool:
     """Whether signs that are no text stand anywhere in a file."""
-    if encoding.startswith("utf-16"):
-        return False
     with path.open("rb") as file:
         return any(
             sign.encode() in chunk for chunk in iter(partial(file.read, 1 << 20), b"") for sign in _ENDS

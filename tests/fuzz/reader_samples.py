@@ -104,11 +104,6 @@ def _rows(form: str) -> str:
     return "".join(form.format(*point) for point in POINTS_M)
 
 
-def _write_remarked(path: Path) -> None:
-    _write_tensor(path)
-    path.write_bytes(b"# units: US survey feet\n# EPSG:2229\n" + path.read_bytes())
-
-
 CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "cloud.las": ("cloud.las", _write_las),
     "cloud.laz": ("cloud.laz", _write_las),
@@ -121,17 +116,11 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "cloud compressed.pcd": ("cloud.pcd", lambda path: _write_tensor(path, compressed=True)),
     "cloud of feet.las": ("cloud.las", _write_las_of_feet),
     "cloud of feet.laz": ("cloud.laz", _write_las_of_feet),
-    "cloud with remarks.pcd": ("cloud.pcd", lambda path: _write_remarked(path)),
     "cloud with commas.txt": (
         "cloud.txt",
         lambda path: path.write_bytes(
-            ("# Höhe, units: mm\r\nx;y;z\r\n" + _rows("{};{};{}\r\n").replace(".", ",")).encode("cp1252")
-            + b"\x1a"
+            ("# Höhe\r\nx;y;z\r\n" + _rows("{};{};{}\r\n").replace(".", ",")).encode("cp1252") + b"\x1a"
         ),
-    ),
-    "cloud in two bytes.txt": (
-        "cloud.txt",
-        lambda path: path.write_text(_rows("{}\t{}\t{}\n").replace(".", ","), "utf-16"),
     ),
     "cloud.xyz": ("cloud.xyz", lambda path: _write_text(path, "{} {} {}\n")),
     "cloud.pts": ("cloud.pts", lambda path: _write_text(path, "{} {} {} 7\n", f"{len(POINTS_M)}\n")),

@@ -124,7 +124,9 @@ def test_a_mesh_is_a_rock_in_metres_by_the_unit_that_somebody_states(tmp_path):
     known.units = "centimeters"
     with warnings.catch_warnings(action="error"):
         scenes = [Scene.from_mesh((100.0 * ROCK.vertices_m, ROCK.faces), units="cm")]
-        scenes += [Scene.from_mesh(ply), Scene.from_mesh(known)]
+        scenes += [Scene.from_mesh(ply, units="cm"), Scene.from_mesh(known)]
+    with pytest.raises(InputError, match="a remark states another unit"):
+        Scene.from_mesh(ply)
     for scene in scenes:
         assert scene.rock.height_m == pytest.approx(ROCK.height_m, rel=1e-6)
     ground = (1000.0 * np.array([[-2, -2, -0.6], [2, -2, -0.6], [0, 2, -0.6]]), np.array([[0, 1, 2]]))

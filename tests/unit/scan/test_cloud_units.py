@@ -8,7 +8,7 @@ import pytest
 from pyproj import CRS
 
 from toppling.models.errors import InputError
-from toppling.models.lengths import _US_FOOT_M, METRES, _unit_called, size_note, unit_of_remarks
+from toppling.models.lengths import _US_FOOT_M, _unit_called, size_note
 from toppling.models.scan.read import read_clouds
 
 POINTS_M = np.random.default_rng(3).uniform(0.0, 12.0, (1500, 3)) + np.array([1000.0, 2000.0, 30.0])
@@ -152,32 +152,48 @@ def test_longitude_latitude_and_height_without_a_word_are_degrees(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("comment", "unit"),
+    "comment",
     [
-        ("comment units: feet", "ft"),
-        ("comment unit mm", "mm"),
-        ("comment Units are in US Survey Feet", "us-ft"),
-        ("obj_info units = centimeters", "cm"),
-        ("comment coordinates in inches, z up", "in"),
-        ("comment all values given in millimeters", "mm"),
-        ("comment measured in yards", "yd"),
-        ("comment California zone 5, US survey feet", "us-ft"),
-        ("comment exported in ASCII", "m"),
-        ("comment EPSG:2229", "us-ft"),
-        (f"comment crs {wkt_of(FOOT_PLANE, NAVD88_US_FT, 'WKT1_GDAL')}", "us-ft"),
-        ("comment units: metres", "m"),
-        ("comment intensity units: dB", "m"),
-        ("comment made in Germany", "m"),
-        ("comment Created by Unity 2022", "m"),
+        "comment units: feet",
+        "comment unit mm",
+        "comment Units are in US Survey Feet",
+        "obj_info units = centimeters",
+        "comment coordinates in inches, z up",
+        "comment all values given in millimeters",
+        "comment measured in yards",
+        "comment California zone 5, US survey feet",
+        "comment units: cubits",
+        "comment units: degrees",
+        "comment units: feet\ncomment unit: m",
+        "comment vertical units: feet",
+        "comment EPSG:2229",
+        f"comment crs {wkt_of(FOOT_PLANE, NAVD88_US_FT, 'WKT1_GDAL')}",
+        f"comment {wkt_of(METRE_PLANE)}".replace("\n", " "),
     ],
 )
-def test_a_unit_in_the_remarks_of_a_ply_is_read(tmp_path, comment, unit):
-    path = ply(tmp_path / "cloud.ply", POINTS_M / METRES[unit], comment)
-    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
+def test_a_remark_that_states_another_unit_or_a_system_is_refused_until_the_user_says_the_unit(
+    tmp_path, comment
+):
+    path = ply(tmp_path / "cloud.ply", POINTS_M / 0.3048, comment)
+    with pytest.raises(InputError, match="a remark states") as refused:
+        read_clouds([path])
+    assert "--units" in refused.value.remedy
+    np.testing.assert_allclose(read(path, "ft"), POINTS_M, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "comment",
+    ["units: metres", "Unit: m", "intensity units: dB", "made in Germany", "Created by Unity 2022", "exported in ASCII",
+     "one unit of the survey", "points in the north", "scanned in 5 cm steps"],
+)  # fmt: skip
+def test_other_remarks_are_no_unit(tmp_path, comment):
+    np.testing.assert_allclose(
+        read(ply(tmp_path / "cloud.ply", POINTS_M, f"comment {comment}")), POINTS_M, atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("suffix", [".pcd", ".xyz"])
-def test_a_unit_in_the_remarks_of_other_texts_is_read(tmp_path, suffix):
+def test_a_unit_in_the_remarks_of_other_texts_is_refused_too(tmp_path, suffix):
     path = tmp_path / f"cloud{suffix}"
     head = "# units: millimetres\n"
     if suffix == ".pcd":
@@ -185,31 +201,22 @@ def test_a_unit_in_the_remarks_of_other_texts_is_read(tmp_path, suffix):
         head += "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1500\nDATA ascii\n"
     rows = "\n".join(" ".join(f"{c:.3f}" for c in row) for row in POINTS_M * 1000.0)
     path.write_text(head + rows + "\n")
-    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-5)
+    with pytest.raises(InputError, match="a remark states another unit than metres"):
+        read_clouds([path])
+    np.testing.assert_allclose(read(path, "mm"), POINTS_M, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("comment", "what"),
-    [
-        ("comment units: cubits", "a unit that is not known"),
-        ("comment units: degrees", "in degrees"),
-        ("comment units: feet\ncomment unit: m", "two units"),
-        ("comment vertical units: feet", "heights alone"),
-    ],
-)
-def test_a_unit_that_is_unknown_or_contradicted_is_refused(tmp_path, comment, what):
-    with pytest.raises(InputError, match=what):
-        read_clouds([ply(tmp_path / "cloud.ply", POINTS_M, comment)])
-
-
-def test_the_users_unit_wins_and_a_difference_is_told(tmp_path):
-    path = ply(tmp_path / "cloud.ply", POINTS_M, "comment units: feet")
-    cloud = read_clouds([path], "m")
-    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-6)
-    assert "though it says" in cloud.sources[0].note
+def test_columns_in_feet_are_read_on_the_users_word(tmp_path):
     header = tmp_path / "cloud.csv"
     np.savetxt(header, POINTS_M / 0.3048, delimiter=",", header="x_ft,y_ft,z_ft", comments="", fmt="%.6f")
     np.testing.assert_allclose(read(header, "ft"), POINTS_M, atol=1e-5)
+
+
+def test_the_users_unit_wins_and_a_difference_is_told(tmp_path):
+    path = las(tmp_path / "cloud.las", wkt=wkt_of(FOOT_PLANE, NAVD88_US_FT))
+    cloud = read_clouds([path], "m")
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-4)
+    assert "though it says" in cloud.sources[0].note
 
 
 def test_what_was_converted_is_told_and_kept(tmp_path):
@@ -231,7 +238,7 @@ def test_what_was_converted_is_told_and_kept(tmp_path):
         ("international feet", "ft"),
         ("Metres", "m"),
         ("milli-meters", "mm"),
-        ("yards", "yd"),
+        ("yards", None),
         ("mmHg", None),
         ("month", None),
         ("", None),
@@ -239,10 +246,6 @@ def test_what_was_converted_is_told_and_kept(tmp_path):
 )
 def test_names_of_units(word, unit):
     assert _unit_called(word) == unit
-
-
-def test_remarks_without_a_unit_state_none():
-    assert unit_of_remarks(["one unit of the survey", "VCGLIB generated", "points in the north"], "x") is None
 
 
 @pytest.mark.parametrize(

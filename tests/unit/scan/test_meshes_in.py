@@ -69,10 +69,11 @@ def test_a_mesh_is_read_in_every_format_unit_and_attitude(tmp_path, suffix):
     assert not cloud.station.any()
 
 
-def test_the_unit_in_the_header_of_an_stl_is_read(tmp_path):
+def test_another_unit_in_the_header_of_an_stl_is_refused(tmp_path):
     path = exported(tmp_path / "site.stl", scale=20.0)
     path.write_bytes(b"UNITS=cm".ljust(80) + path.read_bytes()[80:])
-    np.testing.assert_allclose(bounds(read_clouds([path])), METRES / 5.0, atol=0.05)
+    with pytest.raises(InputError, match="a remark states another unit"):
+        read_clouds([path])
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb"])
@@ -201,10 +202,12 @@ def test_points_lie_on_the_mesh_and_cover_its_area_and_its_detail():
     assert top == pytest.approx(0.5 * area + 0.5 * triangles, rel=0.05)
 
 
-def test_a_comment_in_the_file_states_its_unit(tmp_path):
+def test_a_comment_in_the_file_that_states_another_unit_is_refused_until_the_user_says_it(tmp_path):
     path = exported(tmp_path / "site.obj", scale=1000.0)
     path.write_text("# units: millimeters\n" + path.read_text())
-    np.testing.assert_allclose(bounds(read_clouds([path])), METRES, atol=0.05)
+    with pytest.raises(InputError, match="a remark states another unit"):
+        read_clouds([path])
+    np.testing.assert_allclose(bounds(read_clouds([path], "mm")), METRES, atol=0.05)
 
 
 def test_two_words_on_the_scale_are_refused(tmp_path):

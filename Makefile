@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Containers often set it: each of the hundreds of processes that tests start would then compile what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup system-libraries demo study test end-to-end test-thorough test-all lint compiled format lock site gallery packages clean
+.PHONY: help setup system-libraries demo study examples test end-to-end test-thorough test-all lint compiled format lock site gallery packages clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -32,8 +32,20 @@ system-libraries:
 demo: setup  ## scan, records, campaign, maps: the whole way on inputs the project makes itself
 	$(BIN)/toppling demo
 
-study: setup  ## the published study on the demo's rock and 140 synthetic records; goes on where it was stopped
-	$(BIN)/toppling study runs/study
+# The demo's folder holds the scene and the records that the examples shake.
+demo/scene: setup
+	$(BIN)/toppling demo
+
+study: demo/scene  ## the published study on the demo's rock and records; goes on where it was stopped
+	$(BIN)/python examples/study.py demo/scene demo/ensemble runs/study
+
+examples: demo/scene  ## the programs of examples/ on the demo's inputs, a few minutes; figures in build/examples
+	mkdir -p build/examples
+	$(BIN)/python examples/pulse.py demo/scene --out build/examples/pulse.png
+	$(BIN)/python examples/ramp.py demo/scene demo/ensemble --out build/examples/ramp.png
+	$(BIN)/python examples/accuracy.py demo/scene demo/ensemble --jobs 60 --out build/examples/accuracy.png
+	$(BIN)/python examples/study.py demo/scene demo/ensemble build/examples/study --pga-step 3 --directions 2 --preset draft
+	@test -z "$(SHAKETABLE)" || $(BIN)/python examples/validation.py $(SHAKETABLE) --mesh $(MESH) --outcome $(OUTCOME) --out build/examples/validation
 
 # Tests of the cluster wait for workers that start and die: two at a time, the slow ones alone, and nothing else beside.
 TESTS := "not slow and not thorough"
@@ -60,7 +72,7 @@ packages:
 lint: setup packages  ## ruff and the type check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	MYPYPATH=build/typing:benchmarks $(BIN)/mypy build/typing benchmarks
+	MYPYPATH=build/typing:benchmarks $(BIN)/mypy build/typing benchmarks examples
 
 compiled: setup  ## compile the inner loop for this machine, which the first test would wait for
 	$(BIN)/python -c "from toppling.workers.shake import compile_everything; compile_everything()"

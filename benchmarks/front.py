@@ -7,6 +7,7 @@ rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the 
 rock, which show a small bias; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
 """
 
+import math
 import sys
 import tempfile
 from collections.abc import Iterable
@@ -17,8 +18,11 @@ from textwrap import fill
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 import trimesh
+from comparison import CONVERGED, Job, Setting, answers, compare, settings
 from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
+from matplotlib.figure import Figure
 from rich.progress import track
 
 from toppling.models.motions.ensemble import Ensemble
@@ -28,9 +32,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.models.shapes import cylinder
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.orchestrator.studies.accuracy import CONVERGED, Job, Setting, answers, compare, settings
-from toppling.results.drawing.study_figures import front_figure
-from toppling.results.drawing.style import save
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, save, style
 from toppling.workers.options import PHYSICS_VERSION
 
 ROOT = Path(__file__).parent.parent
@@ -126,6 +128,36 @@ def exact_errors() -> Iterable[str]:
             target = TARGET_OF_STANDARD.get(label)
             cells = " | ".join(f"{100 * worst[preset][number]:.3g} %" for preset in PRESETS)
             yield f"| {label} | {cells} | {f'{100 * target:g} %' if target else '-'} |"
+
+
+PANELS = {
+    "median_shift": "median PGA (%)",
+    "share_shift": "share toppled (points)",
+    "tilt_log_ratio": "tilt where both stand (%)",
+}
+
+
+def front_figure(table: pd.DataFrame) -> Figure:
+    """Shift of the answers by each setting against its cost; bars of one standard deviation over jobs."""
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 2.9))
+        for axes, (column, label) in zip(figure.subplots(1, 3, sharex=True), PANELS.items(), strict=True):
+            axes.axhline(0.0, color="0.5", linewidth=0.8)
+            for number, (_, row) in enumerate(table.iterrows()):
+                axes.errorbar(
+                    row["processor_s_per_job"], 100.0 * row[column], 100.0 * row[f"{column}_std"],
+                    fmt="osD^vPX"[number % 7], ms=4.5, elinewidth=0.7, capsize=2, label=row["setting"],
+                    color=COLOURS(number / len(table)), zorder=3,
+                )  # fmt: skip
+            axes.set_xscale("log")
+            plain_log(axes.xaxis)
+            axes.margins(x=0.15)
+            axes.set_xlabel("cost (processor s per job)")
+            axes.set_ylabel(f"shift of the\n{label}")
+        figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=3, frameon=False)
+        sns.despine(figure)
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.07 * math.ceil(len(table) / 3)))
+    return figure
 
 
 def rows_of(table: pd.DataFrame, against: str) -> Iterable[str]:

@@ -28,10 +28,6 @@ DRAWN = (
     (None, "directions.png", "demo_directions.png", "Where the rock topples to, and the acceleration needed"),
     (None, "fits/fits.png", "demo_fits.png", "Fragility curves with intervals from resampled records"),
     (
-        "pulse {demo}/scene --azimuth 135 --out {out}", "trajectory.png", "demo_trajectory.png",
-        "One shake in detail: the rock under the study's pulse",
-    ),
-    (
         "constrain {demo}/run --age 15000..30000 --hazard {demo}/mean.csv=0.6 --hazard {demo}/high.csv=0.4 --out {out}",
         "constraint.png", "demo_constraint.png",
         "Rates of exceedance that the standing rock rejects, and two hypothetical hazard curves",

@@ -39,7 +39,7 @@ from distributed import Client, Scheduler, Worker
 from numpy.typing import NDArray
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
+from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
@@ -89,10 +89,16 @@ QUIET = {
 """What each worker does beside its work; on hosts of their own it costs nobody else anything."""
 
 
+def pulse(period_s: float) -> Motion:
+    """One sine of acceleration along x, 2 m/s2."""
+    time_s = np.arange(0.0, period_s, 0.01)
+    return Motion(np.outer(2.0 * np.sin(2.0 * np.pi * time_s / period_s), [1.0, 0.0, 0.0]), 0.01)
+
+
 def planned_in(folder: Path, records: int, azimuths: int) -> Plan:
     """Plan a campaign of so many records and azimuths at 19 levels, written into a folder."""
     Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    pulses = [Record.of(f"R{n:04d}", ricker(2.0, 0.5 + 2.0 * n / records, 0.01)) for n in range(records)]
+    pulses = [Record.of(f"R{n:04d}", pulse(0.5 + 2.0 * n / records)) for n in range(records)]
     Ensemble.write(folder / "ensemble", pulses)
     (folder / "campaign.toml").write_text(
         'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = { start = 1, stop = 19, step = 1 }\nfriction = [0.9]\n'

@@ -27,6 +27,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 from blind_rocks import base_rock, blind_rock, true_hints
+from comparison import Job, Setting, answers, draw_jobs
 from numpy.typing import NDArray
 from pages import put
 from scipy.stats import t as student_t
@@ -44,7 +45,6 @@ from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.settling_notes import Settled
-from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent / "reports" / "scan.md"

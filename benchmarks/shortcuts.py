@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import trimesh
+from comparison import Job, Setting, answers, draw_jobs
 from rich.progress import Progress
 from scipy.spatial.transform import Rotation
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent

@@ -1,7 +1,7 @@
 """What is shaken and what shakes it: scenes and motions. Knows no engine and no cluster."""
 
 __all__ = [
-    "arrays", "bearings", "compiled", "contact", "echo_cliffs", "errors", "frames", "kept",
+    "arrays", "bearings", "compiled", "contact", "errors", "frames", "kept",
     "lengths", "matplotlib_alone", "numba_alone", "openquake", "pedestal", "relief", "scene", "settling", "shapes",
     "shares", "spelling", "statics", "trajectory",
 ]  # fmt: skip

@@ -21,7 +21,6 @@ _GROUPS = {
     "Prepare": ("scan", "scene", "records", "init", "plan"),
     "Run": ("run", "watch", "status", "audit", "demo"),
     "Read": ("query", "fragility", "atlas", "constrain", "magnitudes", "check", "replay", "report"),
-    "Study": ("pulse", "ramp", "accuracy", "study", "validate"),
 }
 """Verbs as the help lists them: each is the command of its name in the module of its name in orchestrator/verbs."""
 

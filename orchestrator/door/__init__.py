@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from toppling.models.errors import InputError
+    from toppling.models.hidden_base.rough_base import Standing, with_rough_base
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.motion import Motion
+    from toppling.models.motions.record import Record
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.public.constraining import constrain
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from toppling.workers.outcome import ShakeResult
     from toppling.workers.shake import shake
     from toppling.workers.start import State
+    from toppling.workers.unmeasured import Unmeasured
 
 __all__ = [
     "Bins",
@@ -40,10 +43,13 @@ __all__ = [
     "Ensemble",
     "InputError",
     "Motion",
+    "Record",
     "Run",
     "Scene",
     "ShakeResult",
+    "Standing",
     "State",
+    "Unmeasured",
     "check",
     "constrain",
     "fragility",
@@ -55,6 +61,7 @@ __all__ = [
     "scan",
     "scan_again",
     "shake",
+    "with_rough_base",
 ]
 
 _HOMES = {
@@ -64,10 +71,13 @@ _HOMES = {
     "Ensemble": "toppling.models.motions.ensemble",
     "InputError": "toppling.models.errors",
     "Motion": "toppling.models.motions.motion",
+    "Record": "toppling.models.motions.record",
     "Run": "toppling.results.reader",
     "Scene": "toppling.models.scene",
     "ShakeResult": "toppling.workers.outcome",
+    "Standing": "toppling.models.hidden_base.rough_base",
     "State": "toppling.workers.start",
+    "Unmeasured": "toppling.workers.unmeasured",
     "check": "toppling.orchestrator.studies.seismograms",
     "constrain": "toppling.orchestrator.public.constraining",
     "fragility": "toppling.orchestrator.public.fragility_figures",
@@ -79,6 +89,7 @@ _HOMES = {
     "scan": "toppling.orchestrator.public.making",
     "scan_again": "toppling.orchestrator.public.making",
     "shake": "toppling.workers.shake",
+    "with_rough_base": "toppling.models.hidden_base.rough_base",
 }
 
 

@@ -1,6 +1,3 @@
 """What is done with runs: audited, conditioned, ended by precision, repeated, scored. The core never imports it."""
 
-__all__ = [
-    "accuracy", "audit", "conditioning", "precision", "ramp", "replication",
-    "seismograms", "validation",
-]  # fmt: skip
+__all__ = ["audit", "conditioning", "precision", "seismograms"]

@@ -54,7 +54,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
     """
     began = time.monotonic()
     _clear(out)
-    make_scene(out)
+    _make_scene(out)
     _make_records(out)
     _plan(out, workers, seconds)
     failed = _run(out, workers)
@@ -73,7 +73,7 @@ def _clear(out: Path) -> None:
     (out / _MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
 
 
-def make_scene(out: Path) -> None:
+def _make_scene(out: Path) -> None:
     """Scan the demo's virtual rock into the folder `scene` of another."""
     import numpy as np
 

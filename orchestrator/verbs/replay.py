@@ -54,9 +54,9 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     assets = Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder))
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
-        shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
+        shown, result = _replay_of(scene, imposed.motion, spec.preset, spec.engine)
     title = f"{of_rock.rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
-    write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
+    _write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
     rows = open_run(run).table()
     (row,) = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist() or [None]
     again = outcome_of(result)
@@ -98,14 +98,16 @@ def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
     )
 
 
-def replay_of(scene: Scene, motion: Motion, preset: str, engine: str = DEFAULT) -> tuple[Replay, ShakeResult]:
+def _replay_of(
+    scene: Scene, motion: Motion, preset: str, engine: str = DEFAULT
+) -> tuple[Replay, ShakeResult]:
     """Shake a scene and keep the rock's trajectory."""
     result = shake(scene, motion, preset, trajectory=True, engine=engine)
     assert result.trajectory is not None  # was asked for
     return Replay(settled(scene), motion, result.trajectory, result.topple_time_s), result
 
 
-def write_out(shown: Replay, folder: Path, title: str) -> None:
+def _write_out(shown: Replay, folder: Path, title: str) -> None:
     """Write the files that show a shake, and name each."""
     for path in each(write_replay(shown, folder, title), "drawing", total=6):
         click.echo(path)

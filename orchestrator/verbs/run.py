@@ -128,7 +128,7 @@ def run(
     if not (no_estimate or chosen.precision):
         if folder.exists():
             cluster = _announced(cluster, folder, where["workers"])
-        elif words := time_words(chosen, where["workers"]):
+        elif words := _time_words(chosen, where["workers"]):
             click.echo(words, err=True)
     command = _command(click.get_current_context())
     limits = Limits(job_limit, tries)
@@ -253,7 +253,7 @@ def _as_given(option: click.Option, value: Any) -> list[str]:
     return words
 
 
-def time_words(campaign: "Campaign", workers: int | None) -> str:
+def _time_words(campaign: "Campaign", workers: int | None) -> str:
     """Estimate a campaign's duration from a few of its jobs; empty if it is refused."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.orchestrator.advice import shaking_warnings

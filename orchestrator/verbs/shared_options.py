@@ -16,7 +16,6 @@ from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import end_of_stop
 from toppling.orchestrator.misspelt import OneOf
-from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
 if TYPE_CHECKING:
@@ -92,14 +91,11 @@ run_argument = click.argument("run", type=PATH)
 scene_argument = click.argument("scene", type=PATH)
 ensemble_argument = click.argument("ensemble", type=PATH)
 
-folder_out = option("--out", required=True, type=FOLDER, help="Folder to write to.")
 ensemble_out = option("--out", required=True, type=FOLDER, help="Folder of the ensemble.")
 replace_option = option("--replace", is_flag=True, help="Replace an existing ensemble.")
 trusted_option = option("--trusted", is_flag=True, help="Let --where read your files.")
 corner_option = option("--corner", "corner_hz", type=ABOVE_0, help="High-pass corner in Hz.")
-processes_option = option("--workers", type=click.IntRange(1), default=2, help="Processes.")
 preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard")
-engine_option = option("--engine", type=OneOf(list(ENGINES)), default=DEFAULT, help="Physics engine.")
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:

@@ -3,10 +3,7 @@
 import numpy as np
 import pandas as pd
 
-SECTOR_DEG = (122.5, 157.5)
-"""The sector that Veeraraghavan, Hudnut and Krishnan state the share of, around their rock's overhang."""
-
-HALF_SECTOR_DEG = 17.5
+_HALF_SECTOR_DEG = 17.5
 """The study counts topplings in a sector of 35 degrees around its rock's overhang."""
 
 
@@ -17,12 +14,12 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
     None where no constant acceleration is known to topple the rock.
     """
     found = weakest(quasi_static)
-    return sector_around(found[0] + 180.0) if found else None
+    return _sector_around(found[0] + 180.0) if found else None
 
 
-def sector_around(azimuth_deg: float) -> tuple[float, float]:
+def _sector_around(azimuth_deg: float) -> tuple[float, float]:
     """The study's sector around an azimuth."""
-    return (azimuth_deg - HALF_SECTOR_DEG) % 360.0, (azimuth_deg + HALF_SECTOR_DEG) % 360.0
+    return (azimuth_deg - _HALF_SECTOR_DEG) % 360.0, (azimuth_deg + _HALF_SECTOR_DEG) % 360.0
 
 
 def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:

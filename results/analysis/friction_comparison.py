@@ -73,7 +73,7 @@ def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
     only_this, only_reference.
     """
     lines = []
-    for friction, pairs in paired_jobs(frame, reference).groupby(FRICTION):
+    for friction, pairs in _paired_jobs(frame, reference).groupby(FRICTION):
         this, that = pairs["toppled"], pairs["toppled_reference"]
         lines.append({
             **_named(friction, reference), "pairs": len(pairs),
@@ -83,7 +83,7 @@ def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def paired_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
+def _paired_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
     """Jobs that were answered under a reference friction too: `toppled`, and then `toppled_reference`."""
     answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
     is_reference = (answered[FRICTION].to_numpy() == reference).all(axis=1)

@@ -43,7 +43,7 @@ def rose_figure(
             (2, 1), {"top": 0.87, "bottom": 0.05, "hspace": 0.5}
         )  # fmt: skip
         left, right = figure.subplots(*shape, subplot_kw={"projection": "polar"}, gridspec_kw=room)
-        draw_petals(left, rose, edgecolor="white", lw=0.4)
+        _draw_petals(left, rose, edgecolor="white", lw=0.4)
         within = "" if sector is None else (
             f"\n{sector['low_deg']:g}° to {sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of "
             f"{sector['jobs']:,} jobs,\n{100 * sector['share_of_toppled']:.0f} % of the toppled"
@@ -62,7 +62,7 @@ def rose_figure(
     return figure
 
 
-def draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
+def _draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
     """Shares of the topplings by the azimuth they went to, the scale where the fewest went."""
     width = 2 * np.pi / len(rose)
     axes.bar(

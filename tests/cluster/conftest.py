@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from answers import sorted_answers
+from reference.idealised import ricker
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign

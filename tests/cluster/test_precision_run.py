@@ -9,9 +9,9 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from answers import sorted_answers
+from reference.idealised import ricker
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

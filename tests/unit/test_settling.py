@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from reference.idealised import ricker
 from scipy.spatial.transform import Rotation
 
 from toppling.models.frames import horizontal_unit_vector, plane_normal
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scan.survey import Survey
 from toppling.models.scene import Scene

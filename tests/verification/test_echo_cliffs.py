@@ -2,11 +2,12 @@
 
 import dataclasses
 import math
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from toppling.models.echo_cliffs import echo_cliffs
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
@@ -19,7 +20,8 @@ AWAY_DEG, TOWARD_DEG = 135.0, 315.0
 
 @pytest.fixture(scope="module")
 def scene():
-    return echo_cliffs()
+    program = Path(__file__).parents[2] / "examples" / "echo_cliffs.py"
+    return runpy.run_path(str(program))["echo_cliffs"]()
 
 
 def along_cliff_m(scene):

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from reference import idealised
 
-from toppling.models.motions import idealised
 from toppling.models.motions.intensity import displacement_m, measure, velocity_m_s
-from toppling.orchestrator.verbs.pulse import _pulse_motion, pulse
 
 
 def test_full_sine_leaves_the_ground_at_rest_and_displaced():
@@ -40,16 +39,3 @@ def test_ricker_carries_neither_momentum_nor_displacement():
     assert motion.acceleration_m_s2[:, 0].max() == pytest.approx(4.0)
     assert velocity_m_s(motion)[-1, 0] == pytest.approx(0.0, abs=1e-6)
     assert displacement_m(motion)[-1, 0] == pytest.approx(0.0, abs=1e-5)
-
-
-@pytest.mark.parametrize(("shape", "first"), [("sawtooth", 1), ("sine", 1), ("cosine", 1), ("ricker", -1)])
-def test_a_pulse_first_goes_toward_its_azimuth_but_for_rickers(shape, first):
-    """As the verb's help says; Ricker's largest acceleration is toward the azimuth, its first way against it."""
-    (told,) = (option.help for option in pulse.params if option.name == "azimuth")
-    assert "Ricker: accelerates most" in told
-    motion = _pulse_motion(shape, 1.0, 1.0, 0.0)
-    velocity = velocity_m_s(motion)[:, 0]
-    moving = velocity[np.abs(velocity) > 0.05]
-    assert np.sign(moving[0]) == first
-    acceleration = motion.acceleration_m_s2[:, 0]
-    assert acceleration[np.abs(acceleration).argmax()] > 0

@@ -6,9 +6,9 @@ import eqsig
 import eqsig.im
 import numpy as np
 import pytest
+from reference.idealised import full_sine
 
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.intensity import (
     _directionality,
     _duration_between_shares_s,

@@ -4,11 +4,11 @@ import dataclasses
 from itertools import pairwise
 
 import pytest
+from reference.idealised import full_sine
 
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.motions.selection import Choice, hazard_weights, select
 

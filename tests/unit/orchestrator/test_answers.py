@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from reference.idealised import ricker
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.execution import checked

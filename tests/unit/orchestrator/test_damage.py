@@ -7,11 +7,11 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from reference.idealised import ricker
 
 from toppling.models.errors import InputError
 from toppling.models.files.tables import read_table
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene

@@ -10,10 +10,10 @@ from itertools import pairwise
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from reference.idealised import ricker
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.impose import impose
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

@@ -13,8 +13,8 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, overflow, shown
+from reference import idealised
 
-from toppling.models.motions import idealised
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
@@ -227,24 +227,3 @@ def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
     done = told("check", scene, tmp_path / "odd.txt")
     assert done.exit_code == 1
     assert "none of 1 files" in str(done.exception)
-
-
-@pytest.mark.parametrize("shape", ["sawtooth", "sine", "cosine", "ricker"])
-def test_every_pulse_reaches_its_velocity_along_its_azimuth(shape):
-    from toppling.orchestrator.verbs.pulse import _pulse_motion
-
-    motion = _pulse_motion(shape, 5.0, 3.5, 135.0)
-    velocity = motion.velocity_at(motion.time_s)
-    peak = velocity[np.argmax(np.hypot(velocity[:, 0], velocity[:, 1]))]
-    assert np.hypot(peak[0], peak[1]) == pytest.approx(5.0, rel=1e-6)
-    assert abs(peak[0] + peak[1]) < 1e-9
-
-
-def test_the_studys_pulse_is_drawn_by_one_command(scene, tmp_path):
-    done = told("pulse", scene, "--out", tmp_path / "pulse", "--preset", "fast")
-    assert done.exit_code == 0, done.output
-    ground = pq.read_table(tmp_path / "pulse" / "trajectory.parquet").to_pandas()
-    assert ground["ground_x_m_s"].max() <= 5.0 + 1e-9
-    assert {path.suffix for path in (tmp_path / "pulse").iterdir()} == {
-        ".parquet", ".csv", ".png", ".svg", ".html", ".gif",
-    }  # fmt: skip

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 import pytest
+from reference.idealised import ricker
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

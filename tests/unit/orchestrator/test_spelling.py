@@ -14,7 +14,7 @@ from toppling.orchestrator.cli import VERBS, cli
         (["Query", "runs/first"], "query"),
         (["records", "imprt"], "import"),
         (["scene", "exprot"], "export"),
-        (["pulse", ".", "--out", "x", "--preset", "standart"], "standard"),
+        (["init", ".", ".", "--preset", "standart"], "standard"),
         (["records", "select", ".", "--out", "x", "--quality", "procesed"], "processed"),
     ],
 )

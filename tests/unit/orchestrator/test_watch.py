@@ -14,10 +14,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from browser import BROWSER, needs_browser
 from click.testing import CliRunner
+from reference.idealised import ricker
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from reference.idealised import ricker
 from seeded import row
 
 from toppling.models.errors import InputError
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.orchestrator.recorded import Recorded
 from toppling.orchestrator.studies.conditioning import (

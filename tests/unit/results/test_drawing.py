@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from reference.idealised import full_sine
 from seeded import rows
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import write_json
 from toppling.models.files.folder import rock_name
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from reference.idealised import full_sine
 from reference.rocking import Ground, PlaneBody, overturns
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.results.analysis import plane_reference

@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from pyproj import CRS, Geod, Transformer
+from reference.idealised import ricker
 
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign

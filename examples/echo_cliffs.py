@@ -3,15 +3,16 @@
 Printed are its size, its overhang, how much of its base lies beyond the cliff's edge, the slope below it, and the
 static toppling accelerations toward either side of the edge. The base's radius and how far the top leans back from the
 cliff are what these accelerations leave open and fix.
+
+    python examples/echo_cliffs.py scenes/echo_cliffs
 """
+
+import sys
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from toppling.models.arrays import Array
-from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
-from toppling.models.scene import Scene
+from toppling import Scene
 
 _HEIGHT_M, _LENGTH_M, _WIDTH_M = 13.55, 10.0, 8.0
 """Of the rock: along the interface's normal (14 m plumb), toward the cliff, across (8 m: figure 1)."""
@@ -46,15 +47,16 @@ _SIDES = 24
 _REACH_M, _DROP_M, _BATTER_M = 20.0, 16.0, 0.2
 """Half of the pedestal's extent; height of its cliff, and how far the cliff's foot stands out from its edge."""
 
-_Mesh = tuple[Array, NDArray[np.int64]]
+_Mesh = tuple[np.ndarray, np.ndarray]
 
 
 def echo_cliffs() -> Scene:
     """A convex rock that stands over the edge of a cliff, on the pedestal's own surface; friction 1."""
     edge_m = _EDGE_SHARE * _BASE_RADIUS_M
-    turn = rotation_between((0.0, 0.0, 1.0), plane_normal(_SLOPE_DEG, _DOWNHILL_AZIMUTH_DEG))
-    out = horizontal_unit_vector(_DOWNHILL_AZIMUTH_DEG)
-    axes = turn @ np.column_stack([out, np.cross([0.0, 0.0, 1.0], out), [0.0, 0.0, 1.0]])
+    slope, azimuth = np.radians(_SLOPE_DEG), np.radians(_DOWNHILL_AZIMUTH_DEG)
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    down = np.array([np.cos(slope) * np.cos(azimuth), np.cos(slope) * np.sin(azimuth), -np.sin(slope)])
+    axes = np.column_stack([down, across, np.cross(down, across)])
     (rock, faces), (ground, triangles) = _rock(edge_m), _pedestal(edge_m)
     return Scene.from_mesh((rock @ axes.T, faces), friction=1.0, pedestal=(ground @ axes.T, triangles))
 
@@ -81,3 +83,7 @@ def _pedestal(edge_m: float) -> _Mesh:
     corners = [(-_REACH_M, 0.0), (edge_m, 0.0), (foot_m, -_DROP_M)]
     vertices = np.array([(x, y, z) for x, z in corners for y in (-_REACH_M, _REACH_M)])
     return vertices, np.array([(0, 2, 1), (1, 2, 3), (2, 4, 3), (3, 4, 5)])
+
+
+if __name__ == "__main__":
+    print(echo_cliffs().save(sys.argv[1] if len(sys.argv) > 1 else "scenes/echo_cliffs"))

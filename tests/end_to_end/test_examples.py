@@ -1,0 +1,107 @@
+"""The programs of examples/ on small inputs: each is run as its first lines say, and its numbers are looked at."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+
+from toppling import Ensemble, Scene
+from toppling.models.motions.synthetic import synthetic_ensemble
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PGA_M_S2 = {1: 0.3, 2: 0.5, 3: 0.4, 4: 9.0, 5: 10.0, 6: 11.0}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inputs")
+    Scene.block(0.2, 0.2, 0.6, friction=0.8).save(folder / "scene")
+    Ensemble.write(folder / "ensemble", synthetic_ensemble(6, 3))
+    return folder
+
+
+def printed(program, *arguments):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / program, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=500,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_an_example_is_a_page_on_the_public_interface(path):
+    text = path.read_text("utf-8")
+    asked = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)]
+    inner = [node.module for node in asked if node.module and re.match(r"toppling\.", node.module)]
+    assert inner == []
+    assert text.count("\n") <= 140
+
+
+def test_a_weak_pulse_leaves_the_block_standing_and_a_strong_one_topples_it(inputs, tmp_path):
+    for pgv, outcome in ((0.1, "stands"), (3.0, "toppled")):
+        out = tmp_path / f"{outcome}.png"
+        said = printed(
+            "pulse.py", inputs / "scene", "--pgv", pgv, "--period", 1.0, "--azimuth", 0, "--out", out
+        )
+        assert said.startswith(outcome)
+        assert out.stat().st_size > 10_000
+
+
+def test_no_waveform_of_the_ramp_topples_below_the_static_acceleration(inputs, tmp_path):
+    out = tmp_path / "ramp.png"
+    printed("ramp.py", inputs / "scene", inputs / "ensemble", "--count", 2, "--preset", "draft", "--out", out)
+    table = pd.read_csv(out.with_suffix(".csv"))
+    assert len(table) == 2
+    assert (table["toppling_pga_m_s2"].dropna() > 9.81 / 3.0).all()
+    assert (table["strongest_standing_m_s2"] < 20.0).all()
+    assert out.stat().st_size > 10_000
+
+
+def test_the_converged_preset_differs_from_itself_in_nothing(inputs, tmp_path):
+    out = tmp_path / "accuracy.png"
+    printed("accuracy.py", inputs / "scene", inputs / "ensemble", "--jobs", 12, "--out", out)
+    table = pd.read_csv(out.with_suffix(".csv")).set_index("preset")
+    assert table.loc["reference", ["share_shift", "only_this", "only_reference"]].tolist() == [0.0, 0.0, 0.0]
+    assert set(table.index) == {"draft", "fast", "standard", "reference"}
+    assert table["share_toppled"].between(0.0, 1.0).all()
+
+
+def test_pulses_far_below_and_far_above_what_overturns_a_block_are_told_apart(tmp_path):
+    mesh = trimesh.creation.box((0.3, 0.3, 1.0))
+    for _ in range(3):
+        mesh = mesh.subdivide()
+    mesh.export(tmp_path / "block.ply")
+    time_s = np.arange(0.0, 3.0, 0.01)
+    pulse = np.where(time_s < 1.0, np.sin(2.0 * np.pi * time_s), 0.0)
+    motions = {
+        "test_no": list(PGA_M_S2), "dt_s": 0.01, "acc_m_s2": [(pga * pulse).tolist() for pga in PGA_M_S2.values()],
+    }  # fmt: skip
+    pd.DataFrame(motions).to_parquet(tmp_path / "motions.parquet")
+    tests = pd.DataFrame({"test_no": list(PGA_M_S2), "sp3_overturned": [int(n > 3) for n in PGA_M_S2]})
+    tests.to_csv(tmp_path / "tests.csv", index=False)
+    asked = ("--mesh", "block.ply", "--outcome", "sp3_overturned", "--draws", 4, "--out", tmp_path / "out")
+    assert "accuracy 1," in printed("validation.py", tmp_path, *asked)
+    told = pd.read_csv(tmp_path / "out" / "tests.csv")
+    assert ((told["probability"] > 0.5) == (told["test_no"] > 3)).all()
+
+
+def test_a_small_study_runs_all_of_its_jobs_and_tells_its_findings(inputs, tmp_path):
+    out = tmp_path / "study"
+    asked = ("--pga-step", 9, "--directions", 2, "--preset", "draft")
+    said = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)
+    assert f"main: {6 * 3 * 2} jobs" in said
+    assert f"friction: {6 * 3 * 3} jobs" in said
+    assert len((out / "findings.txt").read_text().splitlines()) == 5
+    for name in ("figures/study.png", "figures/main/pga_pgv.png", "report.html"):
+        assert next(out.glob(f"**/{Path(name).name}")).stat().st_size > 5000
+    again = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)
+    assert "main: 0 jobs" in again

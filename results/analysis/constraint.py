@@ -119,7 +119,7 @@ def _branch_table(update: Update) -> pd.DataFrame:
     Returns DataFrame: one row a branch: name, toppling_rate (annual, any of the rocks), unstated_below and
     unstated_above (shares of the rate outside the curve's points, not counted: `results.hazard`), survival,
     survival_least (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no
-    branch lets the rocks survive), kept_weight (rejected branches removed), scale_factor and rate_factor (by which
+    branch lets the rocks survive), scale_factor and rate_factor (by which
     motions and rates may be multiplied for survival to stay above 1 - confidence). Survival and factors with _low
     and _high: 95 %, over other records and ages; null where neither is known to vary.
     """
@@ -138,7 +138,6 @@ def _branch_table(update: Update) -> pd.DataFrame:
             "rejected": update.rejected,
             "prior_weight": update.tree.weights,
             "posterior_weight": nothing if update.posterior is None else update.posterior,
-            "kept_weight": nothing if update.kept is None else update.kept,
         }
     )
     factors = update.factors.iloc[: len(table)]

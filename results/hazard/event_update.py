@@ -51,14 +51,12 @@ class EventUpdate:
 
     @cached_property
     def branches(self) -> pd.DataFrame:
-        """Table of `rank_branches`, with kept_weight (rejected branches removed) and the factors.
+        """Table of `rank_branches`, with the factors.
 
         scale_factor is of motions, rate_factor of rates, and each has _low and _high (95 %: events, records and ages
         drawn again).
         """
         table = rank_branches(self.rocks, self.events, self.exposure, self.confidence, list(self.topplings.T))
-        left = table["prior_weight"].where(~table["rejected"], 0.0)
-        table["kept_weight"] = left / left.sum() if left.sum() > 0 else math.nan
         lines = [
             self._factors([branch, *self.events.readings_of(number)], self.topplings[:, number], number)
             for number, branch in enumerate(self.events.branches)

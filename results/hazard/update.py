@@ -74,12 +74,6 @@ class Update:
         return None if np.isnan(weights).any() else weights
 
     @cached_property
-    def kept(self) -> Array | None:
-        """Prior weights without the rejected branches, summing to 1; None where all are rejected."""
-        left = np.where(self.rejected, 0.0, self.tree.weights)
-        return left / left.sum() if left.sum() > 0 else None
-
-    @cached_property
     def before(self) -> Statistics:
         """Mean and fractiles under the prior weights; fractiles of the files where these state no branches."""
         curves = statistics(self.tree)
@@ -103,11 +97,6 @@ class Update:
     @property
     def _bare_fractiles(self) -> bool:
         return len(self.tree.branches) == 1 and bool(self.tree.fractiles)
-
-    @cached_property
-    def without_rejected(self) -> Statistics | None:
-        """Mean and fractiles without the rejected branches."""
-        return None if self.kept is None else statistics(self.tree, self.kept)
 
     @cached_property
     def mean_curve(self) -> HazardCurve:
@@ -187,16 +176,12 @@ def _mean_of(tree: HazardTree, curves: Statistics) -> HazardCurve:
     return HazardCurve(MEAN, tree.measure, levels, falling, site=tree.site, years=tree.years)
 
 
-def rates_table(
-    levels: Array,
-    curves: Mapping[str, Statistics | None],
-    fractiles: Sequence[float] = FRACTILES,
-) -> pd.DataFrame:
+def rates_table(levels: Array, curves: Mapping[str, Statistics | None]) -> pd.DataFrame:
     """Columns level, and rate_NAME_mean, rate_NAME_p05 and so on of statistics by name; null where these are None."""
     table = pd.DataFrame({"level": levels})
     for name, one in curves.items():
         table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
-        for q in fractiles:
+        for q in FRACTILES:
             table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
     return table
 
@@ -205,12 +190,10 @@ def updated_table(update: Update) -> pd.DataFrame:
     """The hazard before and after at every level.
 
     Returns DataFrame: level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95: over branches),
-    rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate),
-    rate_kept_* (rejected branches removed; mean, p05, p95).
+    rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate).
     """
     levels = update.before.levels
     table = rates_table(levels, {"prior": update.before, "posterior": update.after})
-    table = table.join(rates_table(levels, {"kept": update.without_rejected}, (0.05, 0.95)).iloc[:, 1:])
     table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
     if update.draws is not None and update.drawn_means is not None and update.after is not None:
         low, high = update.draws.interval(update.drawn_means)
@@ -225,19 +208,17 @@ def changes_table(update: Update) -> pd.DataFrame:
 
     Returns DataFrame: annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05, p50, p95: over
     branches), level_posterior_mean_low and _high (95 %, over other records and ages), level_change_percent (of the
-    mean's motion), rate_change_percent (of the mean's rate at the prior's motion), level_kept_mean. Null where a curve
-    does not reach the rate.
+    mean's motion), rate_change_percent (of the mean's rate at the prior's motion). Null where a curve does not
+    reach the rate.
     """
     means = None if update.after is None else update.drawn_means
-    kept, interval = update.without_rejected, update.draws.interval if update.draws else ends
-    levels = [math.nan if kept is None else intensity_at(kept.levels, kept.mean, rate) for rate in RATES]
-    return changes_of(update.before, update.after, means, interval).assign(level_kept_mean=levels)
+    return changes_of(update.before, update.after, means, update.draws.interval if update.draws else ends)
 
 
 def changes_of(
     before: Statistics, after: Statistics | None, means: Array | None, interval: Callable[[Array], Array]
 ) -> pd.DataFrame:
-    """Rows of `changes_table`, a rate each, but for level_kept_mean.
+    """Rows of `changes_table`, a rate each.
 
     means: mean rates after of each draw (draws, levels), if these are known.
     interval: from values of the draws to its ends.

@@ -169,9 +169,8 @@ def _changes(statement: dict[str, Any], document: Document) -> str:
     names = {
         "level_prior_mean": "before", "level_posterior_mean": "after", "level_posterior_p05": "5 % after",
         "level_posterior_p50": "50 %", "level_posterior_p95": "95 %", "level_change_percent": "change of motion (%)",
-        "rate_change_percent": "change of rate (%)", "level_kept_mean": "rejected removed",
+        "rate_change_percent": "change of rate (%)",
     }  # fmt: skip
-    removed = ", and the mean with rejected branches removed instead of weighted"
     parts = []
     groups = by_site_and_measure(statement["changes"], statement["measure"])
     for (site, measure), rows in list(groups.items())[:MOST_PANELS]:
@@ -179,8 +178,8 @@ def _changes(statement: dict[str, Any], document: Document) -> str:
         table = _picked(rated, {"rate": "annual rate"} | names)
         caption = (
             f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
-            f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after"
-            f"{removed if 'rejected removed' in table else ''}. Empty where the curves do not reach."
+            f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after. "
+            "Empty where the curves do not reach."
         )
         parts.append(document.table(table, caption))
     return "".join(parts)
@@ -204,7 +203,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
     table = pd.DataFrame([
         {
             "branch": row["name"], "weight before": digits(row.get("prior_weight")),
-            "after": digits(row.get("posterior_weight")), "rejected removed": digits(row.get("kept_weight")),
+            "after": digits(row.get("posterior_weight")),
             "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
             "rates at most times": _with_ends(row, "rate_factor"),
             "verdict": "" if "rejected" not in row else "rejected" if row["rejected"] else "kept",

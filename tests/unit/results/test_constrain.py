@@ -351,16 +351,6 @@ def test_values_of_a_hazard_are_explained_as_the_command_line_takes_them():
     assert years_of("rate") == 0.0
 
 
-@pytest.mark.usefixtures("empty_figures")
-def test_a_page_names_no_mean_without_rejected_branches_where_all_are_rejected(tmp_path, curves):
-    tree, captions = openquake_tree(tmp_path / "tree"), {}
-    for age in ("10000", "10000000"):
-        constrain(curves, "--age", age, "--hazard", tree, "--out", str(tmp_path / age))
-        captions[age] = (tmp_path / age / "constraint.html").read_text("utf-8")
-    kept = "the mean with rejected branches removed instead of weighted"
-    assert [kept in page for page in captions.values()] == [True, False]
-
-
 def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
     told = json.loads(constrain(curves, "--age", "5000..20000", "--hazard", tree, "--json").stdout)

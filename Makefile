@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Containers often set it: each of the hundreds of processes that tests start would then compile what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup system-libraries demo study examples test end-to-end test-thorough test-all lint compiled format lock site gallery packages clean
+.PHONY: help setup system-libraries demo study examples test end-to-end test-changed test-slow test-all lint compiled format lock site gallery packages clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -50,19 +50,23 @@ examples: demo/scene  ## the programs of examples/ on the demo's inputs, a few m
 # Tests of the cluster wait for workers that start and die: two at a time, the slow ones alone, and nothing else beside.
 TESTS := "not slow and not thorough"
 CLUSTERS := 2
+SLOWEST := --durations 60 --durations-min 2
 test: setup  ## the fast tests, at most five minutes on two cores
-	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal --ignore tests/cluster --ignore tests/end_to_end
-	$(BIN)/python -m pytest -m $(TESTS) --numprocesses $(CLUSTERS) --dist loadfile tests/cluster
+	$(BIN)/python -m pytest -m $(TESTS) $(SLOWEST) --numprocesses logical --dist worksteal --ignore tests/cluster --ignore tests/end_to_end
+	$(BIN)/python -m pytest -m $(TESTS) $(SLOWEST) --numprocesses $(CLUSTERS) --dist loadfile tests/cluster
 
 end-to-end: setup  ## the guide, an experiment and the built wheel, minutes
-	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal tests/end_to_end
+	$(BIN)/python -m pytest -m $(TESTS) $(SLOWEST) --numprocesses logical --dist worksteal tests/end_to_end
 
-test-thorough: TESTS := "not slow"
-test-thorough: test  ## the fast and the thorough tests, which decide whether a change lands
+test-changed: setup  ## the thorough tests of what has changed since they last passed (.ci/passed.json)
+	$(BIN)/python .ci/thorough.py run $(SLOWEST)
 
-test-all: TESTS := "slow or not slow"
-test-all: CLUSTERS := 0
-test-all: test end-to-end  ## all tests: fast, thorough and slow
+test-slow: setup  ## the tests that take minutes
+	$(BIN)/python -m pytest -m slow $(SLOWEST) tests
+
+test-all: test end-to-end  ## all tests: fast, thorough (also of what has not changed) and slow
+	$(BIN)/python .ci/thorough.py run --all $(SLOWEST)
+	$(MAKE) test-slow
 
 # Neither mypy nor the site knows mapped packages: they are shown them as the wheel lays them out.
 packages:

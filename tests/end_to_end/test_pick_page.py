@@ -13,6 +13,8 @@ from virtual_rocks import stump_on_a_slope
 
 from toppling.models.scan import virtual
 
+pytestmark = pytest.mark.thorough
+
 COMMAND = [sys.executable, "-P", "-m", "toppling", "scan"]
 OUTLINED = "document.getElementById('view').stage.outline.length"
 IDLE = "!document.getElementById('stage').classList.contains('busy') && document.body.dataset.current"

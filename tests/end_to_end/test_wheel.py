@@ -4,6 +4,10 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.thorough
+
 
 def test_the_demo_runs_from_a_wheel(unpacked, tmp_path):
     program = "from toppling.orchestrator.cli import main; main()"

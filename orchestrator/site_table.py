@@ -73,7 +73,7 @@ SITE_KEYS = (
     Key("ensemble", path, "a folder, relative to the table", "its own records", None, "the campaign's"),
     Key("seismograms", path, "what 'records import' reads, relative to the table", "its own records; of a path that "
         "several rows name each takes those whose station is its site", None, "the campaign's"),
-    Key("age", _age, "years: 20000, 15-30 ka, 20000+-3000", "how long the rock has stood", None, "not known"),
+    Key("age", _age, "years: 20000, 15..30 ka, 20000+-3000", "how long the rock has stood", None, "not known"),
     Key("friction", number(lambda one: 0 < one <= 10), "above 0 and up to 10", "of the rock on its pedestal", None,
         "the campaign's"),
 )  # fmt: skip

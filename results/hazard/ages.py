@@ -26,29 +26,17 @@ from toppling.models.files.text_file import text_of
 
 _AGE_SAMPLES = 400
 
-_UNITS = {
-    **dict.fromkeys(("years", "year", "yrs", "yr", "y", "a"), 1.0),
-    **dict.fromkeys(("ka", "kyrs", "kyr", "kya", "ky", "k", "thousand years"), 1e3),
-    **dict.fromkeys(("ma", "myr", "mya"), 1e6),
-}
+_UNITS = {**dict.fromkeys(("years", "year", "yr", "a"), 1.0), **dict.fromkeys(("ka", "kyr"), 1e3)}
 """Years of one unit."""
-_PRESENT = re.compile(r"\b(?:cal(?:ibrated)?\b\.?|bp\b|b\.p\.|before present|ago\b|b2k\b)")
-"""Words for how years are counted back, which to a rock's age are one."""
-_ABOUT = re.compile(r"^\s*(?:~|≈|c\.|ca\b\.?|circa|about|approx\w*\.?|between|from)")
-_SIGMAS = re.compile(
-    r"[,;]?\s*(?:\bat\b)?\s*\(?\s*(?:(1|2|one|two)\s*-?\s*(?:σ|sigma|s\.?[de]\.?|s)|(68|95|95\.4)\s*%(?:\s*(?:ci|c\.i\.|confidence))?)"
-    r"\s*\)?\s*(?=$|[a-z]+\s*$)"
+_NUMBER = r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+_AGE = re.compile(
+    rf"{_NUMBER}\s*(?:(±|\+/?-|\.\.|\*/)\s*{_NUMBER})?\s*({'|'.join(_UNITS)})?", re.ASCII | re.IGNORECASE
 )
-"""How many standard deviations an uncertainty is, or its confidence, where it is said behind it or before the unit."""
-_DEVIATIONS = {"1": 1.0, "one": 1.0, "68": 1.0, "2": 2.0, "two": 2.0, "95": 1.96, "95.4": 2.0}
-_DOTTED = re.compile(r"(?<!\d)(?<!\d\.)([1-9]\d{0,2}(?:\.\d{3})+)(?!\.?\d)")
-"""Dots between thousands; nobody states an age to a thousandth of a year."""
-
-_BARE = re.compile(r"(?<![\s_])[\s_]*[(\[]?%?[)\]]?$")
-"""Of a column of weights, which are shares of their sum."""
-
+"""An age, or its mean and standard deviation, its bounds, or its median and factor; and the unit."""
+_DOTTED = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
+"""Dots between thousands; nobody states an age in years to a thousandth of one."""
 _LONGEST = 200
-"""Characters of an age in words, which are searched for what may stand anywhere in them."""
+"""Characters of an age in words."""
 
 _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
@@ -81,27 +69,26 @@ class Since:
 
 
 def unit_years(name: str) -> float | None:
-    """Years of the unit in the name of a column of ages: `years`, `age (ka)`, `cal yr BP`; None if it names none.
+    """Years of the unit in the name of a column of ages: `years`, `age (ka)`; None if it names none.
 
     Examples
     --------
-    >>> [unit_years(name) for name in ("Age [ka BP]", "cal_yr_BP", "year", "site")]
+    >>> [unit_years(name) for name in ("Age [ka]", "age_yr", "year", "site")]
     [1000.0, 1.0, None, None]
     """
     if name.strip().lower() == "year":  # of a calendar
         return None
-    bare, counted_back = _PRESENT.subn(" ", re.sub(r"[\s_()\[\],/]+", " ", name.lower()))
-    unit = " ".join(bare.replace("age", "", 1).split())
-    return _UNITS.get(unit or ("years" if counted_back else ""))
+    bare = re.sub(r"[\s_()\[\]]+", " ", name.lower())
+    return _UNITS.get(bare.replace("age", "", 1).strip())
 
 
 def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     """Read an age as equally likely years.
 
-    text: in years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15-30 ka`
-    (uniform); `20000+-3000` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal: its median, and
-    the factor of one standard deviation); or a path to a CSV of draws, with the header `years` (or `ka`) and perhaps a
-    second column `weight`.
+    text: in years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15..30 ka`
+    (uniform); `20000+-3000` or `20 ± 3 ka` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal:
+    its median, and the factor of one standard deviation); or a path to a CSV of draws, with the header `years` (or
+    `ka`) and perhaps a second column `weight`.
     where: option that states it, for errors.
     files: whether it may be a path.
     Returns (n,) array: one year where it is known, else `_AGE_SAMPLES`.
@@ -215,17 +202,8 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
     return Exposure(states, years)
 
 
-_SPELLINGS = (
-    (r"±|\+ ?/ ?-", "+-"),
-    (r"[\u2013\u2014]| (?:to|and) |(?<=\d) ?~ ?(?=\d)", "-"),
-    (r"(?<!\d)(?<!\d\.)(\d{1,3})[, '\u2019\u00a0\u202f](?=\d{3}(?:\D|$))", r"\1"),
-    (r"(?<=\d),(?=\d)", "."),
-    (r"(?<=\d)\s*-\s*(?=\d)", ".."),
-)
-"""Signs that people write, and what they stand for; a minus between two numbers is a range, behind 'e' it is not."""
 _WIDEST, _SUREST, _UNSUREST = 500.0, 2000.0, 3.0
 """Ratio of a range's ends, and of an age to its uncertainty and back, from which on one is in thousands: 15-30,000."""
-_UNIT = re.compile(rf"(?<![a-z])\s*({'|'.join(sorted(_UNITS, key=len, reverse=True))})\s*$")
 
 
 def _is_file(text: str) -> bool:
@@ -237,43 +215,24 @@ def _is_file(text: str) -> bool:
 
 
 def _of_words(text: str) -> Array:
-    """Years of an age in words, in thousands or millions where it ends so."""
-    text = text.strip().lower()
-    if len(text) > _LONGEST:
-        raise ValueError
-    text = _ABOUT.sub("", _PRESENT.sub(" ", text))
-    sigmas = _SIGMAS.search(text)
-    text = _SIGMAS.sub(" ", text).rstrip()
-    unit = _UNIT.search(text)
-    plain = _UNIT.sub("", text)
-    years = _UNITS[unit[1]] if unit else 1.0
-    if unit:
-        plain = re.sub(rf"(?<=\d)\s*{unit[1]}(?=[^\w])", "", plain)  # 15 ka - 30 ka
-    if years == 1.0:
-        plain = _DOTTED.sub(lambda found: found[1].replace(".", ""), plain)
-    for pattern, sign in _SPELLINGS:
-        plain = re.sub(pattern, sign, plain)
-    return _years(plain, years, _DEVIATIONS[sigmas[1] or sigmas[2]] if sigmas else None)
-
-
-def _years(text: str, unit: float, sigmas: float | None) -> Array:
-    levels = _levels(_AGE_SAMPLES)
-    if "+-" in text:
-        mean, deviation = (unit * float(part) for part in text.split("+-"))
-        alike = deviation / _UNSUREST < mean < (_SUREST * deviation if unit > 1.0 else math.inf)
-        return _normal(mean, deviation / (sigmas or 1.0), 0.0, levels) if alike else np.array([math.nan])
-    if sigmas:
+    """Years of an age in words; not a number of one that is none."""
+    found = _AGE.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    if found is None:
         return np.array([math.nan])
-    if "*/" in text:
-        median, factor = map(float, text.split("*/"))
-        return (
-            unit * median * np.exp(math.log(factor) * ndtri(levels)) if factor > 1 else np.array([math.nan])
-        )
-    if ".." in text:
-        low, high = (unit * float(part) for part in text.split(".."))
-        alike = low <= high < _WIDEST * low or low == 0.0
-        return low + levels * (high - low) if alike else np.array([math.nan])
-    return np.array([unit * float(text)])
+    unit, sign, levels = _UNITS[(found[4] or "years").lower()], found[2], _levels(_AGE_SAMPLES)
+    if unit == 1.0 and any(_DOTTED.fullmatch(number) for number in (found[1], found[3] or "")):
+        return np.array([math.nan])
+    first, second = unit * float(found[1]), float(found[3] or 0.0)
+    if sign is None:
+        return np.array([first])
+    if sign == "*/":
+        return first * np.exp(math.log(second) * ndtri(levels)) if second > 1 else np.array([math.nan])
+    second *= unit
+    if sign == "..":
+        alike = first <= second < _WIDEST * first or first == 0.0
+        return first + levels * (second - first) if alike else np.array([math.nan])
+    alike = second / _UNSUREST < first < (_SUREST * second if unit > 1.0 else math.inf)
+    return _normal(first, second, 0.0, levels) if alike else np.array([math.nan])
 
 
 def _levels(count: int) -> Array:
@@ -309,7 +268,7 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
     unit = unit_years(names[0]) if names else None
     if unit is None:
         raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
-    if [_BARE.sub("", name.lower()) for name in names[1:]] not in ([], ["weight"], ["probability"]):
+    if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):
         raise _file_error(path, f"it has the columns {', '.join(names)}")
     if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
         raise _file_error(path, f"{rows[1][0]!r} may be decimals, or thousands with a dot between")

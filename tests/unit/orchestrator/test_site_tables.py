@@ -110,9 +110,8 @@ def test_a_place_that_is_none_is_refused_with_what_may_be_meant(cells, told, tmp
     assert told in str(error.value)
 
 
-@pytest.mark.parametrize("table", ["age (ka)\n15-30", "Age [kyr]\n15-30", "age_ka\n15-30 ka", "age\n15 ka - 30 ka",
-                                   "age (cal ka BP)\n15-30", "age\n15.000 - 30.000", "age_Ma\n0.015-0.030",
-                                   'age\n"15,000 - 30,000"', "age (yr)\n15-30 ka"])  # fmt: skip
+@pytest.mark.parametrize("table", ["age (ka)\n15..30", "Age [kyr]\n15..30", "age_ka\n15..30 ka", "age\n15..30 ka",
+                                   "age\n15000..30000", "age (yr)\n15..30 ka"])  # fmt: skip
 def test_an_age_is_in_the_unit_of_its_column_or_its_own(table, tmp_path):
     header, age = table.split("\n")
     (tmp_path / "rocks.csv").write_text(f"scene,{header}\nrock,{age}\n")

@@ -30,45 +30,31 @@ def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "meant"),
-    [
-        ("20 ka", "20000"), ("12,5 kyr", "12500"), ("15,000", "15000"), ("20000 years", "20000"),
-        ("15000-30000", "15000..30000"), ("15–30 ka", "15000..30000"), ("15..30ka", "15000..30000"),
-        ("20±6 ka (2σ)", "20000+-3000"), ("20 ± 3 ka, 1 sigma", "20000+-3000"),
-        ("20 ± 6 ka (2s)", "20000+-3000"), ("20 ± 6 (2σ) ka", "20000+-3000"), ("20 ± 3 ka at 68 %", "20000+-3000"),
-        ("20 ± 5.88 ka (95% CI)", "20000+-3000"),
-        ("between 15 and 30 ka", "15000..30000"),
-        ("20±3 ka", "20000+-3000"), ("20000 +/- 3000 yr", "20000+-3000"), ("20*/1.2 ka", "20000*/1.2"),
-        ("15,000 - 30,000", "15000..30000"), ("15,000..30,000", "15000..30000"), ("15 000 – 30 000", "15000..30000"),
-        ("15 ka - 30 ka", "15000..30000"), ("15 to 30 ka", "15000..30000"), ("15 ka ± 2 ka", "15000+-2000"),
-        ("1,234,567", "1234567"), ("15.000 - 30.000", "15000..30000"), ("15.000..30.000", "15000..30000"),
-        ("1.500", "1500"), ("15.000 ka", "15000"), ("12.5k", "12500"), ("~15 ka", "15000"), ("ca. 15 ka", "15000"),
-        ("15,000 cal yr BP", "15000"), ("13.2 cal ka BP", "13200"), ("15~30 ka", "15000..30000"),
-        ("0.1-0.2 Ma", "100000..200000"), ("15 thousand years ago", "15000"),
-    ],
+    [("20 ka", "20000"), ("12.5ka", "12500"), ("20000 years", "20000"), ("15..30 ka", "15000..30000"),
+     ("20±3 ka", "20000+-3000"), ("20 ± 3 ka", "20000+-3000"), ("20000 +/- 3000 yr", "20000+-3000"),
+     ("20*/1.2 ka", "20000*/1.2"), ("15.000 ka", "15000"), ("2e4", "20000")],
 )  # fmt: skip
-def test_ages_are_read_as_people_write_them(text, meant):
+def test_ages_may_be_in_thousands_of_years(text, meant):
     assert parse_age(text) == pytest.approx(parse_age(meant))
 
 
 @pytest.mark.parametrize(
     "text",
-    ["15000 14C yr BP", "AD 1872", "1872 CE", ">15 ka", "15 ka (2σ)", "15±2 ka (3σ)", "500 a - 15 ka"],
-)
+    ["15000 14C yr BP", "AD 1872", ">15 ka", "15 ka (2σ)", "15±2 ka (3σ)", "500 a - 15 ka", "15-30 ka",
+     "~15 ka", "15,000", "15.000", "15.000..30.000", "1.500", "15 ka ± 2 ka", "13.2 cal ka BP", "0.1 Ma"],
+)  # fmt: skip
 def test_an_age_that_is_more_than_a_number_of_years_is_refused(text):
     with pytest.raises(InputError, match="no age"):
         parse_age(text)
 
 
 @given(
-    st.floats(0.05, 500.0),
-    st.floats(0.002, 1.0),
-    st.sampled_from(["{} ± {} {}", "{}+-{}{}", "{} +/- {} {} (1σ)"]),
-    st.sampled_from(["ka", "kyr BP"]),
+    st.floats(0.05, 500.0), st.floats(0.002, 1.0), st.sampled_from(["{} ± {} {}", "{}+-{}{}", "{} +/- {} {}"])
 )
-def test_an_uncertainty_in_years_behind_an_age_in_thousands_is_refused_not_multiplied(age, share, form, unit):
-    assert parse_age(form.format(f"{age:.4f}", f"{share * age:.4f}", unit)).mean() < 1000.0 * age * 1.5
-    for text in (form.format(f"{1000 * age:.1f}", f"{share * age / 10:.5f}", unit),
-                 form.format(f"{age:.4f}", f"{max(1000 * share, 4.0) * age:.1f}", unit)):  # fmt: skip
+def test_an_uncertainty_in_years_behind_an_age_in_thousands_is_refused_not_multiplied(age, share, form):
+    assert parse_age(form.format(f"{age:.4f}", f"{share * age:.4f}", "ka")).mean() < 1000.0 * age * 1.5
+    for text in (form.format(f"{1000 * age:.1f}", f"{share * age / 10:.5f}", "ka"),
+                 form.format(f"{age:.4f}", f"{max(1000 * share, 4.0) * age:.1f}", "ka")):  # fmt: skip
         with pytest.raises(InputError, match="no age"):
             parse_age(text)
 
@@ -81,7 +67,7 @@ def test_years_of_a_calendar_are_no_ages(tmp_path, header):
 
 
 def test_a_file_of_ages_may_be_in_utf_16_and_name_its_unit_as_geologists_do(tmp_path):
-    (tmp_path / "ages.csv").write_bytes("Age (cal ka BP),weight\r\n15,1\r\n30,1\r\n".encode("utf-16"))
+    (tmp_path / "ages.csv").write_bytes("Age (ka),weight\r\n15,1\r\n30,1\r\n".encode("utf-16"))
     assert parse_age(str(tmp_path / "ages.csv")).mean() == pytest.approx(22500)
 
 
@@ -113,7 +99,7 @@ def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize(
     "text",
-    ["ka,weight\n1.5,1\n3,3\n", "cal BP,probability\n1500,.1\n3000,.3\n", "ka;Weight (%)\n1.5;25\n3;75\n",
+    ["ka,weight\n1.5,1\n3,3\n", "years,probability\n1500,.1\n3000,.3\n", "ka;Weight\n1.5;25\n3;75\n",
      "Age (ka);Weight\n1,5;1\n3,0;3\n", "# of a model\nage_ka\tweight\n1.5\t1\n3\t3\n",
      "Age [yr],weight\n1500,1\n3000,3\n", 'years,weight\n"1,500",1\n"3,000",3\n',
      "years;weight\n1.500;0,25\n3.000;0,75\n"],

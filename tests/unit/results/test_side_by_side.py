@@ -137,11 +137,15 @@ def placed(atlas, copy, **places):
 ])  # fmt: skip
 def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, weak, site, told):
     run = placed(atlas, tmp_path / "run", firm=(-117.5, 34.25), weak=weak)
-    curve = {"imt": "PGA", "unit": "g", "level": [0.1, 0.3, 1.0], "annual_rate": [1e-2, 1e-3, 1e-5]}
-    curve |= {"lon": site[0], "lat": site[1]} if site else {}
-    (tmp_path / "hazard.json").write_text(json.dumps(curve))
+    curve = "PGA (g),annual_rate\n0.1,1e-2\n0.3,1e-3\n1.0,1e-5\n"
+    if site:
+        head = (
+            "# generated_by='OpenQuake', investigation_time=1.0, imt='PGA'\nlon,lat,poe-0.1,poe-0.3,poe-1.0\n"
+        )
+        curve = f"{head}{site[0]},{site[1]},1e-2,1e-3,1e-5\n"
+    (tmp_path / "hazard.csv").write_text(curve)
     asked = ["constrain", str(run), "--age", "20000", "--measure", "pga_m_s2"]
-    answer = CliRunner().invoke(cli, [*asked, "--hazard", str(tmp_path / "hazard.json")])
+    answer = CliRunner().invoke(cli, [*asked, "--hazard", str(tmp_path / "hazard.csv")])
     assert (answer.exit_code == 0) == (told is None)
     if told:
         assert told in str(answer.exception)
@@ -157,7 +161,7 @@ def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, 
         str(tmp_path / "r.html"),
     ]
     if site and site[0] < -118:
-        report = CliRunner().invoke(cli, [*page, "--hazard", str(tmp_path / "hazard.json")])
+        report = CliRunner().invoke(cli, [*page, "--hazard", str(tmp_path / "hazard.csv")])
         assert told in str(report.exception)
     assert ("km apart, and are taken to have felt the same events" in bare) == (weak[0] > 0)
 

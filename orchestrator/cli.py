@@ -12,7 +12,6 @@ import click
 
 from toppling.models.errors import InputError, UsageError
 from toppling.models.files.folder import local
-from toppling.models.files.lease import WRITERS
 from toppling.models.files.stores import at_hand, carry_back, is_store
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
@@ -156,7 +155,7 @@ def _at_hand(word: str) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value):
         location = at_hand(value)
-        click.echo(f"{value}: a copy is in {location}; who writes to it says so in {WRITERS}/", err=True)
+        click.echo(f"{value}: a copy is in {location}", err=True)
         return f"{option}{equals}{location}"
     if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
         return f"{option}{equals}{local(value)}"  # whatever it is for: a verb may make folders before it writes a file

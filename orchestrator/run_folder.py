@@ -18,7 +18,7 @@ from toppling.models.files import digest
 from toppling.models.files.documents import read_toml, shown
 from toppling.models.files.folder import instead, new_folder, rock_name
 from toppling.models.files.run_document import check_run_document
-from toppling.models.files.stores import is_written_elsewhere
+from toppling.models.files.stores import writer_of
 from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
@@ -216,7 +216,7 @@ def place_in(run: Path, name: str) -> Path:
 
 
 def is_running(run: Path) -> bool:
-    """Whether a process writes to the run now, on another machine where the run is in a store."""
+    """Whether a process writes to the run now, or holds it where it is in a store."""
     try:
         with (run / ".lock").open() as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -224,7 +224,7 @@ def is_running(run: Path) -> bool:
         return True
     except OSError:
         pass
-    return is_written_elsewhere(run)
+    return bool(writer_of(run))
 
 
 def _now() -> str:

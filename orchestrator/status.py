@@ -7,6 +7,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.files.stores import writer_of
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
@@ -35,6 +36,7 @@ def state_of(run: Path) -> dict[str, Any]:
     status = {entry["values"]: entry["counts"] for entry in pc.value_counts(rows["status"]).to_pylist()}
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
+        "writer": writer_of(run) if running else "",
         "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
         "jobs": jobs, "stored": stored, "again": told.get("again", 0), "toppled": pc.sum(rows["toppled"]).as_py() or 0,
         "failed": stored - status.get("ok", 0), "status": status,

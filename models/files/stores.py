@@ -2,55 +2,37 @@
 
 A store has no renaming, and each file of a run is verified as a whole before it is believed. So the files are brought
 here first, and what is written goes back whole: the store shows an object only once all of it is there. Others may read
-the store at any time; one writes (`lease`).
+the store at any time; one writes (`claim`).
 """
 
 import contextlib
-import functools
+import fcntl
 import hashlib
 import logging
 import os
 import re
-import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from errno import EDQUOT, ENOSPC
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from toppling.models.errors import InputError
+from toppling.models.files.claim import Claim
 from toppling.models.files.digest import read_json, write_json
 from toppling.models.files.folder import cache_folder, local, new_file
-from toppling.models.files.lease import WRITERS, Lease, put, repeated
+from toppling.models.files.store_access import Stamp, Store, kinds, no_answer
 
 log = logging.getLogger(__name__)
 
 _PAUSE_S = 5.0
 """Between looks at what a run that goes on has written: as often as it writes parts."""
 
-_NO_STORES = {
-    "arrow_hdfs",
-    "asynclocal",
-    "data",
-    "dir",
-    "file",
-    "http",
-    "https",
-    "local",
-    "memory",
-    "tar",
-    "zip",
-}
-"""Kinds of fsspec that keep no folder, or that are this machine: the last is a path (`local`)."""
+_NOT_CARRIED: Stamp = [-1, -1]
+"""Of a file whose object in the store is another, and is to be put again."""
 
 _ADDRESS = re.compile(r"^([a-z][a-z0-9+.-]+):/+(?=[^/])", re.IGNORECASE)
-_AZURE = "AZURE_STORAGE_CONNECTION_STRING"
-"""Arrow takes no key of an account from an address; without this the machine's own login is used."""
-
-_Stamp = list[int]
-"""Size, and time of the last change in nanoseconds."""
 
 
 @dataclass
@@ -62,144 +44,174 @@ class Copy:
 
     address: str
     path: Path  # of the copy
-    _root: str = field(init=False)
-    _store: Any = field(init=False)
-    _known: dict[str, tuple[_Stamp, _Stamp]] = field(init=False, default_factory=dict)
+    _store: Store = field(init=False)
+    _claim: Claim = field(init=False)
+    _known: dict[str, tuple[Stamp, Stamp]] = field(init=False, default_factory=dict)
+    _left: dict[str, Stamp] = field(init=False, default_factory=dict)  # by an earlier process, not carried
     _alone: threading.Lock = field(init=False, default_factory=threading.Lock)
-    _lease: Lease = field(init=False)
 
     def __post_init__(self) -> None:
-        self._store, self._root = _file_system(self.address)
-        notes = self.path.with_name(f"{self.path.name}.writer")
-        self._lease = Lease(self.address, self._store, f"{self._root}/{WRITERS}", notes)
+        self._store = Store(self.address)
+        self._claim = Claim(self._store)
         with contextlib.suppress(OSError, InputError, TypeError, ValueError):
-            known = read_json(self._notes)
+            known = read_json(self._beside("json"))
             self._known = {name: (list(here), list(there)) for name, (here, there) in known.items()}
-
-    @property
-    def _notes(self) -> Path:
-        return self.path.with_name(f"{self.path.name}.json")
 
     def pull(self) -> None:
         """Bring here what is new or changed in the store; what the store has no more is removed here too.
 
+        While another process of this machine writes to the copy, the copy is what is newest.
+
         Raises InputError if the store does not answer, or holds what is no file of a folder.
         """
         with self._alone, self._told():
-            there = self._listed()
+            if self._is_written_here():
+                return
+            there = {name: stamp for name, stamp in self._store.objects().items() if not _is_hidden(name)}
             for name, stamp in there.items():
                 place = self.path / name
                 if name in self._known and self._known[name][1] == stamp and place.exists():
                     continue
-                with (
-                    new_file(place) as hidden,
-                    self._store.open_input_stream(f"{self._root}/{name}") as source,
-                    hidden.open("wb") as target,
-                ):
-                    shutil.copyfileobj(source, target, 2**20)
+                with new_file(place) as hidden:
+                    self._store.fetch(name, hidden)
                 self._known[name] = (_stamp(place), stamp)
             for name in self._known.keys() - there.keys():
                 (self.path / name).unlink(missing_ok=True)
                 del self._known[name]
+            self._left = self._changed()
             self._note()
 
     def push(self) -> None:
         """Carry what is new or changed here to the store, `run.json` last, then remove there what is no more here.
 
-        Raises InputError if the store does not answer, or another process has taken this one's place meanwhile.
+        Raises InputError if the store does not answer, holds less of an object than was sent, or another process
+        has claimed the folder.
         """
-        if self._lease.lost:
-            return
         with self._alone, self._told():
-            self._lease.make_sure()
-            here = {
-                name: place
-                for place in self.path.rglob("*")
-                if not _is_hidden(name := str(place.relative_to(self.path)))
-                and place.is_file()
-                and not place.is_symlink()
-            }
-            for name in sorted(here, key=lambda name: (name == "run.json", name)):
-                with contextlib.suppress(FileNotFoundError):  # merged away meanwhile
-                    stamp = _stamp(here[name])
-                    if self._known.get(name, (None,))[0] != stamp:
-                        self._known[name] = (stamp, self._put(name, here[name]))
-            for name in self._known.keys() - here.keys():
-                with contextlib.suppress(FileNotFoundError):
-                    self._store.delete_file(f"{self._root}/{name}")
-                del self._known[name]
-            self._note()
+            self._claim.check()
+            try:
+                for name in sorted(self._changed(), key=lambda name: (name == "run.json", name)):
+                    with (
+                        contextlib.suppress(FileNotFoundError),  # merged away meanwhile
+                        (self.path / name).open("rb") as source,
+                    ):
+                        stamp = _stamp(self.path / name)
+                        there, sent = self._store.write(name, source, self._claim.check)
+                        self._known[name] = (stamp if there[0] == sent else _NOT_CARRIED, there)
+                        if there[0] != sent:
+                            raise self._not_whole(name, there[0], sent)
+                for name in [name for name in self._known if not (self.path / name).exists()]:
+                    self._claim.check()
+                    self._store.remove(name)
+                    del self._known[name]
+            finally:
+                self._note()
 
     @contextlib.contextmanager
-    def kept_up(self) -> Iterator[Callable[[], None]]:
+    def kept_up(self, *, take_over: bool = False) -> Iterator[Callable[[], None]]:
         """Write as the only one: bring what others wrote, carry over what is written meanwhile, and all at the end.
 
-        Yields callable: raises InputError once another process has taken this one's place.
+        take_over: although another process, which is dead, has claimed the folder.
+
+        Yields callable: raises InputError once another process has taken the folder over.
         """
-        with contextlib.ExitStack() as until_done:
-            with self._told():
-                until_done.enter_context(self._lease.held())
+        with self._told():
+            self._claim.take(over=take_over)
+            for name in self._store.objects():
+                if PurePosixPath(name).match(".*.tmp"):  # of a writer that was killed
+                    self._store.remove(name)
+        try:
             self.pull()
-            with self._carried():
-                yield self._lease.check
+            with self._written_here(), self._carried():
+                yield self._check
+        finally:
+            self._claim.release()
 
     def holds_run(self) -> bool:
         """Whether the folder in the store is a run's.
 
         Raises InputError if the store does not answer.
         """
-        from pyarrow.fs import FileType
-
         with self._told():
-            return bool(self._store.get_file_info(f"{self._root}/run.json").type == FileType.File)
+            return self._store.holds("run.json")
 
-    def is_written_elsewhere(self) -> bool:
-        """Whether another machine writes to the folder now.
+    def writer(self) -> str:
+        """Which process has claimed the folder; empty if none has.
 
         Raises InputError if the store does not answer.
         """
         with self._told():
-            return self._lease.is_held_elsewhere()
+            return self._claim.writer()
+
+    def carry_back(self) -> None:
+        """Carry what this process made, unless it has lost the folder, or another one here carries everything.
+
+        Raises InputError as `push`.
+        """
+        if self._claim.loss is None and not self._is_written_here() and self._changed() != self._left:
+            self.push()
+
+    def _check(self) -> None:
+        if self._claim.loss is not None:
+            raise self._claim.loss
 
     @contextlib.contextmanager
     def _carried(self) -> Iterator[None]:
-        def keep_up() -> None:
-            try:
-                self.push()
-            except InputError as error:
-                log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
+        over = threading.Event()
 
+        def keep_up() -> None:
+            while self._claim.loss is None and not over.wait(_PAUSE_S):
+                try:
+                    self.push()
+                except InputError as error:
+                    if self._claim.loss is None:
+                        log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
+
+        thread = threading.Thread(target=keep_up, daemon=True)
+        thread.start()
         try:
-            with repeated(keep_up, _PAUSE_S):
-                yield
+            yield
         finally:
+            over.set()
+            thread.join()
+            self._check()
             self.push()
 
-    def _put(self, name: str, place: Path) -> _Stamp:
-        target = f"{self._root}/{name}"
-        with place.open("rb") as source:
-            put(self._store, target, source)
-        info = self._store.get_file_info(target)
-        return [info.size, info.mtime_ns or 0]
+    def _changed(self) -> dict[str, Stamp]:
+        """Files that the store does not have as they are here."""
+        found = {}
+        for place in self.path.rglob("*"):
+            name = str(place.relative_to(self.path))
+            if not _is_hidden(name) and place.is_file() and not place.is_symlink():
+                with contextlib.suppress(FileNotFoundError):
+                    found[name] = _stamp(place)
+        return {name: stamp for name, stamp in found.items() if self._known.get(name, (None,))[0] != stamp}
 
-    def _listed(self) -> dict[str, _Stamp]:
-        from pyarrow.fs import FileSelector, FileType
+    def _not_whole(self, name: str, there: int, sent: int) -> InputError:
+        return InputError(
+            f"the store does not hold {name} as it was sent: {there} bytes are there, "
+            + (f"{sent} were sent" if sent >= 0 else "which another process wrote"),
+            where=self.address,
+            expected="all of each file, from one writer",
+            remedy="give the same command again; if it happens again, look for its cause in the store",
+        )
 
-        found = self._store.get_file_info(FileSelector(self._root, recursive=True, allow_not_found=True))
-        files = {
-            info.path.removeprefix(f"{self._root}/"): [info.size, info.mtime_ns or 0]
-            for info in found
-            if info.type == FileType.File
-        }
-        for name in files:
-            if not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
-                raise InputError(
-                    f"holds an object named {name!r}",
-                    where=self.address,
-                    expected="files of a run, in folders below it",
-                    remedy="remove that object, or give another address",
-                )
-        return {name: stamp for name, stamp in files.items() if not _is_hidden(name)}
+    @contextlib.contextmanager
+    def _written_here(self) -> Iterator[None]:
+        """Let other processes of this machine see that this one writes to the copy."""
+        with self._beside("lock").open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+    def _is_written_here(self) -> bool:
+        try:
+            with self._beside("lock").open() as lock:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except FileNotFoundError:
+            pass
+        return False
 
     @contextlib.contextmanager
     def _told(self) -> Iterator[None]:
@@ -213,10 +225,13 @@ class Copy:
             )
             if here:  # of this machine's disk
                 raise
-            raise _no_answer(self.address, error) from None
+            raise no_answer(self.address, error) from None
 
     def _note(self) -> None:
-        write_json(self._notes, self._known)
+        write_json(self._beside("json"), self._known)
+
+    def _beside(self, ending: str) -> Path:
+        return self.path.with_name(f"{self.path.name}.{ending}")
 
 
 _COPIES: dict[str, Copy] = {}
@@ -257,29 +272,29 @@ def named(path: Path) -> str:
     return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
 
 
-def kept_up(path: Path) -> AbstractContextManager[Callable[[], None]]:
+def kept_up(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
     """As :meth:`Copy.kept_up`, if a folder is a copy of one in a store."""
-    copies = (copy.kept_up() for copy in _COPIES.values() if copy.path == path)
+    copies = (copy.kept_up(take_over=take_over) for copy in _COPIES.values() if copy.path == path)
     return next(copies, contextlib.nullcontext(lambda: None))
 
 
-def is_written_elsewhere(path: Path) -> bool:
-    """Whether a folder is the copy of one in a store to which another machine writes now."""
-    return any(copy.is_written_elsewhere() for copy in _COPIES.values() if copy.path == path)
+def writer_of(path: Path) -> str:
+    """Which process has claimed the folder in a store whose copy a folder is; empty if none has, or it is no copy."""
+    return next((copy.writer() for copy in _COPIES.values() if copy.path == path), "")
 
 
 def carry_back() -> None:
     """Carry what was written into copies to their stores."""
     for copy in _COPIES.values():
-        copy.push()
+        copy.carry_back()
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether a file is half written, a lock, a key or a sign of a writer, and no part of a run."""
+    """Whether a file is half written, a lock, a key or a claim, and no part of a run."""
     return any(part.startswith(".") for part in PurePosixPath(name).parts)
 
 
-def _stamp(place: Path) -> _Stamp:
+def _stamp(place: Path) -> Stamp:
     state = place.stat()
     return [state.st_size, state.st_mtime_ns]
 
@@ -296,14 +311,6 @@ def is_store(path: str | os.PathLike[str]) -> bool:
     return found is not None and found[1].lower() in kinds()
 
 
-@functools.cache
-def kinds() -> frozenset[str]:
-    """Kinds of stores that Arrow or a package of fsspec reaches, by the beginning of an address."""
-    import fsspec
-
-    return frozenset({"abfss", "gcs", "viewfs", *fsspec.available_protocols()} - _NO_STORES)
-
-
 def _address_of(path: str | os.PathLike[str]) -> str:
     """An address as its store wants it.
 
@@ -316,70 +323,3 @@ def _address_of(path: str | os.PathLike[str]) -> str:
     found = _ADDRESS.match(text)
     assert found is not None
     return f"{found[1].lower()}://{text[found.end() :].rstrip('/')}"
-
-
-def _file_system(address: str) -> tuple[Any, str]:
-    """What reaches a store (an Arrow file system), and the path in it.
-
-    Raises InputError if nothing here reaches such a store, or it does not answer.
-    """
-    import pyarrow as pa
-    from pyarrow.fs import AzureFileSystem, FileSystem, FSSpecHandler, PyFileSystem
-
-    kind, _, place = address.partition("://")
-    if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(_AZURE)):
-        try:
-            return AzureFileSystem(**_azure_arguments(connection)), place
-        except pa.ArrowException as error:
-            raise _no_answer(address, error) from None
-    # Google's store is otherwise asked for a quarter of an hour.
-    patience = "?retry_limit_seconds=20" if kind in ("gs", "gcs") and "?" not in address else ""
-    try:
-        return FileSystem.from_uri(address + patience)
-    except pa.ArrowInvalid:
-        pass  # not one of Arrow's own
-    except OSError as error:
-        raise _no_answer(address, error) from None
-    try:
-        import fsspec
-
-        system, root = fsspec.core.url_to_fs(address)
-        system.dircache.use_listings_cache = False  # others write there too
-    except (ImportError, ValueError) as error:
-        raise InputError(
-            f"is in a kind of store that cannot be reached from here ({error})",
-            where=address,
-            expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here",
-        ) from None
-    except Exception as error:  # (some connect at once, and each package has errors of its own)
-        raise _no_answer(address, error) from None
-    return PyFileSystem(FSSpecHandler(system)), root
-
-
-def _azure_arguments(connection: str) -> dict[str, str]:
-    """Arguments of Arrow's file system from a connection string, as Azure shows it for an account."""
-    given = dict(one.partition("=")[::2] for one in connection.split(";") if one)
-    endpoint = given.get("BlobEndpoint", "").split("/")  # https: // authority / account
-    said = {
-        "account_name": given.get("AccountName", ""),
-        "account_key": given.get("AccountKey"),
-        "sas_token": given.get("SharedAccessSignature"),
-        "blob_storage_scheme": given.get("DefaultEndpointsProtocol"),
-    }
-    if len(endpoint) > 2:
-        said["blob_storage_scheme"], said["blob_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-        said["dfs_storage_scheme"], said["dfs_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-    return {name: value for name, value in said.items() if value is not None}
-
-
-def _no_answer(address: str, error: Exception) -> InputError:
-    """Tell what a store, or what reaches it, complains of."""
-    said = str(error).splitlines() or [type(error).__name__]
-    return InputError(
-        f"the store gives no answer ({said[0]})",
-        where=address,
-        expected="a bucket that exists, and credentials that may read and write it",
-        remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "
-        f"{_AZURE}; FSSPEC_...)",
-    )

@@ -116,6 +116,7 @@ def run(
     watch: ProgressCallback = unseen,
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
+    take_over: bool = False,
 ) -> CarriedOut:
     """Carry a campaign out, or go on with it, as `toppling run` does: its audit included.
 
@@ -137,19 +138,21 @@ def run(
         When a job is given up.
     again : collection of str
         Statuses whose jobs are done again, such as ``{"failed"}``.
+    take_over : bool
+        Go on with a run in an object store although another process, which was killed, still holds it.
 
     Raises
     ------
     InputError
         If the campaign does not fit its scene, its ensemble or the folder, workers are unfit for the run, or the
-        store does not answer.
+        store does not answer or is written to by another process.
     RunError
         If the run cannot go on; what was done stays, and the same call goes on.
     """
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
-    with kept_up(folder) as check_writer:
+    with kept_up(folder, take_over=take_over) as check_writer:
 
         def watching(progress: RunProgress) -> None:
             check_writer()

@@ -18,9 +18,10 @@ from toppling.orchestrator.verbs.where import cluster_of, cluster_options
     "--jobs", type=click.IntRange(min=1),
     help="Size of the sample; by default as many jobs as cost a tenth of the run.",
 )  # fmt: skip
+@shared.take_over_option
 @shared.json_option("Print the statement as JSON.")
 @cluster_options
-def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
+def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: Any) -> None:
     """Repeat a random sample of RUN's jobs and state how far its answers may be off.
 
     The sample is shaken with the preset 'reference', and with the second engine where its extra is installed. The
@@ -33,6 +34,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     toppling audit runs/first --jobs 200 --workers 2
     """
     from toppling.models.errors import InputError
+    from toppling.models.files.stores import kept_up
     from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.context import RunProgress, Work
@@ -60,7 +62,13 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
             expected=f"at least {LEAST_JOBS} jobs",
             remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
         )
-    with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
+    with (
+        kept_up(run, take_over=take_over),
+        watcher() as watch,
+        journal(run),
+        cluster_of(run, **where) as client,
+        client.as_current(),
+    ):
         work = Work(planned, run.absolute(), versions(), client, watch, RunProgress(count, 0))
         check_workers(client, *work.run_keys)
         carry_out(work, count)

@@ -31,7 +31,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
-_OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
+_OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over")
 """Options that a resuming call does not repeat."""
 
 
@@ -78,6 +78,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
     "campaign's target, if it has one.",
 )  # fmt: skip
 @option("--performance-report", "report", type=shared.FILE, help="Write Dask's performance report (HTML).")
+@shared.take_over_option
 @option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
 @shared.json_option("Print the summary as JSON.")
 def run(
@@ -89,6 +90,7 @@ def run(
     again: list[str],
     precision: float | None,
     report: Path | None,
+    take_over: bool,
     no_estimate: bool,
     as_json: bool,
     **where: Any,
@@ -132,7 +134,8 @@ def run(
             click.echo(words, err=True)
     command = _command(click.get_current_context())
     limits = Limits(job_limit, tries)
-    shaken = _carry_out(chosen, folder, reported(cluster, report), limits, again, command)
+    asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
+    shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
     _tell(chosen, folder, shaken, command, as_json=as_json)
 
 
@@ -168,19 +171,20 @@ def _carry_out(
     chosen: "Campaign",
     folder: Path,
     cluster: AbstractContextManager["Client"],
-    limits: Limits,
-    again: list[str],
     command: str,
+    asked: dict[str, Any],
 ) -> "CarriedOut":
     """Do the jobs; where that ends early, say how to go on."""
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.public.running import run as carry_out
 
-    to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
+    to_go_on = " ".join(
+        [f"To go on: {command}", *(["--again", ",".join(asked["again"])] if asked["again"] else [])]
+    )
     try:
         with signals_as_stop(), watcher() as watch:
-            return carry_out(chosen, folder, cluster=cluster, watch=watch, limits=limits, again=again)
+            return carry_out(chosen, folder, cluster=cluster, watch=watch, **asked)
     except RunError as error:
         raise click.ClickException(f"{error}; the rows so far are kept. {to_go_on}") from None
     except OSError as error:

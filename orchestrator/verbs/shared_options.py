@@ -95,6 +95,10 @@ ensemble_out = option("--out", required=True, type=FOLDER, help="Folder of the e
 replace_option = option("--replace", is_flag=True, help="Replace an existing ensemble.")
 trusted_option = option("--trusted", is_flag=True, help="Let --where read your files.")
 corner_option = option("--corner", "corner_hz", type=ABOVE_0, help="High-pass corner in Hz.")
+take_over_option = option(
+    "--take-over", is_flag=True,
+    help="Go on with a run in an object store although another process, which was killed, still holds it.",
+)  # fmt: skip
 preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard")
 
 

@@ -32,6 +32,10 @@ def status(run: Path, as_json: bool) -> None:
     remark = state["unfinished"]
     detail = f": {remark}" if remark else f", {state['stored']:,} of {state['jobs']:,} jobs stored"
     click.echo(f"{run}: {state['state']}{detail}{again}")
+    if state["writer"]:
+        click.echo(
+            f"held by {state['writer']}; if that was killed, go on with 'toppling run ... --take-over'"
+        )
     if state["rate_per_s"]:
         click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:

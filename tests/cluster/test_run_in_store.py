@@ -69,11 +69,11 @@ def toppling(*words, env, refused=False):
 
 
 @pytest.mark.thorough
-def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed(
+def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed_and_taken_over_from(
     store, machine, inputs, undisturbed, faults, tmp_path
 ):
     command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2", "--no-estimate"]
-    faults.set(every={"kind": "wait", "seconds": 2.0})
+    faults.set(every={"kind": "wait", "seconds": 5.0})
     first = subprocess.Popen(
         [*TOPPLING, *map(str, command)], env=machine("first"),
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
@@ -86,7 +86,8 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
         time.sleep(0.5)
         looked_at.pull()
     told = toppling(*command, env=machine("second"), refused=True)
-    assert f"{ADDRESS}: another machine writes to this run, {socket.gethostname()}:{first.pid} since" in told
+    owner = f"{socket.gethostname()}:{first.pid} since"
+    assert f"{ADDRESS}: is written to by {owner}" in told
     assert "running" in toppling("status", ADDRESS, env=machine("second"))
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
@@ -94,11 +95,16 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
 
     told = toppling("status", ADDRESS, env=machine("second"))
     assert "of 72" in told
-    told = toppling(*command, env=machine("second"))
+    assert owner in told
+    for name in ("first", "second"):
+        told = toppling(*command, env=machine(name), refused=True)
+        assert owner in told
+        assert "--take-over" in told
+    told = toppling(*command, "--take-over", env=machine("second"))
     assert f"{ADDRESS}: " in told
     assert f"toppling fragility {ADDRESS}" in told
     assert " 0 done before" not in told
-    assert f"{socket.gethostname()}:{first.pid}" in told  # whose place is taken
+    assert owner in told  # whose place is taken
 
     looked_at.pull()
     assert not list(Path(looked_at.path / "parts").glob("part-*"))

@@ -3,32 +3,12 @@
 import subprocess
 import sys
 import threading
-from typing import ClassVar
 
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.files.stores import Copy, _address_of, _azure_arguments, at_hand, is_store, kinds
-
-
-@pytest.fixture(scope="module")
-def bucket():
-    """Name of a bucket on an S3 server on loopback."""
-    server = pytest.importorskip("moto.server").ThreadedMotoServer(
-        ip_address="127.0.0.1", port=0, verbose=False
-    )
-    server.start()
-    host, port = server.get_host_and_port()
-    variables = {
-        "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-    }  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in variables.items():
-            patch.setenv(name, value)
-        pytest.importorskip("boto3").client("s3").create_bucket(Bucket="bucket")
-        yield "bucket"
-    server.stop()
+from toppling.models.files.store_access import Store, _azure_arguments
+from toppling.models.files.stores import Copy, _address_of, at_hand, is_store
 
 
 @pytest.fixture
@@ -116,9 +96,9 @@ def test_only_what_changed_is_carried(two_machines, monkeypatch):
     write(first, a="1", b="2")
     first.push()
     carried = []
-    put = Copy._put
+    send = Store._send
     monkeypatch.setattr(
-        Copy, "_put", lambda self, name, place: carried.append(name) or put(self, name, place)
+        Store, "_send", lambda self, name, *given: carried.append(name) or send(self, name, *given)
     )
     first.push()
     write(first, b="3")
@@ -181,27 +161,6 @@ def google(monkeypatch):
     server.shutdown()
 
 
-@pytest.fixture
-def of_fsspec():
-    """Address in a store that only a package of fsspec reaches, with renaming, folders and errors of its own."""
-    from fsspec import register_implementation
-    from fsspec.implementations.memory import MemoryFileSystem
-
-    class Toy(MemoryFileSystem):
-        protocol = "toy"
-        store: ClassVar[dict] = {}
-        pseudo_dirs: ClassVar[list] = [""]
-
-        def mv(self, source, target):
-            if self.exists(target):
-                raise RuntimeError("there is one of that name")
-            super().mv(source, target)
-
-    register_implementation("toy", Toy, clobber=True)
-    kinds.cache_clear()
-    return "toy://folder/run"
-
-
 @pytest.mark.parametrize("kind", ["google", "of_fsspec"])
 def test_every_kind_of_store_carries_a_run_and_has_one_writer(kind, request, tmp_path):
     address = request.getfixturevalue(kind)
@@ -211,7 +170,7 @@ def test_every_kind_of_store_carries_a_run_and_has_one_writer(kind, request, tmp
     write(first, **{"run.json": "{}", "parts__a": "rows", "parts__b": "rows"})
     with first.kept_up() as check:
         check()
-        with pytest.raises(InputError, match="another machine writes to this run"):
+        with pytest.raises(InputError, match="is written to by"):
             second.kept_up().__enter__()
         write(first, **{"run.json": "{1}", "results.parquet": "all rows"})
         (first.path / "parts" / "b").unlink()

@@ -34,7 +34,7 @@ _AZIMUTH = between(-360.0, 360.0)
 _PLACE = [LENGTH_M, 3]
 _INTERVAL = {"azimuth_deg": _AZIMUTH, "low_m_s2": _SPREAD, "median_m_s2": _SPREAD, "high_m_s2": _SPREAD}
 _REPORT = {
-    "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE},
+    "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE, "crown_unseen_share?": SHARE},
     "slenderness?": [{"azimuth_deg": _AZIMUTH, "alpha_deg": NUMBER.or_null()}],
     "segmentation?": {
         "confidence?": {

@@ -34,7 +34,8 @@ from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, between_nodes, lattice
-from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
+from toppling.models.scan.invented import bias_floors
+from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.statics import equilibrium_possible
 
 _AROUND_LATTICES = 12.0
@@ -214,7 +215,7 @@ def base_unseen(
     leaves no base on which the rock stands as it was scanned.
     """
     smooth = hidden_base(observed.near(interface), core, observed.hint, interface=interface)
-    least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
+    least = np.full(3, bias_floors(closed)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)

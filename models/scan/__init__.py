@@ -4,6 +4,6 @@ from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
     "candidates", "close", "crevice", "doubt", "hints_file", "interface",
-    "interface_hint", "measure", "parts", "placement", "read", "reference", "register", "segment",
+    "interface_hint", "invented", "measure", "parts", "placement", "read", "reference", "register", "segment",
     "survey", "view", "virtual", "worked_out",
 ]  # fmt: skip

@@ -1,8 +1,9 @@
 """Closing: one closed body from the rock's surfels, its base on the interface plane.
 
 The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013). A side that no station saw goes
-on level by level as the outlines that were seen do. Where the base is hidden, points sunk below it close it, and it is
-then cut exactly (Manifold), so that where the rock rests its vertices lie on the interface plane.
+on level by level as the outlines that were seen do. Where the base is hidden, points sunk below it close it. The body
+is cut at the convex hull of all of these, above which Poisson reconstruction lets an unseen crown bulge, and exactly
+(Manifold) at the base, so that where the rock rests its vertices lie on the interface plane.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import contourpy
 import manifold3d
 import numpy as np
 import open3d as o3d
-from scipy.spatial import QhullError, cKDTree
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
@@ -83,8 +84,11 @@ POISSON_DEPTH, COARSE_DEPTH = 7, 6
 _POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
 _BULGES_PER_WIDTH = 0.2
-"""What was not seen of a rock whose rim shows nearly all around stays so near to its outline: less than the corner of a
-square that is cut off over the widest range of directions that may be missing."""
+"""A side that was not seen lies so near to the hull of what was: less than the corner of a square that is cut off over
+the widest range of directions that may be missing. Stations that look up see what slopes; a crown that they do not see
+is nearly level, and lies at the hull."""
+_EDGE_VOXELS = 0.5
+"""Margin of the hull, along the normals of what was seen: a sharp edge lies at most so far out of patches beside it."""
 _SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 _BASE_SHARE_OF_HEIGHT = 0.0003
@@ -102,6 +106,11 @@ class ClosedRock:
     seen_share: float
     closed_share: float
     invented_share: float
+    # Of its crown, the surface that faces up: what was not seen, and lies at most at the hull of what was.
+    crown_unseen_share: float
+
+
+SHARES = ("seen_share", "closed_share", "invented_share", "crown_unseen_share")
 
 
 def close_rock(
@@ -131,8 +140,8 @@ def close_rock(
         unseen, outward = _side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
     body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
-    if base.side is None:
-        body = _within_outline(body, np.vstack([flat, sunk])[:, :2])
+    edges = flat + _EDGE_VOXELS * surfels.voxel_m * flat_normals
+    body ^= _about_hull(np.vstack([edges, sunk, unseen]), interface.axes[2])
     if interface.sheet is None:
         room = _above(base, flat, height)
         if interface.edge is not None:
@@ -149,19 +158,19 @@ def close_rock(
         vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
     vertices = _apart(vertices, faces, _APART_SHARE_OF_HEIGHT * height)
     rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
-    over = vertices[:, 2] - interface.rise(vertices)[:, 2]
+    on_plane = np.abs(vertices[:, 2] - interface.rise(vertices)[:, 2]) < 1e-9 * height
     return ClosedRock(
-        rock_body, *_shares(vertices, faces, np.abs(over) < 1e-9 * height, flat, surfels.voxel_m)
+        rock_body,
+        *_shares(vertices[faces], np.asarray(on_plane[faces].all(axis=1)), flat, surfels.voxel_m, interface),
     )
 
 
-def _within_outline(body: manifold3d.Manifold, seen_m: Array) -> manifold3d.Manifold:
-    """The part of a body that lies above and about the outline of places (n, 2)."""
-    outline = manifold3d.CrossSection.hull_points(seen_m)
-    low_u, low_v, high_u, high_v = outline.bounds()
-    outline = outline.offset(0.5 * _BULGES_PER_WIDTH * (high_u - low_u + high_v - low_v))
-    low, high = body.bounding_box()[2::3]
-    return body ^ outline.extrude(high - low + 2.0).translate([0.0, 0.0, low - 1.0])
+def _about_hull(places_m: Array, up: Array) -> manifold3d.Manifold:
+    """The convex hull of places (n, 3), its crown as it is and the rest moved out by a share of its width."""
+    planes = ConvexHull(places_m).equations
+    bulge_m = _BULGES_PER_WIDTH * np.ptp(places_m[:, :2], axis=0).mean()
+    planes[:, 3] -= np.where(planes[:, :3] @ up > LEVEL, 0.0, bulge_m)
+    return manifold3d.Manifold.hull_points(HalfspaceIntersection(planes, places_m.mean(axis=0)).intersections)
 
 
 def _apart(vertices: Array, faces: Indices, reach_m: float) -> Array:
@@ -298,14 +307,17 @@ def _capped(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
 
 
 def _shares(
-    vertices: Array, faces: Indices, resting: Flags, seen: Array, voxel_m: float
-) -> tuple[float, float, float]:
-    corner = vertices[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    on_plane = resting[faces].all(axis=1)
+    corner: Array, on_plane: Flags, seen: Array, voxel_m: float, interface: Interface
+) -> tuple[float, float, float, float]:
+    """Shares as of a closed rock, of triangles (n, 3, 3) as u, v, h."""
+    twice = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * np.linalg.norm(twice, axis=1)
+    crown = twice @ interface.axes[2] > 2.0 * LEVEL * area
     near = cKDTree(seen).query(corner.mean(axis=1))[0] < 2.0 * voxel_m
-    shares = [area[near & ~on_plane].sum(), area[on_plane].sum(), area[~near & ~on_plane].sum()]
-    return tuple(float(share / area.sum()) for share in shares)  # type: ignore[return-value]
+    seen_m2, closed_m2, crown_m2 = area[near & ~on_plane].sum(), area[on_plane].sum(), area[crown].sum()
+    shares = np.array([seen_m2, closed_m2, area[~near & ~on_plane].sum()]) / area.sum()
+    unseen_crown = area[crown & ~near].sum() / crown_m2 if crown_m2 else 0.0
+    return float(shares[0]), float(shares[1]), float(shares[2]), float(unseen_crown)
 
 
 def _not_closed(what: str) -> InputError:

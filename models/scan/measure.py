@@ -22,6 +22,7 @@ from toppling.models.scan.crevice import NearRim
 from toppling.models.scan.doubt import SECTORS, middle, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.invented import INVENTED_COM_PER_HEIGHT, bias_floors, cap_share
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
@@ -162,47 +163,19 @@ def confidence(
 _BESIDE_BAND_PER_HEIGHT = 0.1
 """Points of the rock so near to the interface tell its middle."""
 
-_BIAS = {
-    "com_per_height": 0.001,
-    "volume_share": 0.003,
-    "inertia_share": 0.003,
-    "toppling_share": 0.02,
-    "height_share": 0.006,  # a rock's lowest place is part of its hidden base
-}
-"""What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
-base. Errors against known rocks bound it (benchmarks/reports/scan.md)."""
-
-# What no station saw, no half sample knows either. A smooth closing can miss, or add, as much as a cap with the
-# invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume.
-_INVENTED_COM_PER_HEIGHT = 0.2
-"""Shift of the centre of mass in each coordinate over height and such a cap's share."""
 _LEAST_CLOSED = 3
 """Fewer half samples give no spread."""
 _ENOUGH = 4
 """So many half samples are enough where their spreads add next to nothing to the floors."""
 _ADDS_NOTHING = 1.0 / 3.0
 """A spread of this share of its floor: joined they are 1.05 of it."""
-_MUCH_INVENTED = 0.15
-"""From this share of the surface on, volume and centre of mass are guesses."""
-
-
-def _cap_share(surface_share: float) -> float:
-    """Share of a ball's volume in a cap with a share of its surface."""
-    return surface_share**2 * (3.0 - 2.0 * surface_share)
-
-
-def bias_floors(invented_share: float) -> dict[str, float]:
-    """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
-    cap = _cap_share(invented_share)
-    grown = {"com_per_height": _INVENTED_COM_PER_HEIGHT * cap, "volume_share": cap, "inertia_share": cap}
-    return {name: float(np.hypot(least, grown.get(name, 0.0))) for name, least in _BIAS.items()}
 
 
 def uncertainty(
     observed: ObservedRock,
     interface: Interface,
     core: float,
-    invented_share: float,
+    surface: ClosedRock,
     realisations: int,
     each: Callable[[], None],
 ) -> dict[str, Any]:
@@ -214,12 +187,12 @@ def uncertainty(
     drawn.
 
     Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor. The floors grow
-    with what is invented (`_cap_share`): by that share of volume and inertia, by a fifth of it of the height in the
-    centre of mass, and by what this shift does to the toppling. An invented top counts in the height by as much as it
-    rises above what was seen.
+    with what is invented (`cap_share`): by that share of volume and inertia, by a fifth of it of the height in the
+    centre of mass, and by what this shift does to the toppling; with the share of the crown that was not seen, that of
+    the height.
 
     core: of the feet on which the rock stands.
-    invented_share: of the rock's surface: neither seen nor closed at the interface.
+    surface: the rock closed from all that was seen.
     realisations: at most; 0 for none, which gives nothing.
     each: called after each.
     Returns standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
@@ -229,13 +202,13 @@ def uncertainty(
     if not realisations:
         return {}
     draw = partial(_HalfSample.drawn, observed, core, _half_fits(observed, interface))
-    spreads = partial(_spreads, observed, invented_share)
+    spreads = partial(_spreads, surface)
     closed, tried = _half_samples(draw, spreads, realisations, each)
     given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
     found: dict[str, Any] = {"method": f"half samples{given}", "realisations": tried, "closed": len(closed)}
     if len(closed) < _LEAST_CLOSED:
         return found
-    return found | _told(closed, spreads(closed), invented_share)
+    return found | _told(closed, spreads(closed), surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,16 +286,13 @@ def _adds_nothing(spreads: Spreads) -> bool:
     return all(bool(spread <= _ADDS_NOTHING * floor) for spread, floor in norms)
 
 
-def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSample]) -> Spreads:
-    rocks, floor = [each.rock for each in closed], bias_floors(invented_share)
+def _spreads(surface: ClosedRock, closed: list[_HalfSample]) -> Spreads:
+    rocks, floor = [each.rock for each in closed], bias_floors(surface)
     height = float(np.mean([rock.height_m for rock in rocks]))
     volume = np.array([rock.volume_m3 for rock in rocks])
     inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
     radius = np.sqrt(np.diag(inertia.mean(axis=0)))
-    seen = observed.surfels
-    highest = float(seen.points_m[observed.patches, 2].max()) + seen.voxel_m
-    top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
-    tipped = _tipped(closed, invented_share)
+    tipped = _tipped(closed, surface.invented_share)
     limits = np.array([each.limits_m_s2 for each in closed])
     finite = np.where(np.isfinite(limits), limits, np.nan)
     alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
@@ -332,10 +302,7 @@ def _spreads(observed: ObservedRock, invented_share: float, closed: list[_HalfSa
         "volume_std_m3": (_std(volume), np.asarray(floor["volume_share"] * volume.mean())),
         "com_std_m": (_std([rock.com_m for rock in rocks]), np.full(3, floor["com_per_height"] * height)),
         "inertia_per_mass_std_m2": (_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
-        "height_std_m": (
-            _std([rock.height_m for rock in rocks]),
-            np.hypot(floor["height_share"] * height, max(top - highest, 0.0)),
-        ),
+        "height_std_m": (_std([rock.height_m for rock in rocks]), np.asarray(floor["height_share"] * height)),
         "quasi_static_toppling_m_s2": (
             np.nanstd(finite, axis=0, ddof=1),
             np.hypot(floor["toppling_share"] * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped),
@@ -356,10 +323,10 @@ def _tipped(closed: list[_HalfSample], invented_share: float) -> float:
     """
     height = float(np.mean([each.rock.height_m for each in closed]))
     raised = [each.interface.flat(each.rock.com_m[None])[0, 2] for each in closed]
-    return _INVENTED_COM_PER_HEIGHT * _cap_share(invented_share) * height / float(np.mean(raised))
+    return INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
 
 
-def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) -> dict[str, Any]:
+def _told(closed: list[_HalfSample], spreads: Spreads, surface: ClosedRock) -> dict[str, Any]:
     """Standard deviations joined with their floors, as the report has them."""
     planes = [each.interface for each in closed]
     normals = np.array([plane.normal for plane in planes])
@@ -368,7 +335,7 @@ def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) ->
     joined = {name: np.hypot(spread, floor).tolist() for name, (spread, floor) in spreads.items()}
     limits, angles = joined.pop("quasi_static_toppling_m_s2"), joined.pop("slenderness")
     return {
-        "bias": bias_floors(invented_share) | {"toppling_over_gravity": _tipped(closed, invented_share)},
+        "bias": bias_floors(surface) | {"toppling_over_gravity": _tipped(closed, surface.invented_share)},
         **joined,
         **({"interface_normal_std_deg": tilt_std} if len(set(planes)) > 1 else {}),
         "quasi_static_toppling_m_s2": [
@@ -379,17 +346,6 @@ def _told(closed: list[_HalfSample], spreads: Spreads, invented_share: float) ->
             for a, std in zip(AZIMUTHS_DEG, angles, strict=True)
         ],
     }
-
-
-def invention_warning(scene: Scene) -> str | None:
-    """Say that much of the rock was not seen, if so, and what follows; nothing for a rock that was seen."""
-    share = scene.report.get("surface", {}).get("invented_share", 0.0)
-    if share <= _MUCH_INVENTED:
-        return None
-    return (
-        f"warning: {share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and "
-        f"inertia are guesses, the volume by about ±{_cap_share(share):.0%}: scan the rock from the other sides"
-    )
 
 
 def _half(points: Array, rng: np.random.Generator) -> Array:

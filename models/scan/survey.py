@@ -24,7 +24,7 @@ from toppling.models.rock import check_size
 from toppling.models.scan.beside import mesh_beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import plants_named, with_reason
-from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.close import SHARES, ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.freedom import checked_doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
@@ -140,7 +140,7 @@ def work_out(
         closed, core = close_standing(observed, interface)
         doubted = checked_doubts(observed, interface, closed, cloud, seen.label)
     resampling = partial(progress, "resampling")
-    spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
+    spread = uncertainty(observed, interface, core, closed, bootstrap, resampling)
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
     below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
@@ -263,7 +263,6 @@ def _near_interface(
 def _surface_report(
     closed: ClosedRock, interface: Interface, given_by: str, ground: Ground
 ) -> dict[str, Any]:
-    shares = ("seen_share", "closed_share", "invented_share")
     return {
         "interface": {
             "given_by": given_by,
@@ -273,7 +272,7 @@ def _surface_report(
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
         },
-        "surface": {each: getattr(closed, each) for each in shares},
+        "surface": {each: getattr(closed, each) for each in SHARES},
     }
 
 

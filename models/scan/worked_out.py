@@ -20,7 +20,7 @@ from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import base_unseen, check_inspection
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.close import SHARES, ClosedRock
 from toppling.models.scan.interface import Edge, Interface, Sheet
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
@@ -29,7 +29,7 @@ from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 _MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
@@ -113,7 +113,7 @@ class WorkedOut:
             "roughness_m": self.interface.roughness_m,
             "sheet": None if self.interface.sheet is None else self.interface.sheet.to_json(),
             "edge_blur_m": None if self.interface.edge is None else self.interface.edge.blur_m,
-            "shares": [self.closed.seen_share, self.closed.closed_share, self.closed.invented_share],
+            "shares": [getattr(self.closed, share) for share in SHARES],
             "core": self.core,
             "hint": None if hint is None else [hint.kind, hint.encloses],
             "pulls": self.inspection.pulls,

@@ -14,7 +14,7 @@ from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
-from toppling.models.scan.measure import invention_warning
+from toppling.models.scan.invented import invention_warning
 from toppling.models.scan.parts import files_with, labelled, parts_of
 from toppling.models.scan.placement import Placement, control_point_lines, placement_of
 from toppling.models.scan.read import Cloud, read_clouds

@@ -8,15 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual
+from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import (
-    ObservedRock,
-    _adds_nothing,
-    _cap_share,
-    bias_floors,
-    invention_warning,
-    uncertainty,
-)
+from toppling.models.scan.invented import bias_floors, cap_share, invention_warning
+from toppling.models.scan.measure import ObservedRock, _adds_nothing, uncertainty
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -27,10 +22,14 @@ def with_invented(share):
     return dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"surface": surface})
 
 
+def surface(invented, crown_unseen=0.0):
+    return ClosedRock(Scene.block(0.2, 0.3, 0.6).rock, 0.9 - invented, 0.1, invented, crown_unseen)
+
+
 @pytest.mark.parametrize("height", [0.1, 0.5, 1.3, 2.0])
 def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
     # Of a ball of radius 1, a cap of height h has the surface 2 pi h and the volume pi h^2 (3 - h) / 3.
-    assert _cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
+    assert cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
 
 
 def test_a_rock_without_a_rim_is_told_that_no_half_sample_closed():
@@ -39,7 +38,7 @@ def test_a_rock_without_a_rim_is_told_that_no_half_sample_closed():
     floor = aloft * [1.0, 1.0, 0.0]
     observed = ObservedRock(aloft, floor, aloft, floor, None, None, 1.0, None)
     level = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    found = uncertainty(observed, level, 0.5, 0.0, realisations=3, each=lambda: None)
+    found = uncertainty(observed, level, 0.5, surface(0.0), realisations=3, each=lambda: None)
     assert (found["realisations"], found["closed"]) == (3, 0)
 
 
@@ -57,7 +56,7 @@ def test_a_rock_that_is_invented_in_part_is_told_with_how_much_and_what_follows(
 
 
 def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_much_was_not():
-    seen, partly = bias_floors(0.0), bias_floors(0.41)
+    seen, partly = bias_floors(surface(0.0)), bias_floors(surface(0.41, crown_unseen=0.5))
     assert seen == {
         "com_per_height": 0.001,
         "volume_share": 0.003,
@@ -68,6 +67,15 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
     assert partly["volume_share"] == pytest.approx(0.367, abs=0.001)
     assert partly["inertia_share"] == pytest.approx(0.367, abs=0.001)
     assert partly["com_per_height"] == pytest.approx(0.2 * 0.367, abs=0.001)
+    # A ball's crown, whose normals' upward part is 0.8 and more, is a tenth of its height.
+    assert partly["height_share"] == pytest.approx(np.hypot(0.006, 0.05))
+
+
+def test_a_crown_that_was_not_seen_is_told_though_most_of_the_rock_was():
+    surface = {"seen_share": 0.8, "closed_share": 0.15, "invented_share": 0.05, "crown_unseen_share": 0.93}
+    told = invention_warning(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"surface": surface}))
+    assert "93% of the rock's crown was not seen" in told
+    assert "guesses" not in told
 
 
 def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_floor():
@@ -117,5 +125,5 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
     assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()
     assert spread["bias"]["volume_share"] == pytest.approx(
-        _cap_share(found.report["surface"]["invented_share"]), rel=1e-3
+        cap_share(found.report["surface"]["invented_share"]), rel=1e-3
     )

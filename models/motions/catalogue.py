@@ -21,6 +21,8 @@ _MEANINGS = {
     "north_known": "whether the components' azimuths are known; if not, the first horizontal is x",
     "components": "3, or 2 where the vertical is missing and zero",
     "quality": "corrected by its agency, processed here, drifting after it, sound as it came, uncorrected, or made",
+    "sensor_depth_m": "depth of the sensor below the ground's surface, where its file states one",
+    "structure": "where the sensor stands, if not in the free field: floor 12 of a building, a borehole, a dam",
     "weight": "share of the record in a weighted ensemble; 1 in one without weights",
     "history": "what was done to the motion, step by step",
     "files": "paths as read",

@@ -18,6 +18,7 @@ from toppling.models.files.tables import check_bounds, read_table, table_writer,
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
+from toppling.models.motions.place import Place
 from toppling.models.motions.record import Record, motion_sha
 
 SCHEMA_VERSION = "2"
@@ -49,6 +50,8 @@ _IDENTITY = [
     ("quality", pa.string()),
     ("weight", pa.float64()),
 ]
+_PLACE = [("sensor_depth_m", pa.float64()), ("structure", pa.string())]
+"""Of the sensor; catalogues written before lack both, and are of the free field."""
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
 _MAY_BE_UNKNOWN = ("magnitude", "distance_km")
 _OF_RECORD = (
@@ -214,12 +217,13 @@ class Ensemble:
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
         entry: dict[str, Any] = self.catalog.slice(index, 1).to_pylist()[0]
         _refuse_other_motion(motion, entry, self.folder)
-        known = {name for name, _ in (*_IDENTITY, *_ORIGIN)}
+        known = {name for name, _ in (*_IDENTITY, *_PLACE, *_ORIGIN)}
         return Record(
             motion=motion,
             intensity={name: value for name, value in entry.items() if name not in known},
             history=tuple(entry["history"]),
             files=tuple(entry["files"]),
+            place=Place(entry.get("sensor_depth_m") or 0.0, entry.get("structure") or ""),
             **{name: entry[name] for name in _OF_RECORD},
         )
 
@@ -265,6 +269,8 @@ def _catalog(records: list[Record]) -> pa.Table:
     rows: list[Mapping[str, Any]] = [
         {
             **{name: getattr(record, name) for name in _OF_RECORD},
+            "sensor_depth_m": record.place.depth_m,
+            "structure": record.place.structure,
             "time_step_s": record.motion.time_step_s,
             "duration_s": record.motion.duration_s,
             "samples": len(record.motion.acceleration_m_s2),
@@ -274,6 +280,6 @@ def _catalog(records: list[Record]) -> pa.Table:
         }
         for record in records
     ]
-    columns = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
+    columns = [*_IDENTITY, *_PLACE, *((name, pa.float64()) for name in measures), *_ORIGIN]
     fields = [pa.field(name, kind, metadata=meaning(name)) for name, kind in columns]
     return pa.Table.from_pylist(rows, schema=pa.schema(fields))

@@ -16,6 +16,7 @@ from toppling.models.motions.formats.component import Component, refuse_file
 from toppling.models.motions.formats.response import is_station_xml, responses
 from toppling.models.motions.metadata import Entry, looks_like_table
 from toppling.models.motions.motion import Motion
+from toppling.models.motions.place import BOREHOLE, Place
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
 from toppling.models.motions.quality import beyond_nature, check_apart, check_samples
 from toppling.models.motions.record import Record
@@ -42,6 +43,7 @@ class ImportOptions:
     # None processes what is uncorrected, and what drifts where nobody says; True all, False none.
     process: bool | None = None
     corner_hz: float | None = None  # corner of the high-pass; None chooses one by record
+    place: str = "free-field"  # or any: records of boreholes and structures too
     time_step_s: float | None = None  # time step that every record is resampled to; None leaves each its own
     folders_apart: bool = False  # folders are places: the same shaking in two of them is two records
 
@@ -89,6 +91,7 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
         files=dict.fromkeys(str(c.path) for c in channels.channels),
         components=len(channels.channels),
         quality=quality,
+        place=first.place,
     )
     shaking = Shaking(event.lower(), first.event.lower(), first.station.lower(), first.series, first.start_s)
     unit = first.stated_unit_m_s2 or (entry.unit_m_s2 if entry else None)
@@ -117,6 +120,18 @@ def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
             "there is no vertical component",
             "three components",
             "give the vertical's file, or allow it with --missing-vertical",
+        )
+
+
+def _refuse_elsewhere(group: Sequence[Component], options: ImportOptions) -> None:
+    """Refuse channels that are not of the free field, unless those of any place are asked for."""
+    elsewhere = {c.path: c.place for c in group if not c.place.free_field}
+    if elsewhere and options.place != "any":
+        raise InputError(
+            "; ".join(dict.fromkeys(map(str, elsewhere.values()))),
+            where=", ".join(map(str, elsewhere)),
+            expected="a sensor in the free field, which records the ground's motion",
+            remedy="leave it out, or import it with --place any",
         )
 
 
@@ -229,6 +244,7 @@ def import_records(
         used.update(here)
         with _noting(entry.record_id or entry.where, outcome):
             together = channels_of_row(entry, here, channels)
+            _refuse_elsewhere(together.channels, options)
             name = entry.record_id or _name(together.channels)
             found.append(_prepared(name, together, options, entry))
         advance(len(here))
@@ -236,6 +252,7 @@ def import_records(
     for group in grouped(rest):
         name = _name(group)
         with _noting(name, outcome):
+            _refuse_elsewhere(group, options)
             found.append(_prepared(name, triple(group), options, None))
         advance(len({component.path for component in group}))
     kept = _without_duplicates(found, outcome, options.folders_apart)
@@ -270,7 +287,21 @@ def _read_files(
             with _noting(str(path), outcome):
                 channels[path] = read_file(path, inventory)
         advance(1)
-    return channels
+    return _with_depths(channels)
+
+
+def _with_depths(channels: dict[Path, list[Component]]) -> dict[Path, list[Component]]:
+    """Channels of boreholes with their depth, where one at the surface of the same station states its elevation too."""
+    every = [c for components in channels.values() for c in components if c.elevation_m is not None]
+    surface_m = {(c.file_format, c.station): c.elevation_m for c in every if c.place.free_field}
+
+    def with_depth(one: Component) -> Component:
+        top_m = surface_m.get((one.file_format, one.station))
+        if one.place != BOREHOLE or top_m is None or one.elevation_m is None or not top_m > one.elevation_m:
+            return one
+        return replace(one, place=Place(round(top_m - one.elevation_m, 3)))
+
+    return {path: list(map(with_depth, components)) for path, components in channels.items()}
 
 
 def _head(path: Path) -> str:

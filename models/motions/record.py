@@ -10,6 +10,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.motions.intensity import measure
 from toppling.models.motions.motion import Motion
+from toppling.models.motions.place import FREE_FIELD, Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,7 @@ class Record:
     # "corrected" by its agency, "processed" here, "drifting" after processing, "sound" (nobody says if it was
     # corrected, but its displacement does not drift), "uncorrected" or "made".
     quality: str = "made"
+    place: Place = FREE_FIELD  # of the sensor
     weight: float = 1.0  # share of the record in a weighted ensemble; 1 unless the ensemble was weighted
 
     def __eq__(self, other: object) -> bool:
@@ -60,6 +62,7 @@ class Record:
         files: Iterable[str] = (),
         components: int = 3,
         quality: str = "made",
+        place: Place = FREE_FIELD,
     ) -> "Record":
         """Measure a motion and name it.
 
@@ -89,6 +92,7 @@ class Record:
             sha=motion_sha(motion, intensity["strong_azimuth_deg"]),
             components=components,
             quality=quality,
+            place=place,
         )
 
 

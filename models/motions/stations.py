@@ -143,8 +143,8 @@ def _direction(component: Component) -> float | str | None:
 
 def _key(component: Component) -> tuple:
     if component.station:
-        return component.file_format, component.event, component.station, component.series
-    return component.file_format, str(component.path.parent), _name_series(component)[0]
+        return component.file_format, component.event, component.station, component.series, component.place
+    return component.file_format, str(component.path.parent), _name_series(component)[0], component.place
 
 
 def _apart(group: list[Component]) -> list[list[Component]]:

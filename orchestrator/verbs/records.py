@@ -41,6 +41,10 @@ records.add_command(select)
 @option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
 @option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
 @option(
+    "--place", type=click.Choice(["free-field", "any"]), default="free-field", show_default=True,
+    help="Import records of the free field, or those of boreholes and structures too.",
+)  # fmt: skip
+@option(
     "--process/--no-process", default=None,
     help="Process every record or none. The default is to process records that their agency has not corrected and,"
     " if that is not stated, those whose displacement drifts.",

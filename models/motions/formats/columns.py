@@ -54,6 +54,7 @@ from toppling.models.motions.formats.header_text import (
 )
 from toppling.models.motions.formats.record_text import Counted, RecordText, parted
 from toppling.models.motions.formats.units import counted_unit, known_names
+from toppling.models.motions.place import place_above
 
 NAME = "plain columns"
 _NUMBER = re.compile(r"^[-+]?((\d+(\.\d*)?|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
@@ -233,7 +234,10 @@ def read(file: RecordText) -> list[Component]:
     above = stated_unit(told) or unit_of_peaks(told, float(np.abs(values[:, list(roles.components)]).max()))
     counted = {place: Counted(values[:, place], warnings=warnings) for place in roles.components}
     found = [
-        _component(file, first, counted[place], step, label, named[place], above)
+        replace(
+            _component(file, first, counted[place], step, label, named[place], above),
+            place=place_above(lines[:first]),
+        )
         for place, label in roles.components.items()
     ]
     if list(roles.components.values()) == [""]:

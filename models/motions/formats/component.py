@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.motions.place import FREE_FIELD, Place
 
 UP, DOWN = "up", "down"
 TIME_STEPS_S = (1e-5, 0.5)
@@ -48,6 +49,8 @@ class Component:
     magnitude: float | None = None
     distance_km: float | None = None
     series: str = ""  # what else tells two records of one station apart
+    place: Place = FREE_FIELD
+    elevation_m: float | None = None  # of the sensor, where others of its station tell the depth by it
     start_s: float | None = None  # time of the first sample, seconds since 1970
     notes: tuple[str, ...] = field(default=())  # what the reader had to do
     # What the user should know of the file, though it could be read.

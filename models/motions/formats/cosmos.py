@@ -12,6 +12,7 @@ from toppling.models.motions.formats.component import DOWN, UP, Component, beari
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.record_text import RecordText, first_found
 from toppling.models.motions.formats.units import unit_of
+from toppling.models.motions.place import BOREHOLE, Place, place_in_words
 
 NAME = "COSMOS V0/V1/V2"
 _UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
@@ -19,6 +20,11 @@ _COUNTS = 50
 _LEAST_BIT, _SENSITIVITY, _GAIN = 22, 42, 47
 """Numbers of the real header values that make volts of counts, and acceleration of volts."""
 _UNKNOWN = -999
+_STRUCTURES = {
+    10: "in a building", 11: "on a bridge", 12: "on a dam", 13: "on a wharf", 14: "in a tunnel",
+    15: "on a lifeline structure", 20: "on a structure", 50: BOREHOLE.structure, 51: "in an array of unknown depths",
+}  # fmt: skip
+"""Types of stations (table 6) that are not of the free field; 1 to 9 are shelters, vaults and bases of buildings."""
 _VERSION = re.compile(r"\(Format\s+v\s*([\d.]+)\s+with\s+(\d+)\s+text lines\)", re.IGNORECASE)
 _BLOCK = re.compile(
     r"^\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)\s+lines?,\s*"
@@ -102,6 +108,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(title),
         series=_after("Location:", title),
+        place=_place(title, integers),
         notes=(note,) if note else (),
     ), stop + 1
 
@@ -152,6 +159,12 @@ def _direction(label: str, integers: NDArray[np.float64], scnl: str) -> float | 
     if code in (400, 401):
         return UP if code == 400 else DOWN
     return float(code % 360) if 0 < code <= 360 else None
+
+
+def _place(title: Sequence[str], integers: NDArray[np.float64]) -> Place:
+    """Place by the sensor's location in the text, then by integer header 19, the type of station."""
+    location, kind = _after("Location:", title), int(integers[18]) if len(integers) > 18 else _UNKNOWN
+    return place_in_words(location) or Place(0.0, _STRUCTURES.get(kind, ""))
 
 
 def _after(word: str, title: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import counted_unit, known_names
+from toppling.models.motions.place import place_in_name
 
 NAME = "GeoNet V1A/V2A"
 _TEXT_LINES, _NUMBER_LINES = 16, 10
@@ -72,6 +73,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
         event=title[7].strip(),
         station=title[1].split()[1] if len(title[1].split()) > 1 else "",
         label=component,
+        place=place_in_name(title[2].strip()),
         magnitude=float(moment[1]) if moment else None,
         distance_km=float(distance[1]) if distance else None,
         stated_peak_m_s2=stated_peak_m_s2(title),

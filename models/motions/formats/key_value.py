@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from toppling.models.motions.formats.component import Component, bearing, code_direction
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
+from toppling.models.motions.place import at_depth, place_in_name
 
 _UNAM_SAMPLES = re.compile(r"DATOS DE ACELERACION\s*(?::|$)")
 _PRINTED_TIME_S = 0.0015
@@ -60,6 +61,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 file_format=esm.NAME,
                 corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
                 stated_unit_m_s2=unit,
+                place=at_depth(_optional(header.get("SENSOR_DEPTH_M")) or 0.0),
                 event=header.get("EVENT_ID") or header.get("EVENT_NAME", ""),
                 station=".".join(
                     filter(None, (header.get("NETWORK"), header.get("STATION_CODE"), header.get("LOCATION")))
@@ -117,6 +119,7 @@ class unam:  # noqa: N801
                 file_format=unam.NAME,
                 corrected=False,
                 stated_unit_m_s2=unit,
+                place=place_in_name(header.get("NOMBRE DE LA ESTACION", "")),
                 event=f"{header.get('FECHA DEL SISMO [GMT]', '')} {header.get('HORA EPICENTRO (GMT)', '')}".strip(),
                 station=header.get("CLAVE DE LA ESTACION", ""),
                 label=label,

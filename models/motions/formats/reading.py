@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +12,7 @@ from toppling.models.motions.formats import columns, cosmos, geonet, peer, seism
 from toppling.models.motions.formats.component import Component, check_samples, check_time_step, refuse_file
 from toppling.models.motions.formats.key_value import cwb, esm, unam
 from toppling.models.motions.formats.record_text import RecordText
+from toppling.models.motions.place import place_in_name
 
 
 class Reader(Protocol):
@@ -100,7 +102,9 @@ def _read_text(reader: Reader, file: RecordText) -> list[Component]:
 
 
 def _checked(components: list[Component], path: Path) -> list[Component]:
-    for component in components:
+    for number, component in enumerate(components):
+        if component.place.free_field:
+            components[number] = replace(component, place=place_in_name(component.station))
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
             component.refuse(f"{len(a)} samples", "at least two samples")

@@ -26,6 +26,7 @@ from toppling.models.motions.formats.component import (
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
 from toppling.models.motions.measures import STANDARD_G_M_S2
+from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name
 
 _NAME = "ObsPy"
 _FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
@@ -33,6 +34,8 @@ _FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
 formats whose files name others to be read (CSS, Q)."""
 _KNET_DURATION_AT = 11
 _MOST_SAMPLES = 10**9
+_NO_HEIGHT_M = -9999.0
+"""K-NET's height of a station that is not known."""
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """By SAC's `idep`."""
 _SAME_STEP = 1e-6
@@ -212,11 +215,30 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
         series=_series(stats),
         magnitude=float(own["mag"]) if "mag" in own else None,
         stated_peak_m_s2=0.01 * abs(float(own["accmax"])) if "accmax" in own else None,
+        place=_place(stats, inventory),
+        elevation_m=float(own["stel"]) if _known_height(own) else None,
         start_s=float(stats.starttime.timestamp),
         notes=found.notes,
         warnings=(*messages, *found.warnings, *contradiction),
         no_unit=found.no_unit,
     )
+
+
+def _place(stats: Any, inventory: Any | None) -> Place:
+    """Place by KiK-net's channel (1 to 3 are at the foot of the borehole, 4 to 6 at the surface), StationXML or SAC."""
+    if stats.get("_format") == "KNET":
+        return BOREHOLE if _series(stats) == "1" else FREE_FIELD
+    if inventory is not None:
+        with suppress(Exception):  # ObsPy raises Exception itself where it has no such channel
+            codes = stats.network, stats.station, location_of(stats, inventory), stats.channel
+            station = inventory.select(*codes, time=stats.starttime)[0][0]
+            depth = at_depth(float(station[0].depth or 0.0))
+            return place_in_name(station.site.name or "") if depth.free_field else depth
+    return at_depth(float((stats.get("sac") or {}).get("stdp", 0.0)))
+
+
+def _known_height(own: Any) -> bool:
+    return "stel" in own and float(own["stel"]) > _NO_HEIGHT_M
 
 
 def _counted(file: RecordText, duration_s: float, rate_hz: float) -> int:

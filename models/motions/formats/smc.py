@@ -2,8 +2,12 @@
 
 import re
 
+import numpy as np
+from numpy.typing import NDArray
+
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
 from toppling.models.motions.formats.record_text import RecordText
+from toppling.models.motions.place import FREE_FIELD, Place
 
 NAME = "USGS SMC"
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10
@@ -12,6 +16,9 @@ _INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
 _NO_INTEGER, _NO_REAL = -32768, 1.6e38
 _EXTREMES = (29, 31)
 """Where, from 0, the reals state the largest and the least sample."""
+_BUILDING = 1
+_OTHER_STRUCTURES = {2: ("bridge", 26), 3: ("dam", 27)}
+"""Types of structures, and where, from 0, the integers state the sensor's location, 0 in the free field."""
 _KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
 _EVENT = re.compile(r"^\s*(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s*(.*)$")
 
@@ -53,11 +60,28 @@ def read(file: RecordText) -> list[Component]:
             station=match[1] if match else "",
             label=label,
             magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
+            place=_place(integers),
             distance_km=float(reals[16]) if 0 <= reals[16] < _NO_REAL else None,
             stated_peak_m_s2=0.01
             * max((abs(reals[n]) for n in _EXTREMES if abs(reals[n]) < _NO_REAL), default=0.0),
         )
     ]
+
+
+def _place(integers: NDArray[np.int_]) -> Place:
+    """Place by integer 19, the type of structure, and the sensor's location in it: 25, 27 or 28.
+
+    The agency tells a structure from none: a building's ground floor is in a building too.
+    """
+    kind = int(integers[18])
+    if kind == _BUILDING:
+        floor = int(integers[24])
+        if floor <= 0:
+            return Place(0.0, "in a building" if floor == _NO_INTEGER else "in the basement of a building")
+        return Place(0.0, f"on floor {floor} of a building")
+    name, at = _OTHER_STRUCTURES.get(kind, ("structure", None))
+    free = kind in (0, _NO_INTEGER) or (at is not None and integers[at] == 0)
+    return FREE_FIELD if free else Place(0.0, f"on a {name}")
 
 
 def _event(line: str) -> str:

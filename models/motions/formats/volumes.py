@@ -14,6 +14,7 @@ from toppling.models.motions.formats.header_text import stated_peak_m_s2
 from toppling.models.motions.formats.record_text import Counted, RecordText, column_width, first_found
 from toppling.models.motions.formats.units import acceleration_m_s2
 from toppling.models.motions.measures import STANDARD_G_M_S2
+from toppling.models.motions.place import FREE_FIELD, Place, place_in_words
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
 _HEADER_LINES = 27
@@ -33,6 +34,7 @@ _FORTRAN = re.compile(r"\((\d+)[fFeE](\d+)\.")
 _COUNT = re.compile(r"NO\.?\s+OF\s+POINTS\s*=\s*(\d+)", re.IGNORECASE)
 _LENGTH = re.compile(r"(?:DURATION|RECORD LENGTH)\s*=\s*([\d.]+)", re.IGNORECASE)
 _CHANNEL = re.compile(r"^\s*(?:CHAN\s+\d+\s*:|COMP)\s*(.*)$", re.IGNORECASE)
+_BEHIND_LABEL = re.compile(r"\(STA CHN.*|\bLOCATION\b.*|(?<!\s)\s{3,}\S.*$", re.IGNORECASE)
 _FIRST = re.compile(
     r"^\s*(?:uncorrected accelerogram data|corrected accelerogram\b.*\bchan\b"
     r"|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM|\* VOL1DS FILE)",
@@ -97,6 +99,7 @@ def _channel(file: RecordText) -> Component:
         magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(lines[:first]),
         series=series,
+        place=_place(file),
         notes=notes,
     )
 
@@ -160,7 +163,14 @@ def _label(file: RecordText) -> str:
     if match is None:
         what = "no line 'CHAN' or 'COMP' names the component"
         file.refuse(0, what, "a component such as 'CHAN 1: 90 DEG'")
-    return re.sub(r"\(STA CHN.*|(?<!\s)\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
+    return _BEHIND_LABEL.sub("", match[1]).strip()
+
+
+def _place(file: RecordText) -> Place:
+    """Place by the sensor's location, which stands behind the component's direction."""
+    match = first_found(_CHANNEL, file.lines[:12])
+    behind = _BEHIND_LABEL.search(match[1]) if match else None
+    return (behind and place_in_words(behind[0])) or FREE_FIELD
 
 
 def _direction(label: str, lines: Sequence[str]) -> float | str | None:

@@ -508,19 +508,6 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, o
     assert error < 0.02 * np.abs(a).max()
 
 
-def test_kik_net_borehole_and_surface_are_two_records(tmp_path):
-    for place, scale in (("1", 0.3), ("2", 1.0)):
-        for path in WRITERS["knet"](tmp_path, scale * shaking(seed=int(place))):
-            path.rename(path.with_suffix(path.suffix + place))
-        for path in tmp_path.glob(f"*{place}"):
-            direction = {"EW": {"1": "4", "2": "1"}, "NS": {"1": "5", "2": "2"}, "UD": {"1": "6", "2": "3"}}
-            text = path.read_text()
-            for letters in direction:
-                text = text.replace(f"{letters[0]}-{letters[1]}", direction[letters][place])
-            path.write_text(text)
-    assert len(imported(tmp_path).records) == 2
-
-
 def unstated(folder: Path, motion: np.ndarray, header: str = "unit", says: str = "m/s2"):
     """Time and three columns of which the table does not say if they were corrected."""
     time = np.arange(len(motion)) * STEP_S

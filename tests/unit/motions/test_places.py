@@ -1,0 +1,253 @@
+"""A record is the ground's motion unless its file states that its sensor is below the ground or in a structure."""
+
+import numpy as np
+import obspy
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from motion_samples import WRITERS, shaking
+
+from toppling.models.files.tables import write_table
+from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name, place_in_words
+from toppling.orchestrator.cli import cli
+
+
+def imported(folder, **options):
+    return import_records(record_files([folder]), (), ImportOptions(**options))
+
+
+def edited(folder, name, change):
+    """Files of a format with their text changed."""
+    for path in WRITERS[name](folder, shaking()):
+        path.write_text(change(path.read_text()))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("Basement NW corner", Place(0.0, "in the basement of a building")),
+        ("Roof - SE Corner", Place(0.0, "on the roof of a building")),
+        ("12th Floor, Center", Place(0.0, "on floor 12 of a building")),
+        ("4TH FL.", Place(0.0, "on floor 4 of a building")),
+        ("Second floor", Place(0.0, "on floor 2 of a building")),
+        ("Level 5", Place(0.0, "on floor 5 of a building")),
+        ("Downhole", BOREHOLE),
+        ("Downhole, 30 m", Place(30.0)),
+        ("Downhole - Depth 100 ft", Place(30.48)),
+        ("44 m below ground surface", Place(44.0)),
+        ("Depth: 122 m", Place(122.0)),
+        ("Dam crest, center", Place(0.0, "on or in a dam")),
+        ("Left Abutment", Place(0.0, "on the abutment of a dam or bridge")),
+        ("Deck, midspan", Place(0.0, "on a bridge")),
+        ("1st Floor, East wall", FREE_FIELD),
+        ("Ground level", FREE_FIELD),
+        ("Free-field near left abutment", FREE_FIELD),
+        ("Ground Surface", FREE_FIELD),
+        ("building location description", None),
+        ("", None),
+    ],
+)
+def test_a_sensors_location_is_understood_by_its_words(text, place):
+    assert place_in_words(text) == place
+    assert place_in_words(text.upper()) == place
+
+
+@pytest.mark.parametrize(
+    ("name", "free"),
+    [
+        ("CA:Alhambra;LACPW, 12th Fl", False),
+        ("Hollywood Storage Bldg Basement", False),
+        ("Millikan Library - Roof", False),
+        ("Treasure Island Downhole", False),
+        ("Long Valley Dam (crest of dam)", False),
+        ("Roofing Road", True),
+        ("Basement Road", True),
+        ("Dam Road", True),
+        ("Crest Drive School", True),
+        ("Carbon Canyon Dam", True),
+        ("12th Floor Street Parking", True),
+        ("San Francisco, 1295 Shafter, F", True),
+        ("Los Angeles - 116th St. School", True),
+        ("", True),
+    ],
+)
+def test_a_stations_name_states_a_location_at_its_end_alone(name, free):
+    assert place_in_name(name).free_field == free
+
+
+def test_three_metres_below_the_surface_part_a_vault_from_a_borehole():
+    """COSMOS, table 6: near-surface vaults are 1 to 2 m deep; what is 3 m or more from the surface is no surface."""
+    assert [at_depth(d).free_field for d in (0.0, 2.0, 3.0, 150.0, -1.0, -30.0)] == [
+        True, True, False, False, True, False,
+    ]  # fmt: skip
+    assert str(at_depth(217.5)) == "217.5 m below the surface"
+
+
+def kik_net(folder, places=("1", "2")):
+    """Channels 1 to 3 at 502.5 m, at the foot of a borehole, and 4 to 6 at 720 m, the surface."""
+    heights, directions = {"1": 502.5, "2": 720}, {"1": "123", "2": "456"}
+    for place in places:
+        for path in WRITERS["knet"](folder, shaking(seed=int(place))):
+            text = path.read_text()
+            for letters, number in zip(("N-S", "E-W", "U-D"), directions[place], strict=True):
+                text = text.replace(letters, number)
+            lines = [
+                f"Station Height(m) {heights[place]}" if line.startswith("Station Height") else line
+                for line in text.splitlines()
+            ]
+            path.write_text("\n".join(lines) + "\n")
+            path.rename(path.with_suffix(path.suffix + place))
+    return folder
+
+
+def test_kik_nets_channels_1_to_3_are_in_the_borehole_by_the_difference_of_heights(tmp_path):
+    found = imported(kik_net(tmp_path))
+    (record,), (refusal,) = found.records, found.refusals
+    assert all(file.endswith("2") for file in record.files)
+    assert refusal.reason.what == "217.5 m below the surface"
+    assert "--place any" in refusal.reason.remedy
+    both = imported(tmp_path, place="any").records
+    assert {one.place for one in both} == {Place(217.5), FREE_FIELD}
+
+
+def test_a_kik_net_borehole_without_its_surface_is_left_out_all_the_same(tmp_path):
+    found = imported(kik_net(tmp_path, ("1",)))
+    assert not found.records
+    assert found.refusals[0].reason.what == str(BOREHOLE)
+
+
+@pytest.mark.parametrize(
+    ("integers", "what"),
+    [
+        ({18: 1, 24: 12}, "sensor on floor 12 of a building"),
+        ({18: 1, 24: 0}, "sensor in the basement of a building"),
+        ({18: 1, 24: 1}, "sensor on floor 1 of a building"),
+        ({18: 1}, "sensor in a building"),
+        ({18: 2, 26: 3}, "sensor on a bridge"),
+        ({18: 3, 27: 2}, "sensor on a dam"),
+        ({18: 4}, "sensor on a structure"),
+        ({18: 3, 27: 0}, None),
+        ({18: 2, 26: 0}, None),
+        ({}, None),
+    ],
+)
+def test_smc_states_a_structure_and_the_place_in_it_by_integers(tmp_path, integers, what):
+    def stated(text):
+        lines = text.split("\n")
+        for place, value in integers.items():
+            row, column = 11 + place // 8, 10 * (place % 8)
+            lines[row] = f"{lines[row][:column]}{value:10d}{lines[row][column + 10 :]}"
+        return "\n".join(lines)
+
+    found = imported(edited(tmp_path, "smc", stated))
+    assert [refusal.reason.what for refusal in found.refusals] == ([what] if what else [])
+
+
+@pytest.mark.parametrize(
+    ("kind", "location", "what"),
+    [
+        (4, "Basement NW corner", "sensor in the basement of a building"),
+        (5, "", None),
+        (10, "", "sensor in a building"),
+        (10, "Ground level", None),
+        (12, "Crest, center", "sensor on or in a dam"),
+        (50, "Downhole, 30 m", "30 m below the surface"),
+        (50, "Surface", None),
+        (50, "", str(BOREHOLE)),
+        (-999, "", None),
+    ],
+)
+def test_cosmos_states_the_sensors_location_and_else_the_type_of_its_station(tmp_path, kind, location, what):
+    def stated(text):
+        lines = text.split("\n")
+        for n, line in enumerate(lines):
+            if line.startswith("Sta Chan"):
+                lines[n] = f"{line} Location:{location}"
+            if "Integer-header" in line:
+                lines[n + 2] = f"{lines[n + 2][:64]}{kind:8d}{lines[n + 2][72:]}"
+        return "\n".join(lines)
+
+    found = imported(edited(tmp_path, "cosmos_v2", stated))
+    assert [refusal.reason.what for refusal in found.refusals] == ([what] if what else [])
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "what"),
+    [
+        ("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 46.0\nDATA_TYPE", "46 m below the surface"),
+        ("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 0.0\nDATA_TYPE", None),
+        ("geonet_v2a", "\nFarm\n", "\nBNZ Harbour Quays, Level 5\n", "sensor on floor 5 of a building"),
+        ("geonet_v2a", "\nFarm\n", "\nRoofing Road\n", None),
+        ("columns", "", "Sensor location: roof\nunits: m/s2\n", "sensor on the roof of a building"),
+        ("columns", "", "Sensor depth: 30 m\nunits: m/s2\n", "30 m below the surface"),
+        ("columns", "", "Hypocentre depth: 12 km\nunits: m/s2\n", None),
+    ],
+)
+def test_other_formats_state_a_place_in_their_own_words(tmp_path, name, old, new, what):
+    found = imported(edited(tmp_path, name, lambda text: text.replace(old, new) if old else new + text))
+    assert [refusal.reason.what for refusal in found.refusals] == ([what] if what else [])
+
+
+@pytest.mark.parametrize(
+    "behind", ["     Location: Roof", "  (Sta Chn:  3)      Location: Roof", "              Roof"]
+)
+def test_csmip_states_the_sensors_location_behind_its_direction(tmp_path, behind):
+    def stated(text):
+        lines = text.split("\n")
+        return "\n".join(
+            line.split("(")[0].rstrip() + behind if line.lower().startswith("chan") else line
+            for line in lines
+        )
+
+    found = imported(edited(tmp_path, "csmip_v1", stated))
+    assert {refusal.reason.what for refusal in found.refusals} == {"sensor on the roof of a building"}
+    (record,) = imported(tmp_path, place="any").records
+    assert record.north_known
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "site", "what"),
+    [
+        (0.0, "", None),
+        (1.5, "Roofing Road", None),
+        (150.0, "", "150 m below the surface"),
+        (-30.0, "", "sensor 30 m above the ground"),
+        (0.0, "VA Hospital, 5th Floor", "sensor on floor 5 of a building"),
+    ],
+)
+def test_stationxml_states_the_depth_of_a_channel_or_a_place_in_its_sites_name(tmp_path, depth_m, site, what):
+    WRITERS["miniseed"](tmp_path, shaking())
+    (path,) = tmp_path.glob("*.xml")
+    inventory = obspy.read_inventory(str(path))
+    inventory[0][0].site.name = site
+    for channel in inventory[0][0]:
+        channel.depth = depth_m
+    inventory.write(str(path), format="STATIONXML")
+    assert [refusal.reason.what for refusal in imported(tmp_path).refusals] == ([what] if what else [])
+
+
+def test_the_catalogue_keeps_the_place_and_one_written_before_is_of_the_free_field(tmp_path):
+    ensemble = Ensemble.write(tmp_path / "both", imported(kik_net(tmp_path), place="any").records)
+    assert sorted(ensemble.catalog["sensor_depth_m"].to_pylist()) == [0.0, 217.5]
+    assert {ensemble.record(name).place for name in ensemble.record_ids} == {Place(217.5), FREE_FIELD}
+    before = tmp_path / "before"
+    before.mkdir()
+    table = pq.read_table(ensemble.folder / CATALOG).drop_columns(["sensor_depth_m", "structure"])
+    write_table(table, before / CATALOG)
+    (before / MOTIONS).write_bytes((ensemble.folder / MOTIONS).read_bytes())
+    again = Ensemble.load(before)
+    assert {again.record(name).place for name in again.record_ids} == {FREE_FIELD}
+    assert np.array_equal(again.catalog["sha"].to_pylist(), ensemble.catalog["sha"].to_pylist())
+
+
+def test_the_command_leaves_boreholes_out_unless_any_place_is_asked_for(tmp_path):
+    kik_net(tmp_path)
+    for option, count in (([], 1), (["--place", "any"], 2)):
+        done = CliRunner().invoke(
+            cli, ["records", "import", str(tmp_path), "--out", str(tmp_path / f"e{count}"), *option]
+        )
+        assert done.exit_code == 0, done.output
+        assert len(Ensemble.load(tmp_path / f"e{count}").record_ids) == count

@@ -15,6 +15,7 @@ from toppling.models.files.folder import local
 from toppling.models.files.stores import at_hand, carry_back, is_store
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
+from toppling.orchestrator.terminal import plain_streams
 
 _GROUPS = {
     "Prepare": ("scan", "scene", "records", "init", "plan"),
@@ -103,6 +104,11 @@ def main() -> None:
 
 def call() -> None:
     """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
+    with plain_streams():
+        _call()
+
+
+def _call() -> None:
     try:
         sys.argv[1:] = [_at_hand(word) for word in sys.argv[1:]]
         with signals_as_stop():

@@ -13,6 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from toppling.models.errors import InputError, refusals
+from toppling.models.files.given import open_given
+
 LOG_FILE = "run.log"
 _TAIL_BYTES = 65_536
 _CHECKSUM = b', "crc32": "'
@@ -44,13 +47,16 @@ def journal(run: Path) -> Iterator[None]:
         handler.close()
 
 
+_no_log = refusals(expected="the log of a run", remedy="remove it: no result rests on it")
+
+
 def last(run: Path, *events: str) -> dict[str, Any] | None:
     """Find the newest entry of some kinds near the end of a run's log."""
     try:
-        with (run / LOG_FILE).open("rb") as file:
+        with open_given(run / LOG_FILE, _no_log) as file:
             begin = file.seek(max(file.seek(0, os.SEEK_END) - _TAIL_BYTES, 0))
             lines = file.read().splitlines()
-    except OSError:
+    except (InputError, OSError):
         return None
     for line in reversed(lines[1:] if begin else lines):  # the first is cut by where the reading began
         if not _is_whole(line):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -11,6 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from toppling.orchestrator.terminal import plain_text, terminal_of
 
 if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
@@ -58,7 +61,7 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
     what: named before the numbers.
     total: parts of the work; None where they are not known.
     """
-    console = Console(stderr=True)
+    console = Console(file=terminal_of(sys.stderr))
     advance = Advance(total)
     ended = threading.Event()
     if console.is_terminal:
@@ -66,7 +69,10 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         with Progress(*columns, console=console, transient=True) as shown:
             task = shown.add_task(what, total=total)
             advance.show = lambda one: shown.update(
-                task, completed=one.done, total=one.total, description=f"{what} {one.doing}".rstrip()
+                task,
+                completed=one.done,
+                total=one.total,
+                description=plain_text(f"{what} {one.doing}".rstrip()),
             )
             yield advance
         return
@@ -75,7 +81,7 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         wait_s = min(_FIRST_LINE_S, _LINE_EVERY_S)
         while not ended.wait(wait_s):
             wait_s = _LINE_EVERY_S
-            console.print(advance.line(what), soft_wrap=True, markup=False, highlight=False)
+            console.print(plain_text(advance.line(what)), soft_wrap=True, markup=False, highlight=False)
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)
     speaker.start()
@@ -97,7 +103,7 @@ def each(items: Iterable[_Item], what: str, total: float | None = None) -> Itera
 @contextmanager
 def watcher() -> Iterator[ProgressCallback]:
     """Show a run on stderr, in the way that fits where stderr leads."""
-    console = Console(stderr=True)
+    console = Console(file=terminal_of(sys.stderr))
     if not console.is_terminal:
         yield _lines(console)
         return

@@ -12,17 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from toppling.models.bearings import degrees_of
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.csv_text import plain, separator_of
 from toppling.models.files.folder import rock_name
-from toppling.models.files.text_file import text_of
+from toppling.models.files.text_file import text_given
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age, unit_years
 
 _SCENE_FILE = "scene.json"
+_LARGEST_BYTES = 10_000_000
+"""Of a table of rocks."""
 _NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&#]{0,99}")
 _REMARKS = {"comment", "comments", "note", "notes", "remark", "remarks", "description", "reference", "photo"}
 """Names of columns that are for people alone."""
@@ -95,26 +97,26 @@ class Site:
     friction: float | None = None
 
 
+_no_rocks = refusals(
+    expected="a table of rocks, CSV or TOML", remedy="correct the path, or save the table as CSV"
+)
+
+
 def read_sites(given: Path) -> tuple[Site, ...]:
     """Rocks of a table, CSV or TOML (`[[rock]]` for each).
 
     Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a place stated by
     half.
     """
-    documents.check_size(given, documents.LARGEST_CSV_BYTES, "a table of rocks")
-    try:
-        rows = _rows(given)
-    except FileNotFoundError:
-        raise Place(str(given)).wrong(
-            "no such file", "a table of rocks, CSV or TOML", "correct the path"
-        ) from None
-    sites = tuple(_site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(rows))
+    sites = tuple(
+        _site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(_rows(given))
+    )
     return _distinct_rocks(sites, str(given))
 
 
-def _rows(given: Path) -> list[dict[str, Any]]:
+def _rows(given: Path) -> Iterable[dict[str, Any]]:
     if given.suffix.lower() == ".toml":
-        content = documents.read_toml(given)
+        content = documents.read_toml(given, _no_rocks)
         rows: Any = content.get("rock")
         sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
         if not sound or set(content) != {"rock"}:
@@ -123,19 +125,15 @@ def _rows(given: Path) -> list[dict[str, Any]]:
     return _rows_of_csv(given)
 
 
-def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
-    text = text_of(given.read_bytes())
-    if text is None:
-        raise Place(str(given)).wrong("is binary", "a table of rocks, CSV or TOML", "save it as CSV")
+def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
+    text = text_given(given, _no_rocks, _LARGEST_BYTES)
     lines = [line for line in text.splitlines(keepends=True) if not line.startswith(("#", "sep="))]
     header = next((line for line in lines if line.strip(" ,;\t\n")), "")
     delimiter = separator_of(header)
-    width = max((line.count(delimiter) for line in lines), default=0) + 1
-    numbered = [delimiter.join(map(str, range(width))) + "\n", *lines]  # so no cell beyond the header is lost
     cells = [
         filled
-        for _, row in documents.csv_rows(numbered, given, delimiter)
-        if (filled := {column: cell.strip() for column, cell in row.items() if cell.strip()})
+        for _, row in documents.csv_rows(lines, given, delimiter)
+        if (filled := {column: cell.strip() for column, cell in enumerate(row) if cell.strip()})
     ]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
     names = {column: _SHORT.get(name, name) for column, name in written.items()}
@@ -158,14 +156,14 @@ def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
             raise Place(f"{given}, rock {count}").wrong(
                 f"{documents.shown(beyond[0])} in a column without a name", "a cell for each column", remedy
             )
-    return [
+    return (
         {
             names[column]: _of_cell(names[column], cell, in_unit.get(column, ""))
             for column, cell in row.items()
             if names[column] not in _REMARKS
         }
         for row in cells[1:]
-    ]
+    )
 
 
 def _of_cell(name: str, text: str, unit: str) -> Any:

@@ -149,7 +149,7 @@ def are_due(run: Path) -> bool:
         return True
     try:
         return "stood" in read_toml(run / CAMPAIGN_FILE)
-    except (InputError, FileNotFoundError):  # damaged: who rests on the campaign says so
+    except InputError:  # damaged: who rests on the campaign says so
         return False
 
 

@@ -10,15 +10,15 @@ import io
 import json
 import logging
 import os
-import stat
 import time
 import zipfile
 from pathlib import Path
 from typing import IO, Any
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
+from toppling.models.files.given import open_given
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +40,12 @@ _PathLike = str | os.PathLike[str]
 
 _verified: dict[str, tuple[tuple[int, ...], bool]] = {}
 """Of each path what it looked like when it was verified, and whether it had a digest."""
+
+
+_no_file = refusals(
+    expected="a file as the program wrote it",
+    remedy="look where it comes from; put the file itself in its place",
+)
 
 
 def seal(path: Path) -> None:
@@ -74,8 +80,7 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
     Raises FileNotFoundError if there is no such file.
     """
     name = os.path.abspath(path)  # noqa: PTH100  (a link that leads elsewhere is another file)
-    _refuse_irregular(Path(path))
-    with Path(path).open("rb") as file:
+    with open_given(path, _no_file) as file:
         state = os.fstat(file.fileno())
         seen, sealed = _verified.get(name, ((), False))
         if seen != stamp(state):
@@ -98,7 +103,7 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
 
 def _why_none(path: Path) -> str:
     """Why a file has no digest, as far as its beginning shows."""
-    with path.open("rb") as file:
+    with open_given(path, _no_file) as file:
         head = file.read(len(_LFS))
     if not head:
         return "it is empty"
@@ -110,11 +115,9 @@ def _why_none(path: Path) -> str:
 def stated(path: _PathLike) -> str | None:
     """Digest that a file carries, in hexadecimal, not verified; None where it carries none.
 
-    Raises InputError if it is a pipe or a device.
-    Raises OSError if there is no such file, or it cannot be opened.
+    Raises as :func:`~toppling.models.files.given.open_given`.
     """
-    _refuse_irregular(Path(path))
-    with Path(path).open("rb") as file:
+    with open_given(path, _no_file) as file:
         place = _place(file, os.fstat(file.fileno()).st_size)
         return None if place is None else _told(file, place).decode("ascii", "replace")
 
@@ -167,18 +170,6 @@ def write_sealed(text: str, path: Path) -> None:
     """Write a text with its digest in a comment that goes before."""
     path.write_text(f"# {BLANK}\n{text}", encoding="utf-8")
     seal(path)
-
-
-def _refuse_irregular(path: Path) -> None:
-    """Refuse pipes and devices, which have no end, or none to read from for ever."""
-    kind = path.stat().st_mode
-    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-        raise InputError(
-            "is a pipe or a device",
-            where=str(path),
-            expected="a file as the program wrote it",
-            remedy="look where it comes from; put the file itself in its place",
-        )
 
 
 def _place(file: IO[bytes], size: int) -> int | None:

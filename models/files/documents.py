@@ -6,19 +6,25 @@ import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+from xml.etree import ElementTree
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
+from toppling.models.files.given import Refuse, bytes_given
 
 _LARGEST_JSON_BYTES = 100_000_000
 _CORRECT = "correct the file, or have it made anew"
 _LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
-LARGEST_CSV_BYTES = 100_000_000
 _MOST_VALUES = 10_000_000
-"""Of a JSON file, by its commas and brackets."""
+"""Of a JSON or XML file, by its commas and brackets: each takes some 60 bytes in memory, 250 in XML."""
+_DEEPEST = 100
+"""Of objects and lists in each other: a program that walks them calls itself as often."""
+_LONGEST_NUMBER = 300
+"""Digits of a whole number: a double holds no more."""
 _LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
 _KEY_PARTS = re.compile(
@@ -49,41 +55,81 @@ def listed(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + more
 
 
-def read_json(path: Path) -> dict[str, Any]:
+_no_json = refusals(expected="a JSON object, as it was written", remedy=_CORRECT)
+
+
+def read_json(path: Path, refuse: Refuse = _no_json) -> dict[str, Any]:
     """Read the object that a JSON file holds.
 
-    Raises InputError if it is too large, no JSON (which has no NaN), nested beyond use, or no object.
-    Raises FileNotFoundError if there is none.
+    Raises InputError if it is no file, too large, no JSON (which has no NaN), nested beyond use, or no object.
+    Raises AbsentError, a FileNotFoundError too, if there is none.
     """
-    try:
-        text = _text(path, _LARGEST_JSON_BYTES, "JSON")
-        _check_values(text, path)
-        content = json.loads(text, parse_constant=_no_constant)
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        what = f"cannot be read (no JSON: {_brief(error)})"
-        raise _unreadable(path, what, "JSON, as it was written") from None
+    content = json_of(_text(path, refuse, _LARGEST_JSON_BYTES), path, refuse)
     if not isinstance(content, dict):
-        raise _unreadable(path, f"is {shown(content)}, no object", "a JSON object, as it was written")
+        raise refuse(f"is {shown(content)}, no object", path)
     return content
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def json_of(text: str, where: object, refuse: Refuse = _no_json) -> Any:
+    """Content of JSON; its depth, values and numbers are bounded.
+
+    Raises InputError if it is no JSON, or beyond the bounds.
+    """
+    _check_values(text, ",[{", where, refuse)
+    try:
+        content = json.loads(
+            text,
+            parse_constant=partial(_no_number, text),
+            parse_int=lambda found: int(found) if len(found) <= _LONGEST_NUMBER else _no_number(text, found),
+            parse_float=lambda found: (
+                value if math.isfinite(value := float(found)) else _no_number(text, found)
+            ),
+        )
+    except (ValueError, RecursionError) as error:
+        raise refuse(f"cannot be read (no JSON: {_brief(error)})", where) from None
+    if _is_deep(content):
+        raise refuse(f"is nested too deep: more than {_DEEPEST} levels", where)
+    return content
+
+
+def xml_of(text: str, where: object, refuse: Refuse, *, comments: bool = False) -> ElementTree.Element:
+    """Root of an XML document without entities, of a bounded number of elements; with its comments, if asked for.
+
+    Raises InputError if it is no whole document, or beyond the bounds.
+    """
+    if re.search(r"<!(?:DOCTYPE|ENTITY)", text):  # entities can grow without bound, and name other files
+        raise refuse("defines entities", where)
+    _check_values(text, "<", where, refuse)
+    try:
+        builder = ElementTree.TreeBuilder(insert_comments=comments)
+        return ElementTree.fromstring(text, ElementTree.XMLParser(target=builder))
+    except (ElementTree.ParseError, ValueError) as error:
+        raise refuse(f"is no whole XML document ({error})", where) from None
+
+
+_no_toml = refusals(expected=_TOML, remedy=_CORRECT)
+
+
+def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     """Read a TOML file.
 
-    Raises InputError if it is too large, no TOML, or nested beyond use.
-    Raises FileNotFoundError if there is none.
+    Raises InputError if it is no file, too large, no TOML, nested beyond use, or has a number that no double holds.
+    Raises AbsentError, a FileNotFoundError too, if there is none.
     """
+    text = _text(path, refuse, _LARGEST_TOML_BYTES)
+    if _longest_key(text) > _LONGEST_KEY:
+        raise refuse(f"has a key of more than {_LONGEST_KEY} parts", path)
     try:
-        text = _text(path, _LARGEST_TOML_BYTES, "TOML")
-        if _longest_key(text) > _LONGEST_KEY:
-            raise _unreadable(path, f"has a key of more than {_LONGEST_KEY} parts", _TOML)
-        return tomllib.loads(text)
-    except InputError:
-        raise
+        content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise _unreadable(path, f"is not TOML ({_brief(error)})", _TOML, _toml_remedy(str(error))) from None
+    if _is_deep(content):
+        raise refuse(f"is nested too deep: more than {_DEEPEST} levels", path)
+    for key, value in content.items():
+        for number in _values_in(value):
+            if isinstance(number, int | float) and not (isinstance(number, bool) or is_number(number)):
+                raise refuse(f"{shown(number)} is no number that a double holds", f"{path}: {key}")
+    return content
 
 
 def _toml_remedy(error: str) -> str:
@@ -92,23 +138,21 @@ def _toml_remedy(error: str) -> str:
         return "write paths with / or between single quotes: 'C:\\rocks'"
     if "Invalid value" in error:
         return "put text between quotes, and write decimal points"
-    if "codec" in error:
-        return "save it as text in UTF-8"
     if "overwrite" in error:
         return "state each key once"
     return _CORRECT
 
 
-def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, dict[str, str]]]:
-    """Rows of a CSV table with a header, each with its line; what a short row lacks is empty.
+def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
+    """Rows of a CSV table, its header too, each with its line; blank lines are none.
 
     Raises InputError if the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody
     closed.
     """
-    reader = csv.DictReader(lines, restval="", delimiter=delimiter)
+    reader = csv.reader(lines, delimiter=delimiter)
     try:
-        for row in reader:
-            yield reader.line_num, {key: value for key, value in row.items() if key is not None}
+        for row in filter(None, reader):
+            yield reader.line_num, row
     except csv.Error as error:
         raise InputError(
             f"is no CSV ({error})",
@@ -196,27 +240,41 @@ NUMBER = between(-1e12, 1e12)
 SHARE = between(-0.001, 1.001)
 
 
-def check_size(path: Path, most: int, kind: str) -> None:
-    """Refuse a file that is larger than any of its kind, or is no file: a device has no end."""
-    if path.exists() and not path.is_file():
-        raise _unreadable(path, "is no file", kind)
-    if path.exists() and (size := path.stat().st_size) > most:
-        raise _unreadable(path, f"has {size / 1e6:.3g} MB", f"{kind} of at most {most / 1e6:.0f} MB")
+def _text(path: Path, refuse: Refuse, most_bytes: int) -> str:
+    content = bytes_given(path, refuse, most_bytes)
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise refuse("is text in UTF-16, not in UTF-8", path)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise refuse(f"is no text in UTF-8 ({error})", path) from None
 
 
-def _text(path: Path, most: int, kind: str) -> str:
-    check_size(path, most, kind)
-    with path.open("rb") as file:
-        if file.read(2) in (b"\xff\xfe", b"\xfe\xff"):
-            raise _unreadable(path, "is text in UTF-16", f"{kind} in UTF-8")
-    return path.read_text(encoding="utf-8-sig")
-
-
-def _check_values(text: str, path: Path) -> None:
-    """Refuse JSON whose values would take much more memory than its text: each takes some 60 bytes."""
-    count = sum(text.count(mark) for mark in ",[{")
+def _check_values(text: str, marks: str, where: object, refuse: Refuse) -> None:
+    """Refuse a document whose values would take much more memory than its text, before it is parsed."""
+    count = sum(text.count(mark) for mark in marks)
     if count > _MOST_VALUES:
-        raise _unreadable(path, f"holds {count:,} values", f"JSON of at most {_MOST_VALUES:,} values")
+        raise refuse(f"holds {count:,} values, more than {_MOST_VALUES:,}", where)
+
+
+def _is_deep(content: Any) -> bool:
+    level = [content]
+    for _ in range(_DEEPEST):
+        level = [each for one in level for each in _inside(one) if isinstance(each, dict | list)]
+    return bool(level)
+
+
+def _values_in(content: Any) -> Iterator[Any]:
+    """All values of a document, those of its objects and lists too, without a call within a call."""
+    waiting = [content]
+    while waiting:
+        value = waiting.pop()
+        yield value
+        waiting.extend(_inside(value))
+
+
+def _inside(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 def _longest_key(text: str) -> int:
@@ -236,8 +294,8 @@ def _brief(error: Exception) -> str:
     return "nested too deep" if isinstance(error, RecursionError) else str(error)[:300]
 
 
-def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
+def _no_number(text: str, found: str) -> NoReturn:
+    raise json.JSONDecodeError(f"{shown(found)} is no number that a double holds", text, text.find(found))
 
 
 def _unreadable(where: object, what: str, expected: str, remedy: str = _CORRECT) -> InputError:

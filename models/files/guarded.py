@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.given import open_given
 
 _MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
@@ -55,7 +56,8 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> _Rea
     Raises InputError if the reader refuses the file, raises anything else, crashes, or needs more memory or time than
     any sound file of its size.
     """
-    size_mb = path.stat().st_size / 1e6
+    with open_given(path, _damaged) as file:
+        size_mb = os.fstat(file.fileno()).st_size / 1e6
     request = {
         "reader": reader,
         "path": os.path.abspath(path),  # noqa: PTH100  (resolve would name what a link points to)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
+from toppling.models.files.given import bytes_given, open_given
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.ply import read_header, read_mesh
 from toppling.models.rock import check_triangles
@@ -46,6 +47,8 @@ _damaged = refusals(
 )
 
 _COMMENT_BYTES = 65_536
+_LARGEST_BYTES = 800_000_000
+"""Of a mesh that a library reads: sixteen million triangles of an STL."""
 _STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 80, 50
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
@@ -65,8 +68,6 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
             "convert it, or correct its name",
         )
         raise InputError(what, where=str(path), expected=expected, remedy=remedy)
-    if not Path(path).is_file():
-        raise InputError("there is no such file", where=str(path), expected=expected, remedy="check the path")
     found = read_mesh(Path(path)) if suffix == ".ply" else None
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
@@ -83,7 +84,7 @@ def remarks_of(path: Path) -> tuple[str, ...]:
     suffix = path.suffix.lower()
     if suffix == ".ply":
         return read_header(path).remarks
-    with path.open("rb") as file:
+    with open_given(path, _damaged) as file:
         head = file.read(_COMMENT_BYTES).decode("latin-1")
     if suffix == ".stl":
         text = head[:_STL_HEADER_BYTES].partition("\n")[0]
@@ -116,7 +117,7 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
-    content, suffix = path.read_bytes(), path.suffix.lower()
+    content, suffix = bytes_given(path, _damaged, _LARGEST_BYTES), path.suffix.lower()
     if suffix == ".obj" and _FROM_ZERO.search(content):
         raise _damaged("a face has the vertex 0, and the first one is 1", path)
     if suffix in (".glb", ".gltf"):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import refusals
+from toppling.models.files.given import check_lines, open_given
 
 _HEADER_BYTES = 65_536
 _TYPES = {
@@ -88,7 +89,7 @@ def read_header(path: Path) -> _Header:
 
     Raises InputError if it is none of PLY, or counts more rows than the file can hold.
     """
-    with path.open("rb") as file:
+    with open_given(path, _damaged) as file:
         head = file.read(_HEADER_BYTES)
         size = file.seek(0, 2)
     end = _END.search(head)
@@ -180,7 +181,8 @@ def _vertex_rows(header: _Header) -> dict[str, NDArray]:
 
 
 def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, NDArray]:
-    with header.path.open("rb") as binary:
+    with open_given(header.path, _damaged) as binary:
+        check_lines(binary, header.path, _damaged)
         binary.seek(header.data_at)
         lines = islice(_lines(binary, header), skipped, skipped + element.count)
         table = np.empty((0, len(element.properties)))

@@ -1,5 +1,6 @@
 """Parquet files that carry a digest, and checksums of their pages."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,7 @@ import pyarrow.parquet as pq
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.digest import BLANK, KEY, check, damaged, seal, stamp, unopened
 from toppling.models.files.folder import new_file
+from toppling.models.files.given import open_given
 
 _LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
 """Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
@@ -75,7 +77,8 @@ def check_bounds(path: Path) -> None:
     Raises InputError if it would.
     Raises FileNotFoundError, pyarrow.ArrowException if there is no such file, or it is no Parquet.
     """
-    state = path.stat()
+    with open_given(path, _unbounded) as file:
+        state = os.fstat(file.fileno())
     if _BOUNDED.get(str(path)) == stamp(state):
         return
     footer = pq.read_metadata(path)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, Self
 
-from toppling.models.errors import InputError
-from toppling.models.files.documents import LARGEST_CSV_BYTES, check_size, csv_rows
+from toppling.models.errors import InputError, refusals
+from toppling.models.files.documents import csv_rows
+from toppling.models.files.given import Refuse, bytes_given
 
 HEAD_BYTES = 4000
+LARGEST_TABLE_BYTES, _LARGEST_LIST_BYTES = 100_000_000, 1_000_000
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
 
@@ -38,6 +40,22 @@ def text_of(content: bytes) -> str | None:
             return None
         text = _decoded(content)
     return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
+
+
+def text_given(path: Path, refuse: Refuse, most_bytes: int = LARGEST_TABLE_BYTES) -> str:
+    """Text of a file that somebody gave.
+
+    Raises InputError as :func:`~toppling.models.files.given.open_given`, or if it is no text.
+    """
+    text = text_of(bytes_given(path, refuse, most_bytes))
+    if text is None:
+        raise refuse("is no text", path)
+    return text
+
+
+def lines_of_list(path: Path, refuse: Refuse) -> list[str]:
+    """Lines of a short list that a person made, such as of control points; raises as :func:`text_given`."""
+    return text_given(path, refuse, _LARGEST_LIST_BYTES).splitlines()
 
 
 def encoding_of(head: bytes) -> str | None:
@@ -76,6 +94,9 @@ def _utf_16(content: bytes) -> str | None:
     return "utf-16-le" if odd > even else "utf-16-be"
 
 
+no_table = refusals(expected="a CSV table", remedy="save the table again")
+
+
 @dataclass(frozen=True)
 class TextFile:
     """Lines of a file, or of a part of it, by their places from 0; errors number them in the file, from 1."""
@@ -90,8 +111,7 @@ class TextFile:
 
         Raises InputError if it is larger than any table, or holds a zero: with the line.
         """
-        check_size(path, LARGEST_CSV_BYTES, "CSV")
-        content = path.read_bytes()
+        content = bytes_given(path, no_table, LARGEST_TABLE_BYTES)
         text = text_of(content)
         if text is None or "\0" in text:
             before = content.partition(b"\0")[0] if text is None else text.partition("\0")[0].encode()
@@ -106,8 +126,8 @@ class TextFile:
         """Refuse the file for what is wrong at a line."""
         raise InputError(what, where=self.where(at), expected=expected, remedy=remedy)
 
-    def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, dict[str, str]]]:
-        """Rows of a table, each with the place of its line; its names stand in the line of a place."""
+    def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, list[str]]]:
+        """Rows of a table from a line on, its header too, each with the place of its line."""
         ended = (f"{line}\n" for line in self.lines[start:])  # which a quoted cell may hold
         for number, row in csv_rows(ended, self.path, separator):
             yield start + number - 1, row

@@ -10,6 +10,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.text_file import lines_of_list
 from toppling.models.scan.hints_file import FLAT, KINDS, outside_cloud
 
 _LEAST_TOUCHES = 3
@@ -150,13 +151,9 @@ def inspection_of(
 
 
 def _places(path: Path) -> Inspection:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise _unusable(f"cannot be read ({error})", path) from None
     found: dict[bool, list[list[float]]] = {True: [], False: []}
     at: dict[bool, list[int]] = {True: [], False: []}
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(lines_of_list(path, _unusable), 1):
         words = line.replace(",", " ").replace(";", " ").split()
         if not words or words[0].startswith("#"):
             continue

@@ -1,7 +1,6 @@
 """A site's hazard deaggregation, by which records are weighted: a table of bins, nshmp-haz's data.csv, OpenQuake's."""
 
 import csv
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -13,8 +12,8 @@ from typing import NoReturn
 from toppling.models import openquake
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import is_numeral, separator_of
-from toppling.models.files.documents import listed, shown
-from toppling.models.files.text_file import TextFile
+from toppling.models.files.documents import listed, read_json, shown
+from toppling.models.files.text_file import TextFile, no_table, text_given
 
 _TRACE = "T"
 """What nshmp-haz prints for a contribution below 0.01 %."""
@@ -91,36 +90,35 @@ def _bins(file: TextFile) -> list[Bin]:
     file = replace(file, lines=["" if _REMARK.match(line) else line for line in file.lines])
     start = next((at for at, line in enumerate(file.lines) if line.strip()), 0)
     separator = separator_of("".join(file.lines[start : start + 1]))
-    rows = [
-        (at, {_plain(name): cell.strip() for name, cell in row.items()}, row)
-        for at, row in file.rows(separator, start)
-    ]
-    if not rows:
+    names_and_rows = list(file.rows(separator, start))
+    if len(names_and_rows) < 2:
         what = "no bin below the names of columns"
         file.refuse(start, what, "a row for each bin", "export the table again")
-    known = list(rows[0][1])
+    (_, header), *rows = names_and_rows
+    known = {_plain(name): column for column, name in enumerate(header)}
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
-    for name in rows[0][2]:
+    for name in header:
         bare = _plain(name).removesuffix(" low").removesuffix(" high")
         if _OTHER_LENGTHS.search(name) and bare in _COLUMNS[1]:
             file.refuse(start, f"distances under {shown(name)}", "distances in km", "convert them to km")
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
-    by_centre = all(roles) and not set(edges) <= set(known)
+    by_centre = all(roles) and not set(edges) <= known.keys()
     names = roles if by_centre else (*edges, "contribution")
+    places = [known.get(name, len(header)) for name in names]
     decimal = separator != "," and any(
-        map(_has_decimal_comma, (cells.get(n, "") for _, cells, _ in rows for n in names))
+        _has_decimal_comma(row[place]) for _, row in rows for place in places if place < len(row)
     )
     found = []
-    for at, cells, row in rows:
+    for at, row in rows:
         try:
-            numbers = [_of_cell(cells[name], separator, decimal) for name in names]
-        except (KeyError, ValueError):
+            numbers = [_of_cell(row[place].strip(), separator, decimal) for place in places]
+        except (IndexError, ValueError):
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
         if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
             file.refuse(
                 at,
-                f"not a bin: {shown(list(row.values()))}",
+                f"not a bin: {shown(row)}",
                 "numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
                 "low below high; or centres in magnitude, distance_km, contribution",
                 "correct the table",
@@ -215,16 +213,16 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
     """Widths of bins in km and in magnitude: as the summary beside the table says, or the configuration, or centres."""
     summary = table.with_name("summary.txt")
     if summary.is_file():
-        stated = summary.read_text(encoding="utf-8", errors="replace")
+        stated = text_given(summary, no_table)
         found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
         if all(found):
             return tuple(float(one[1]) for one in found if one)  # type: ignore[return-value]
     for folder in table.absolute().parents[:_DEPTH]:
         if (folder / "config.json").is_file():
             try:
-                bins = json.loads((folder / "config.json").read_text(encoding="utf-8"))["deagg"]["bins"]
+                bins = read_json(folder / "config.json")["deagg"]["bins"]
                 return float(bins["Δr"]), float(bins["Δm"])
-            except (ValueError, KeyError, TypeError, RecursionError):
+            except (ValueError, KeyError, TypeError):
                 break
     edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
     widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]

@@ -10,9 +10,10 @@ from itertools import chain, takewhile
 from pathlib import Path
 
 from toppling.models.errors import InputError
+from toppling.models.files.given import open_given
 from toppling.models.motions.duplicates import Candidate, Shaking, duplicates
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.formats.component import Component, refuse_file
+from toppling.models.motions.formats.component import Component, no_record, refuse_file
 from toppling.models.motions.formats.response import is_station_xml, responses
 from toppling.models.motions.metadata import Entry, looks_like_table
 from toppling.models.motions.motion import Motion
@@ -305,10 +306,11 @@ def _with_depths(channels: dict[Path, list[Component]]) -> dict[Path, list[Compo
 
 
 def _head(path: Path) -> str:
-    if not path.is_file():  # whoever opens a pipe waits for its writer
+    try:
+        with open_given(path, no_record) as file:
+            return file.read(2000).decode("utf-8", errors="replace")
+    except InputError:  # which its reader says
         return ""
-    with path.open("rb") as file:
-        return file.read(2000).decode("utf-8", errors="replace")
 
 
 def _name(group: Sequence[Component]) -> str:

@@ -11,8 +11,9 @@ from toppling.models.errors import InputError
 from toppling.models.files.csv_text import is_numeral, separator_of
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
+from toppling.models.files.given import open_given
 from toppling.models.files.text_file import TextFile, text_of
-from toppling.models.motions.formats.component import TIME_STEPS_S, bearing, refuse_file
+from toppling.models.motions.formats.component import TIME_STEPS_S, bearing, no_record, refuse_file
 from toppling.models.motions.formats.units import counted_unit, known_names
 
 _COLUMNS = {
@@ -58,41 +59,48 @@ _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
 """What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
+_NO_PEAKS = (None, None, None)
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of a file's name, and of its path: file systems have no longer ones."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """One row: files of the components and what they do not say; None or empty where the table is silent too.
+
+    There may be a hundred thousand, so a row keeps words, and makes paths of them when it is asked.
 
     `h1_azimuth_deg` and `h2_azimuth_deg` are compass bearings; `unit_m_s2` is one unit of the file in m/s2,
     `time_step_s` that of a file without times. `peaks_m_s2` are the components' peaks, by which samples of no known
     unit are scaled.
     """
 
-    where: str
+    table: Path
+    line: int
+    names: tuple[str, str, str]  # of the files of h1, h2 and v, relative to the table's folder
     record_id: str
     event: str
     station: str
     magnitude: float | None
     distance_km: float | None
-    h1: Path
-    h2: Path
-    v: Path | None
     unit_m_s2: float | None
     time_step_s: float | None
     corrected: bool | None
     corner_hz: float | None
     h1_azimuth_deg: float | None
     h2_azimuth_deg: float | None
-    peaks_m_s2: tuple[float | None, float | None, float | None] = (None, None, None)
+    peaks_m_s2: tuple[float | None, ...] = _NO_PEAKS
+
+    @property
+    def where(self) -> str:
+        """Table and line, as an error names them."""
+        return f"{self.table}:{self.line}"
 
     @property
     def files(self) -> tuple[Path, ...]:
         """Files of the record, each once."""
-        return tuple(dict.fromkeys(path for path in (self.h1, self.h2, self.v) if path is not None))
+        return tuple(dict.fromkeys(named_beside(self.table.parent, name) for name in self.names if name))
 
     def refuse(self, what: str, expected: str, remedy: str) -> NoReturn:
         """Refuse the row."""
@@ -106,10 +114,9 @@ def read_table(table: Path) -> list[Entry]:
     id: with the line.
     """
     file = TextFile.of_table(table)
-    head = file.lines[0] if file.lines else ""
-    separator = separator_of(head)
-    rows = [(at, {_name(name): cell for name, cell in row.items()}) for at, row in file.rows(separator)]
-    names = list(rows[0][1]) if rows else _names(head)
+    separator = separator_of(file.lines[0] if file.lines else "")
+    rows = file.rows(separator)
+    names = [_name(name) for name in next(rows, (0, []))[1]]
     if "h1" not in names or "h2" not in names:
         file.refuse(
             0,
@@ -117,20 +124,25 @@ def read_table(table: Path) -> list[Entry]:
             "a CSV table with a header line and at least the columns h1, h2",
             "one row a record: h1,h2,v,unit,event,mag,dist_km,station",
         )
+    places = {
+        key: found
+        for key, spelled in _COLUMNS.items()
+        if (found := [names.index(name) for name in spelled if name in names])
+    }
     entries = [
-        _entry(_Row.of(cells, file.where(at), separator != ","), table.parent)
+        _entry(_Row.of(places, cells, file.where(at), separator != ","), table, file.above + at + 1)
         for at, cells in rows
-        if any(cells.values()) and not _is_remark(list(cells.values()))
+        if any(cells) and not _is_remark(cells)
     ]
     if not entries:
         remedy = "say what the files do not, or leave the table away"
         refuse_file(table, "a header and no row", "one row a record", remedy)
-    seen: dict[str, str] = {}
+    seen: dict[str, Entry] = {}
     for entry in entries:
         if entry.record_id and entry.record_id in seen:
-            what = f"record id {entry.record_id!r} is that of {seen[entry.record_id]} too"
+            what = f"record id {entry.record_id!r} is that of {seen[entry.record_id].where} too"
             entry.refuse(what, "one row a record", "give each row its own rec_id")
-        seen[entry.record_id] = entry.where
+        seen[entry.record_id] = entry
     return entries
 
 
@@ -140,7 +152,7 @@ def _is_remark(cells: Sequence[str]) -> bool:
 
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
-    with path.open("rb") as file:
+    with open_given(path, no_record) as file:
         head = text_of(file.read(_LONGEST_HEADER)) or ""
     return {"h1", "h2"} <= set(_names(head.split("\n", 1)[0]))
 
@@ -163,10 +175,13 @@ class _Row:
     cells: Mapping[str, str]
 
     @classmethod
-    def of(cls, cells: Mapping[str, str], where: str, decimal_comma: bool) -> "_Row":
-        text = {
-            key: next((cells[n].strip() for n in names if cells.get(n)), "")
-            for key, names in _COLUMNS.items()
+    def of(
+        cls, places: Mapping[str, Sequence[int]], cells: Sequence[str], where: str, decimal_comma: bool
+    ) -> "_Row":
+        text = dict.fromkeys(_COLUMNS, "")
+        text |= {
+            key: next((cells[at].strip() for at in columns if at < len(cells) and cells[at]), "")
+            for key, columns in places.items()
         }
         if decimal_comma:
             text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
@@ -175,16 +190,17 @@ class _Row:
     def refuse(self, what: str, expected: str, remedy: str = "correct the table") -> NoReturn:
         raise InputError(what, where=self.where, expected=expected, remedy=remedy)
 
-    def file(self, key: str, folder: Path) -> Path:
+    def file(self, key: str) -> str:
         name = self.cells[key]
         if not name:
             self.refuse(f"no file in column {key}", "a path", "name the file")
-        if len(name.encode()) > _LONGEST_PATH or any(
-            len(part.encode()) > _LONGEST_NAME for part in Path(name).parts
+        size = len(name.encode())
+        if size > _LONGEST_NAME and (
+            size > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in Path(name).parts)
         ):
             what = f"the file in column {key} is {shown(name)}, a name of {len(name)} characters"
             self.refuse(what, f"a path of names of at most {_LONGEST_NAME} bytes")
-        return named_beside(folder, name)
+        return name
 
     def unit_m_s2(self) -> float | None:
         found = counted_unit(self.cells["unit"])
@@ -226,12 +242,12 @@ class _Row:
         return value
 
 
-def _entry(row: _Row, folder: Path) -> Entry:
+def _entry(row: _Row, table: Path, line: int) -> Entry:
+    peaks = row.number("pga_h1"), row.number("pga_h2"), row.number("pga_v")
     return Entry(
-        where=row.where,
-        h1=row.file("h1", folder),
-        h2=row.file("h2", folder),
-        v=row.file("v", folder) if row.cells["v"] else None,
+        table=table,
+        line=line,
+        names=(row.file("h1"), row.file("h2"), row.file("v") if row.cells["v"] else ""),
         unit_m_s2=row.unit_m_s2(),
         corrected=row.corrected(),
         record_id=row.cells["record_id"],
@@ -243,5 +259,5 @@ def _entry(row: _Row, folder: Path) -> Entry:
         corner_hz=row.number("corner_hz", _CORNERS_HZ),
         h1_azimuth_deg=row.azimuth("h1_azimuth"),
         h2_azimuth_deg=row.azimuth("h2_azimuth"),
-        peaks_m_s2=(row.number("pga_h1"), row.number("pga_h2"), row.number("pga_v")),
+        peaks_m_s2=peaks if any(peaks) else _NO_PEAKS,
     )

@@ -27,10 +27,13 @@ def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entr
     Raises InputError if there are rows, and none of them names a file that is given.
     """
     place = {path.resolve(): path for path in files}
-    here = [(entry, [place[p.resolve()] for p in entry.files if p.resolve() in place]) for entry in table]
-    rows = [(entry, paths) for entry, paths in here if paths]
+    rows = [
+        (entry, paths)
+        for entry in table
+        if (paths := [place[found] for file in entry.files if (found := file.resolve()) in place])
+    ]
     if table and not rows:
-        looked_for = table[0].h1
+        looked_for = table[0].files[0]
         table[0].refuse(
             f"none of the {len(table)} rows of the metadata table names a file that is given:"
             f" the first looks for {looked_for}",
@@ -46,7 +49,7 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
     Raises InputError if a file that the row names was not given or not read, is named twice, or contradicts the
     row.
     """
-    named = 2 + (entry.v is not None)
+    named = sum(map(bool, entry.names))
     if 1 < len(entry.files) < named:
         entry.refuse(
             f"the row names {len(entry.files)} files in {named} columns",

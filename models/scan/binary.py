@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.given import check_lines, open_given
 from toppling.models.lengths import check_remarks, other_unit_in
 from toppling.models.scan import reference
 from toppling.models.scan.plausible import coordinate_steps
@@ -263,7 +264,7 @@ def pcd(path: Path) -> Points:
         (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
         np.zeros(len(points)),
     )
-    with path.open("rb") as file:
+    with open_given(path, _damaged) as file:
         head = file.read(_PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
     header = _said(lambda: check_remarks(remarks, str(path)))
@@ -272,7 +273,7 @@ def pcd(path: Path) -> Points:
 
 def _pcd_points(path: Path) -> int:
     """Points that a PCD's header counts, if the file can hold them: Open3D leaves what is missing unset."""
-    with path.open("rb") as file:
+    with open_given(path, _damaged) as file:
         head = file.read(_PCD_HEADER_BYTES)
     header: dict[str, list[str]] = {}
     at = 0
@@ -297,7 +298,8 @@ def _pcd_points(path: Path) -> int:
         raise _damaged("its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)
     if kind == "ascii":
         _check_room(2 * len(sizes) * count, room + 1, count, path)
-        with path.open("rb") as file:
+        with open_given(path, _damaged) as file:
+            check_lines(file, path, _damaged)
             file.seek(at)
             rows = sum(1 for line in file if line.split(maxsplit=1))
         if rows < count:

@@ -1,15 +1,12 @@
 """Headers of text files: which columns are east, north and up, and what is refused because nobody can tell."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from toppling.models.errors import InputError
-from toppling.models.files.text_file import text_of
 from toppling.models.lengths import in_degrees
 
-_LARGEST_LIST_BYTES = 1 << 20
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _AXES = {
     "x": ("x", "easting", "east", "e"),
@@ -33,22 +30,6 @@ _OTHER_COLUMNS = frozenset(
 
 Columns = tuple[int, int, int]
 """Numbers of the columns of x, y and z."""
-
-
-def lines_of_list(path: Path, unusable: Callable[[str, object], InputError]) -> list[str]:
-    """Lines of a short list that a person made, such as of control points, in any encoding.
-
-    Raises what `unusable` makes of a reason and the path, if it is none.
-    """
-    try:
-        if path.stat().st_size > _LARGEST_LIST_BYTES:
-            raise unusable("is larger than 1 MB", path)
-        text = text_of(path.read_bytes())
-    except OSError as error:
-        raise unusable(f"cannot be read ({error})", path) from None
-    if text is None:
-        raise unusable("is no text", path)
-    return text.splitlines()
 
 
 def cells_of_list(line: str, counts: Sequence[int]) -> list[str]:

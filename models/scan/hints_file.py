@@ -1,17 +1,16 @@
 """`hints.toml`: what the user said of a scan, by the names of options, so that it can be repeated."""
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import new_file
 from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
-_MOST_BYTES = 1 << 20
 FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")
 """Of bases: dressed or split, rough, and rounded toward their outline."""
 Place = Sequence[float]
@@ -96,12 +95,7 @@ def read_hints(path: Path) -> dict[str, Any]:
     InputError
         If the file is absent, large, no TOML, or has another key.
     """
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise _unusable("is larger than 1 MB", path)
-        said = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise _unusable(f"cannot be read ({error})", path) from None
+    said = read_toml(path, _unusable)
     for key in said:
         if key not in KEYS:
             raise _unusable(f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path)

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.text_file import lines_of_list
 from toppling.models.frames import plane_normal, slope_of_normal
 from toppling.models.scan.doubt import direction_told
-from toppling.models.scan.header import cells_of_list, lines_of_list, named_columns
+from toppling.models.scan.header import cells_of_list, named_columns
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels

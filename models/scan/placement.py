@@ -12,8 +12,9 @@ from scipy.stats import f as f_distribution
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.text_file import lines_of_list
 from toppling.models.frames import rotation_between
-from toppling.models.scan.header import cells_of_list, lines_of_list
+from toppling.models.scan.header import cells_of_list
 
 _ONE_LINE = 0.02
 """Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""

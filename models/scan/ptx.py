@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import refusals
+from toppling.models.files.given import check_lines, open_given
 from toppling.models.scan.plausible import coordinate_steps
 
 NOWHERE = "lie at 0, 0, 0 of their scanner, where no beam came back,"
@@ -65,7 +67,9 @@ def read_ptx(path: Path) -> tuple[Array, NDArray[np.int32], Array, dict[str, int
 
 def _scans(path: Path) -> Iterator[tuple[Array, Pose]]:
     """Points (n, 3) of each scan in its own frame, and its pose."""
-    with path.open(encoding="latin-1") as file:
+    with open_given(path, _damaged) as binary:
+        check_lines(binary, path, _damaged)
+        file = TextIOWrapper(binary, "latin-1")
         while first := next((line for line in file if line.strip()), ""):
             count, pose = _header(first, file, path)
             yield _points(file, count, path), pose

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.given import check_lines, open_given
 from toppling.models.scan.header import named_columns
 from toppling.models.scan.plausible import is_geocentric
 
@@ -165,7 +166,8 @@ def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str],
 
 def _encoding_of(path: Path) -> str:
     """Encoding of a text file by its first bytes: UTF-8 where it is, else that of western Windows."""
-    with path.open("rb") as file:
+    with open_given(path, _not_whole) as file:
+        check_lines(file, path, _not_whole)
         head = file.read(65_536)
     try:
         head[:-4].decode("utf-8")
@@ -239,7 +241,7 @@ def _settled(lines: list[str], path: Path) -> _Layout:
 
 def _ends_oddly(path: Path) -> bool:
     """Whether signs that are no text stand anywhere in a file."""
-    with path.open("rb") as file:
+    with open_given(path, _not_whole) as file:
         return any(
             sign.encode() in chunk for chunk in iter(partial(file.read, 1 << 20), b"") for sign in _ENDS
         )

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain, plain_table
-from toppling.models.files.documents import check_size
+from toppling.models.files.documents import csv_rows, json_of, xml_of
 from toppling.models.files.folder import instead, write_text
-from toppling.models.files.text_file import text_of
+from toppling.models.files.text_file import text_given
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
@@ -130,7 +130,7 @@ def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
     Raises InputError if the file is absent, of another kind, or states one that cannot be read, or several.
     """
     found = _read(
-        path, lambda _: [], lambda rows: [_of_surface_row(row) for row in rows if _stated(row, _PLANE[:1])]
+        path, lambda *_: [], lambda rows: [_of_surface_row(row) for row in rows if _stated(row, _PLANE[:1])]
     )
     found = [surface for surface in found if surface.measures == measures]
     if len(found) > 1:
@@ -139,32 +139,19 @@ def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
 
 
 def _read(
-    path: Path, of_nrml: Callable[[str], list[Any]], of_rows: Callable[[list[dict[str, Any]]], list[Any]]
+    path: Path,
+    of_nrml: Callable[[str, Path], list[Any]],
+    of_rows: Callable[[list[dict[str, Any]]], list[Any]],
 ) -> list[Any]:
     """What is found in a file: in the text of NRML, or in the rows of CSV or JSON."""
     if path.suffix not in (".xml", ".csv", ".json"):
         raise _suffix_error(path)
-    check_size(path, _LARGEST_BYTES, "curves")
     try:
-        content = path.read_bytes()
-        text = (text_of(content) or "") if path.suffix == ".csv" else content.decode("utf-8-sig")
-        if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
-            raise _curve_error("declares entities", path)
-        return of_nrml(text) if path.suffix == ".xml" else of_rows(_rows(text, path.suffix))
+        text = text_given(path, _curve_error, _LARGEST_BYTES)
+        return of_nrml(text, path) if path.suffix == ".xml" else of_rows(_rows(text, path))
     except InputError:
         raise
-    except FileNotFoundError:
-        raise _curve_error("does not exist", path) from None
-    except (
-        ET.ParseError,
-        csv.Error,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        ArithmeticError,
-        RecursionError,
-    ) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise _curve_error(f"cannot be read ({type(error).__name__}: {str(error)[:300]})", path) from error
 
 
@@ -211,10 +198,10 @@ def _unfinished(curves: Iterable[Lognormal]) -> str:
     return f"UNFINISHED RUN: {remark}. " if remark else ""
 
 
-def _from_nrml(text: str) -> list[Lognormal]:
+def _from_nrml(text: str, path: Path) -> list[Lognormal]:
     curves = []
-    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-    for function in ET.fromstring(text.encode(), parser).iter(f"{{{_SPACE}}}fragilityFunction"):
+    root = xml_of(text, path, _curve_error, comments=True)
+    for function in root.iter(f"{{{_SPACE}}}fragilityFunction"):
         imls = function.find(f"{{{_SPACE}}}imls")
         known = None if imls is None else measure_of(str(imls.get("imt")))
         if known is None:
@@ -230,7 +217,7 @@ def _kept_row(function: ET.Element) -> Mapping[str, Any]:
     """The row that this program keeps in a comment of a function; empty in other programs' files."""
     texts = [str(child.text) for child in function if child.tag is ET.Comment]
     kept = [text.removeprefix(_MARK) for text in texts if text.startswith(_MARK)]
-    return dict(json.loads(kept[0])) if kept else {}
+    return dict(json_of(kept[0], "NRML", _curve_error)) if kept else {}
 
 
 def _csv(rows: list[dict[str, Any]], name: str) -> str:
@@ -250,10 +237,12 @@ def _json(rows: list[dict[str, Any]], name: str) -> str:
     return json.dumps({"rock": name} | {key: part for key, part in parts.items() if part}, indent=1) + "\n"
 
 
-def _rows(text: str, suffix: str) -> list[dict[str, Any]]:
-    if suffix == ".csv":
-        return [row for row in csv.DictReader(plain_table(text.splitlines())) if any(row.values())]
-    document = json.loads(text)
+def _rows(text: str, path: Path) -> list[dict[str, Any]]:
+    if path.suffix == ".csv":
+        rows = csv_rows(plain_table(text.splitlines()), path)
+        _, names = next(rows, (0, []))
+        return [dict(zip(names, row, strict=False)) for _, row in rows if any(row)]
+    document = json_of(text, path, _curve_error)
     return [*document.get("curves", ()), *document.get("surfaces", ())]
 
 

@@ -20,11 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import plain_table
-from toppling.models.files.text_file import text_of
+from toppling.models.files.text_file import text_given
 
 _AGE_SAMPLES = 400
+_LARGEST_BYTES = 10_000_000
+"""Of a file of ages."""
 
 _UNITS = {**dict.fromkeys(("years", "year", "yr", "a"), 1.0), **dict.fromkeys(("ka", "kyr"), 1e3)}
 """Years of one unit."""
@@ -256,39 +258,33 @@ def _of_file(path: Path) -> Array:
 
 def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights of a file, weights of one where it has none."""
-    text = text_of(path.read_bytes())
-    if text is None:
-        raise _file_error(path, "it is no text")
-    lines = plain_table(text.splitlines())
+    lines = plain_table(text_given(path, _file_error, _LARGEST_BYTES).splitlines())
     try:
         rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if any(row)]
     except csv.Error as error:
-        raise _file_error(path, f"it is no CSV ({error})") from error
+        raise _file_error(f"it is no CSV ({error})", path) from error
     names = [name.strip() for name in rows[0]] if rows else []
     unit = unit_years(names[0]) if names else None
     if unit is None:
-        raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
+        raise _file_error(f"the first line, {','.join(names)!r}, is no header", path)
     if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):
-        raise _file_error(path, f"it has the columns {', '.join(names)}")
+        raise _file_error(f"it has the columns {', '.join(names)}", path)
     if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
-        raise _file_error(path, f"{rows[1][0]!r} may be decimals, or thousands with a dot between")
+        raise _file_error(f"{rows[1][0]!r} may be decimals, or thousands with a dot between", path)
     try:
         table = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
     except ValueError as error:
-        raise _file_error(path, f"it has a line that is no {' and '.join(names)} ({error})") from error
+        raise _file_error(f"it has a line that is no {' and '.join(names)} ({error})", path) from error
     years = table[:, 0] * unit
     weights = table[:, 1] if len(names) > 1 else np.ones(len(table))
     if not (len(table) and np.isfinite(table).all() and (years > 0).all()):
-        raise _file_error(path, "there is none, or one that is not above zero")
+        raise _file_error("there is none, or one that is not above zero", path)
     if not ((weights >= 0).all() and weights.sum() > 0):
-        raise _file_error(path, "no weight is above zero, or one is negative")
+        raise _file_error("no weight is above zero, or one is negative", path)
     return years, weights
 
 
-def _file_error(path: Path, what: str) -> InputError:
-    return InputError(
-        what=f"holds no ages: {what}",
-        where=str(path),
-        expected="the header 'years' or 'years,weight' (or 'ka'), then one age a line",
-        remedy="put the header above the ages: it states their unit",
-    )
+_file_error = refusals(
+    expected="ages: the header 'years' or 'years,weight' (or 'ka'), then one age a line",
+    remedy="put the header above the ages: it states their unit",
+)

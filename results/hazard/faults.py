@@ -1,6 +1,5 @@
 """Fault traces around a rock, from GeoJSON, in kilometres east and north of it."""
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import refusals
+from toppling.models.files.documents import read_json
 from toppling.results.hazard.places import EARTH_RADIUS_KM
 
 _NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
@@ -51,13 +51,7 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     site: (longitude, latitude), of the rock, degrees.
     Raises InputError if the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise _fault_error("does not exist", path) from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise _fault_error(f"cannot be read ({error})", path) from error
-    features = list(_features(document))
+    features = list(_features(read_json(path, _fault_error)))
     traces = []
     for number, feature in enumerate(features):
         lines = [_projected(line, site, path, number) for line in _lines(feature.get("geometry"))]
@@ -70,9 +64,7 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     return traces
 
 
-def _features(document: Any) -> Iterator[Mapping[str, Any]]:
-    if not isinstance(document, dict):
-        return
+def _features(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     if document.get("type") == "FeatureCollection" and isinstance(document.get("features"), list):
         yield from (one for one in document["features"] if isinstance(one, dict))
     elif document.get("type") == "Feature":

@@ -18,6 +18,7 @@ from motion_samples import STEP_S, WRITERS, shaking
 
 from toppling.models.files.mesh_files import read_triangles, write_ply
 from toppling.models.files.ply import read_header
+from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
@@ -27,17 +28,22 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.rock import Rock
 from toppling.models.scan import meshes
+from toppling.models.scan.hints_file import plain, read_hints
 from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.placement import placement_of
 from toppling.models.scan.read import read_clouds
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
+from toppling.orchestrator.site_table import read_sites
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves, write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.faults import read_faults
 from toppling.results.hazard.readers import Hints, read_hazard
+from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.reader import open_run
 
 
@@ -344,6 +350,13 @@ OPENQUAKE_BINS = (
     'weights=[0.4, 0.6]"\nimt,iml,poe,mag,dist,rlz1,rlz0\nPGA,0.2,0.1,5.5,5.0,0.04,0.05\n'
     "PGA,0.2,0.1,6.5,15.0,0.01,0.0\n"
 )
+FAULTS = json.dumps({
+    "type": "FeatureCollection",
+    "features": [{
+        "type": "Feature", "properties": {"name": "Fault", "magnitude": 7.1},
+        "geometry": {"type": "LineString", "coordinates": [[-118.0, 34.25], [-117.5, 34.5]]},
+    }],
+})  # fmt: skip
 TABLE = "rec_id,event,station,mag,dist_km,h1,h2,v,unit,dt,processing,corner_hz\nA,Q,S,6.5,12,a,b,c,gal,0.01,raw,0.1\n"
 
 READERS: dict[str, Reader] = {
@@ -389,6 +402,32 @@ READERS: dict[str, Reader] = {
     "outline": Reader(
         _written("outline.csv", "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n"),
         lambda folder: InterfaceHint.outline(folder / "outline.csv").anchors_m,
+    ),
+    "places of contact": Reader(
+        _written("contact.csv", "x,y,z,kind\n0,0,0,touch\n1,0,0,daylight\n"),
+        lambda folder: inspection_of(folder / "contact.csv").touching_m,
+    ),
+    "control points": Reader(
+        _written(
+            "points.csv", "".join(f"{x},{y},{x * y},{x + 9},{y},{x * y}\n" for x in (0, 1) for y in (0, 2))
+        ),
+        lambda folder: placement_of(gcp=folder / "points.csv").shift_m,
+    ),
+    "hints": Reader(
+        _written("hints.toml", 'near = [1.5, 2.0]\npoint = ["1.0,2.0,3.5"]\nunits = "m"\n'),
+        lambda folder: plain("near", read_hints(folder / "hints.toml")["near"]),
+    ),
+    "fault traces": Reader(
+        _written("faults.geojson", FAULTS),
+        lambda folder: [one.distance_km for one in read_faults(folder / "faults.geojson", (-118.0, 34.0))],
+    ),
+    "events": Reader(
+        _written("events.csv", "annual_rate,PGA (g),PGV (cm/s)\n0.01,0.1,5.0\n0.001,0.4,30.0\n"),
+        lambda folder: [len(branch.rate) for branch in read_events(folder / "events.csv").branches],
+    ),
+    "table of rocks": Reader(
+        _written("rocks.csv", "scene,longitude,latitude,age,friction\na,-118.0,34.0,15 ka,0.7\n"),
+        lambda folder: [one.friction for one in read_sites(folder / "rocks.csv")],
     ),
     "scene": Reader(_write_scene, _read_scene),
     "scene.json": Reader(_write_scene, _read_scene, ("scene.json",)),

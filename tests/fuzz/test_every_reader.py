@@ -2,8 +2,10 @@
 
 import math
 import os
+import re
 import resource
 import shutil
+import signal
 import tempfile
 from pathlib import Path
 
@@ -16,10 +18,11 @@ from reader_samples import READERS
 
 from toppling.models.errors import InputError
 from toppling.models.files import guarded
+from toppling.orchestrator.terminal import plain_text
 
 FEW, MANY = 300, 10_000
 """Damaged files over all readers: in every run of the tests, and with the slow ones."""
-SECONDS, MEMORY_BYTES = 2.0, 1 << 30
+SECONDS, MEMORY_BYTES, FEW_BYTES = 2.0, 1 << 30, 100_000_000
 LARGEST_REQUEST_BYTES = 4 << 30
 """No single allocation may be larger: it fails, instead of the machine."""
 
@@ -188,8 +191,81 @@ def outcome(sample: Sample) -> tuple[str, float]:
         assert all(np.isfinite(np.asarray(each, float)).all() for each in found)
         return "read", took
     assert all((refusal.where, refusal.expected, refusal.remedy))
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", plain_text(str(refusal)))
     assert len(str(refusal)) < 5000
     return "refused", took
+
+
+ESCAPES = b"\x1b]0;owned\x07\x1b[31m\x9b2J\x08"
+
+
+def with_number(content: bytes, share: float, number: bytes) -> bytes:
+    """Content with another number in place of one: the first of the rest from a share of it on."""
+    found = re.compile(rb"\d+").search(content, int(share * len(content)))
+    return content[: found.start()] + number + content[found.end() :] if found else content
+
+
+def nested(name: str, depth: int) -> bytes:
+    """A document of a name's kind whose parts lie in each other."""
+    begin, end = {"json": (b'{"a":', b"}"), "xml": (b"<a>", b"</a>")}.get(
+        name.rpartition(".")[2], (b"[", b"]")
+    )
+    return b"a = " * name.endswith(".toml") + begin * depth + b"1" + end * depth
+
+
+def truncated(place: Path, content: bytes) -> None:
+    """A gigabyte that takes no disk: content, and zeros."""
+    place.write_bytes(content)
+    os.truncate(place, 1 << 30)
+
+
+SITUATIONS = {
+    "absent": lambda place, _: place.symlink_to("nothing"),
+    "FIFO": lambda place, _: os.mkfifo(place),
+    "device": lambda place, _: place.symlink_to("/dev/zero"),
+    "folder": lambda place, _: place.mkdir(),
+    "zeros of 1 GB": lambda place, _: truncated(place, b""),
+    "zeros of 1 GB behind": truncated,
+    **{
+        f"{digits} digits at {share}": lambda place, sound, s=share, d=digits: place.write_bytes(
+            with_number(sound, s, b"9" * d)
+        )
+        for digits in (400, 5000)
+        for share in (0.0, 0.4, 0.8)
+    },
+    **{
+        f"depth {depth}": lambda place, _, d=depth: place.write_bytes(nested(place.name, d))
+        for depth in (90, 300, 100_000)
+    },
+    **{
+        f"escapes at {share}": lambda place, sound, s=share: place.write_bytes(
+            sound[: int(s * len(sound))] + ESCAPES + sound[int(s * len(sound)) :]
+        )
+        for share in (0.0, 0.3, 0.7)
+    },
+}  # fmt: skip
+"""What may stand where a file is expected."""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("sample", READERS, indirect=True)
+def test_what_is_no_such_file_is_refused_at_once_in_little_memory(sample, bounded):
+    sample.lay_out()
+    assert outcome(sample)[0] == "read"  # and the libraries are loaded
+    signal.signal(signal.SIGALRM, lambda *_: pytest.fail("hangs"))
+    for victim in sample.victims:
+        for name, lay in SITUATIONS.items():
+            sample.lay_out()
+            (sample.place / victim).unlink()
+            lay(sample.place / victim, sample.files[victim])
+            Path("/proc/self/clear_refs").write_text("5")
+            resting = peak_bytes()
+            signal.alarm(100)
+            took = outcome(sample)[1]
+            signal.alarm(0)
+            grown = peak_bytes() - resting
+            assert took <= SECONDS * (3 if "GB" in name else 1), (victim, name, took)  # a digest takes one
+            assert grown <= FEW_BYTES, (victim, name, grown)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.motions.place import FREE_FIELD, Place
 
 UP, DOWN = "up", "down"
@@ -67,6 +67,10 @@ class Component:
     def refuse(self, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
         """Refuse the channel."""
         refuse_file(self.where, what, expected, remedy)
+
+
+no_record = refusals(expected="a record", remedy="fetch the file again, or cut the shaking out of a long one")
+"""Refuses what is no file of a record."""
 
 
 def refuse_file(

@@ -7,9 +7,16 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from toppling.models.errors import InputError
+from toppling.models.files.given import bytes_given
 from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from toppling.models.motions.formats.component import Component, check_samples, check_time_step, refuse_file
+from toppling.models.motions.formats.component import (
+    Component,
+    check_samples,
+    check_time_step,
+    no_record,
+    refuse_file,
+)
 from toppling.models.motions.formats.key_value import cwb, esm, unam
 from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.place import place_in_name
@@ -58,13 +65,7 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     inventory: responses for the formats that hold counts.
     Raises InputError if no reader knows the format, or the file is damaged: with file and line.
     """
-    if not path.is_file():
-        refuse_file(path, "is no file", remedy="check the path")
-    if path.stat().st_size > _LARGEST_BYTES:
-        what = f"the file has {path.stat().st_size / 1e6:.0f} MB"
-        expected = f"a record of at most {_LARGEST_BYTES / 1e6:.0f} MB"
-        refuse_file(path, what, expected, "cut the shaking out of it first")
-    content = path.read_bytes()
+    content = bytes_given(path, no_record, _LARGEST_BYTES)
     if not content.strip(b"\0\x1a \t\r\n"):
         refuse_file(path, "the file is empty")
     text = text_of(content)

@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import listed
-from toppling.models.motions.formats.component import refuse_file
+from toppling.models.files.given import bytes_given
+from toppling.models.motions.formats.component import no_record, refuse_file
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
+
+_LARGEST_XML_BYTES = 100_000_000
 
 _FLATNESS_BAND_HZ = (0.1, 20.0)
 _FLATNESS = 0.05
@@ -54,7 +57,9 @@ def responses(path: Path) -> Any:
     """
     import obspy
 
-    content = path.read_bytes().rstrip(b"\0\x1a\x0c \t\r\n")  # as of every text
+    content = bytes_given(path, no_record, _LARGEST_XML_BYTES).rstrip(
+        b"\0\x1a\x0c \t\r\n"
+    )  # as of every text
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         what, expected = (
             "declares entities, which may name other files",

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from toppling.models.errors import InputError
+from toppling.models.files.given import bytes_given, open_given
 from toppling.models.files.text_file import text_of
 from toppling.results.hazard.readers import (
     cybershake,
@@ -15,7 +16,7 @@ from toppling.results.hazard.readers import (
     text_columns,
 )
 from toppling.results.hazard.readers.assembly import combined, trees_of
-from toppling.results.hazard.readers.stated import HazardFile, Hints, Realisations, Stated, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Hints, Realisations, Stated, refuse, refused
 from toppling.results.hazard.tree import HazardTree
 
 __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
@@ -86,9 +87,7 @@ def _of_one_tree(paths: Sequence[Path], stated: Sequence[list[Stated]]) -> bool:
 
 def _stated(path: Path, hints: Hints) -> list[Stated]:
     """What a file states, or the files of a folder that state hazard."""
-    if not path.exists():
-        refuse(path, "does not exist", "check the path")
-    if path.is_file():
+    if not path.is_dir():
         return [_read(path, hints)]
     found = []
     files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
@@ -114,9 +113,7 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 
 
 def _text(path: Path) -> str:
-    if path.stat().st_size > _MOST_BYTES:
-        refuse(path, f"is larger than {_MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
-    content = path.read_bytes()
+    content = bytes_given(path, refused, _MOST_BYTES)
     if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
         refuse(path, *binary)
     text = text_of(content)
@@ -126,9 +123,9 @@ def _text(path: Path) -> str:
 def _beginning(path: Path) -> HazardFile | None:
     """First lines of a file of a folder, where it is text; all of JSON, whose keys may stand anywhere."""
     try:
-        with path.open("rb") as head:
+        with open_given(path, refused) as head:
             text = text_of(b"".join(head.readline(1_000_000) for _ in range(_MOST_HEAD_LINES)))
-    except OSError:
+    except InputError:
         return None
     if text is None or text.startswith("\n") or "\0" in text:
         return None

@@ -1,15 +1,18 @@
 """Files of a set of events: which part of it each is, and whether they belong together."""
 
+import io
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import separator_of
+from toppling.models.files.given import LONGEST_LINE_BYTES, check_lines, open_given
 from toppling.models.files.text_file import HEAD_BYTES, encoding_of
 from toppling.results.hazard.event_survival import EventBranch, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_with_unit
@@ -20,6 +23,8 @@ _ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "
 """Names of earlier versions of OpenQuake, and what they mean."""
 
 _CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
+_LARGEST_BYTES = 4_000_000_000
+_MOST_COLUMNS = 10_000
 _MOST_COMMENTS = 30
 """Lines above the columns."""
 
@@ -50,17 +55,34 @@ class Table:
         """All rows; identifiers of sites are text."""
         texts = dict.fromkeys(("site_id", "custom_site_id", "sid", "Site_Name"), str)
         try:
-            frame = pd.read_csv(
-                self.path,
-                sep=self.separator,
-                skiprows=self.skipped,
-                dtype=texts,
-                encoding=self.encoding,
-                decimal=self.decimal,
-            )
+            with open_given(self.path, event_error, _LARGEST_BYTES) as file:
+                check_lines(file, self.path, event_error)
+                _check_cells(file, len(self.header), self.path)
+                frame = pd.read_csv(
+                    file,
+                    sep=self.separator,
+                    skiprows=self.skipped,
+                    dtype=texts,
+                    encoding=self.encoding,
+                    decimal=self.decimal,
+                )
+        except InputError:
+            raise
         except (ValueError, pd.errors.ParserError) as error:
             raise event_error(f"cannot be read ({error})", self.path) from error
         return frame.rename(columns=_named)
+
+
+def _check_cells(file: IO[bytes], columns: int, path: Path) -> None:
+    """Refuse a table that the rows do not fill: pandas makes all of its cells, however few bytes they take.
+
+    Every cell takes a byte at least, that of its separator.
+    """
+    rows = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(LONGEST_LINE_BYTES), b""))
+    if rows * columns > file.tell() or columns > _MOST_COLUMNS:
+        what = f"has {columns:,} columns: more than {_MOST_COLUMNS:,}, or than its {rows:,} lines fill"
+        raise event_error(what, path)
+    file.seek(0)
 
 
 def _named(column: str) -> str:
@@ -73,13 +95,14 @@ def _named(column: str) -> str:
 def opened(path: Path) -> Table | None:
     """Table of a file, of which the first lines are read; None where it is no text."""
     try:
-        with path.open("rb") as content:
-            encoding = encoding_of(content.read(HEAD_BYTES).rpartition(b"\n")[0])
-        if encoding is None:
-            return None
-        with path.open(encoding=encoding) as lines:
-            head = [lines.readline() for _ in range(_MOST_COMMENTS)]
-    except (OSError, UnicodeDecodeError):
+        with open_given(path, event_error) as file:
+            encoding = encoding_of(file.read(HEAD_BYTES).rpartition(b"\n")[0])
+            if encoding is None:
+                return None
+            file.seek(0)
+            lines = io.TextIOWrapper(file, encoding)
+            head = [lines.readline(LONGEST_LINE_BYTES) for _ in range(_MOST_COMMENTS)]
+    except (InputError, UnicodeDecodeError):
         return None
     skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
     header = head[skipped].rstrip("\n")

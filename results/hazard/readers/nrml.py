@@ -3,8 +3,9 @@
 import re
 from xml.etree import ElementTree
 
+from toppling.models.files.documents import xml_of
 from toppling.results.hazard.measure_names import imt_of
-from toppling.results.hazard.readers.stated import HazardFile, Statement
+from toppling.results.hazard.readers.stated import HazardFile, Statement, refused
 from toppling.results.hazard.readers.text_columns import with_usual_unit
 
 _CURVES = re.compile(r"<(?:\w+:)?(?:hazardCurves|hazardCurveField)[\s>]")
@@ -28,12 +29,7 @@ def read(file: HazardFile) -> list[Statement]:
     text = file.text
     if not matches(file):
         file.refuse("is XML without hazard curves", EXPORT)
-    if re.search(r"<!(?:DOCTYPE|ENTITY)", text):
-        file.refuse("defines entities, which no hazard curves need", "export the curves again")
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        file.refuse(f"is no whole XML document ({error})", "fetch the file again")
+    root = xml_of(text, file.path, refused)
     processing = {
         key: each.attrib[key] for each in root.iter("*") if _tag(each) in _CONFIG for key in each.attrib
     }

@@ -5,7 +5,6 @@ name of the folder (PGA/curves.csv); whether values are annual rates or probabil
 the output's root tells (`hazard.valueFormat`).
 """
 
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.documents import json_of, read_json
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
-from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse
+from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse, refused
 
 _DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
@@ -124,9 +124,8 @@ def _years(file: HazardFile) -> float:
     stated: Any = None
     if root is not None:
         try:
-            config = json.loads((root / "config.json").read_text(encoding="utf-8"))
-            stated = config.get("hazard", {}).get("valueFormat")
-        except (ValueError, AttributeError, RecursionError):
+            stated = read_json(root / "config.json").get("hazard", {}).get("valueFormat")
+        except (ValueError, AttributeError):
             what = "is no configuration of nshmp-haz"
             refuse(root / "config.json", what, "give the output folder as it was written")
     return file.years_of_values(
@@ -139,7 +138,7 @@ def _years(file: HazardFile) -> float:
 def _service_answers(file: HazardFile) -> list[Statement]:
     """Curves of the web service, old or new: totals, and contributions of source types."""
     try:
-        whole = json.loads(file.text)
+        whole = json_of(file.text, file.path, refused)
         answers = whole["response"] if isinstance(whole["response"], list) else [whole["response"]]
         found = []
         for answer in answers:
@@ -150,7 +149,7 @@ def _service_answers(file: HazardFile) -> list[Statement]:
                 imt = curve.get("imt", about.get("imt"))
                 found += _answer(file, about | {"imt": imt}, curve["data"])
         return found
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         if hasattr(error, "remedy"):
             raise
         file.refuse(f"is no answer of the hazard web service ({type(error).__name__}: {error})")

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from numpy.typing import ArrayLike
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import is_numeral, plain_table
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
@@ -27,10 +27,12 @@ _POLE_DEG = 90.0
 _EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
 
 
+refused = refusals(expected=f"annual rates of exceedance: {_EXPECTED}", remedy=_EXPORT_AGAIN)
+
+
 def refuse(path: Path, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
     """Refuse a file of hazard."""
-    expected = f"annual rates of exceedance: {_EXPECTED}"
-    raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+    raise InputError(what, where=str(path), expected=refused("", "").expected, remedy=remedy)
 
 
 @dataclass(frozen=True)

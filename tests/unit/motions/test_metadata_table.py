@@ -96,7 +96,7 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_is_read(delimiter, encodin
     (tmp_path / "table.csv").write_bytes(content.encode(encoding))
     (entry,) = read_table(tmp_path / "table.csv")
     assert (entry.magnitude, entry.time_step_s, entry.unit_m_s2) == (6.5, 0.005, pytest.approx(0.005))
-    assert (entry.h1.name, entry.event) == ("a, east", "Michoac\u00e1n, 1985")
+    assert (entry.files[0].name, entry.event) == ("a, east", "Michoac\u00e1n, 1985")
     assert looks_like_table(tmp_path / "table.csv")
 
 

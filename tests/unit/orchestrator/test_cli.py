@@ -1,6 +1,7 @@
 """The table of verbs, which is listed without importing any of them."""
 
 import errno
+import re
 import shlex
 import subprocess
 import sys
@@ -92,6 +93,51 @@ def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error,
         main()
     assert stop.value.code == 1
     assert told in capsys.readouterr().err
+
+
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+ESCAPES = "\x1b]0;owned\x07\x1b[31m\x9b2J\x1bc\x08\x00"
+
+
+@pytest.mark.parametrize("verb", ["status", "fragility"])
+def test_no_escape_sequence_of_a_name_reaches_the_terminal(verb, tmp_path):
+    program = "import sys; from toppling.orchestrator.cli import main; main()"
+    name = f"a{ESCAPES[:-1]}b"
+    done = subprocess.run(
+        [sys.executable, "-c", program, verb, name], cwd=tmp_path, capture_output=True, check=False
+    )
+    told = (done.stdout + done.stderr).decode()
+    assert done.returncode != 0
+    assert CONTROL.search(told) is None
+    assert "ab" in told
+
+
+SAYS = f"""
+import click, logging
+from pathlib import Path
+from toppling.models.errors import InputError
+from toppling.orchestrator import cli
+from toppling.orchestrator.journal import journal
+
+def fails(**_):
+    with journal(Path()):
+        logging.getLogger("toppling.orchestrator").warning({ESCAPES!r} + "warned")
+    logging.getLogger("elsewhere").warning({ESCAPES!r} + "also")
+    click.echo({ESCAPES!r} + "said")
+    raise InputError({ESCAPES!r} + "wrong", where="here", expected="sense", remedy="none")
+
+cli.cli.main = fails
+cli.main()
+"""
+
+
+def test_no_escape_sequence_of_a_file_reaches_terminal_or_log(tmp_path):
+    done = subprocess.run([sys.executable, "-c", SAYS], cwd=tmp_path, capture_output=True, check=False)
+    assert done.stdout == b"said\n"
+    assert done.stderr.splitlines()[:2] == [b"also", b"toppling: here: wrong"]
+    log = (tmp_path / "run.log").read_text()
+    assert "warned" in log
+    assert CONTROL.search(log) is None
 
 
 def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():

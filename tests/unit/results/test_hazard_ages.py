@@ -93,7 +93,7 @@ def test_ages_without_a_header_are_refused_by_the_header_that_is_expected(tmp_pa
 def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
     table = tmp_path / "age.csv"
     table.write_text(text)
-    with pytest.raises(InputError, match="no age"):
+    with pytest.raises(InputError, match="expected: ages"):
         parse_age(str(table))
 
 

@@ -217,7 +217,7 @@ def test_the_map_keeps_distances_from_the_rock(longitude, latitude, east, north)
     ("text", "what"),
     [
         ("{", "cannot be read"),
-        ("[]", "no line among 0"),
+        ("[]", "no object"),
         ('{"type": "FeatureCollection", "features": []}', "no line among 0"),
         ('{"type": "LineString", "coordinates": [[400000, 3800000], [400100, 3800000]]}', "no line of longitudes"),
         ('{"type": "LineString", "coordinates": [[1, 2]]}', "no line of longitudes"),

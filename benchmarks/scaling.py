@@ -42,11 +42,12 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from toppling.orchestrator.execution import Execution, budget_s, checked, room_for
+from toppling.orchestrator.execution import Execution, budget_s, room_for
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.run_folder import prepare
@@ -117,10 +118,10 @@ def million() -> dict[str, float]:
         prepare(run, planned, {})
         pending = planned.pending(set())
         dispatch = Dispatch(pending, planned.columns["duration_s"])
-        progress = RunProgress(len(planned), 0)
+        progress, asked = RunProgress(len(planned), 0), Asked(planned, folder)
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):
-            rows = [pretended_row(planned.spec(job)) for job in batch.jobs]
+            rows = [pretended_row(asked, planned.spec(job)) | {"attempt": 1} for job in batch.jobs]
             progress.count(rows)
             unstored += rows
             if len(unstored) > 20_000:
@@ -141,31 +142,38 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def pretended_row(spec: JobSpec, wall_s: float = 0.0) -> Row:
+def pretended_row(asked: Asked, spec: JobSpec, wall_s: float = 0.0) -> Row:
     """Row that a job could have; every column is filled, as a real one's."""
-    row = lost_row(spec, "ok", "")
-    measures = ("pgv_m_s", "pgd_m", "arias_m_s", "cav_m_s", "max_tilt_deg", "slip_m", "penetration_m")
     toppled = spec.pga_m_s2 > 9
+    fallen = {"topple_time_s": 1.0, "topple_azimuth_deg": 2.0} if toppled else {}
+    numbers = (
+        "max_tilt_deg",
+        "residual_tilt_deg",
+        "residual_yaw_deg",
+        "slip_m",
+        "penetration_m",
+        "simulated_s",
+    )
     return {
-        **row, **dict.fromkeys(measures, spec.pga_m_s2 + 0.1), "pga_m_s2": spec.pga_m_s2, "attempt": 1,
-        "toppled": toppled, "outcome": "toppled" if toppled else "stands", "wall_s": wall_s, "worker": "host:1",
-        "finished_at": datetime.now(UTC),
+        **lost_row(spec, "ok", ""), **asked.known(spec), **dict.fromkeys(numbers, spec.pga_m_s2 + 0.1), **fallen,
+        "toppled": toppled, "outcome": "toppled" if toppled else "stands", "ended_by": "rest", "steps": 1000,
+        "time_step_s": 0.001, "wall_s": wall_s, "worker": "host:1", "finished_at": datetime.now(UTC),
     }  # fmt: skip
 
 
 class Pretend:
     """A worker's task that sleeps as long as the jobs would take, or gives the answer at once."""
 
-    def __init__(self, seconds_per_job: float) -> None:
-        self.seconds_per_job = seconds_per_job
+    def __init__(self, asked: Asked, seconds_per_job: float) -> None:
+        self.asked, self.seconds_per_job = asked, seconds_per_job
 
     def __call__(self, order: RunKey, specs: Sequence[JobSpec], budget: float) -> list[Row]:  # noqa: ARG002
         """Do what fits into the budget, as the true task does."""
-        if not self.seconds_per_job:
-            return [pretended_row(specs[0], budget)]  # one job a task, as if it took the task's whole time
+        if not self.seconds_per_job:  # one job a task, as if it took the task's whole time
+            return [pretended_row(self.asked, specs[0], budget)]
         count = min(len(specs), max(1, int(np.ceil(budget / self.seconds_per_job))))
         time.sleep(count * self.seconds_per_job)
-        return [pretended_row(spec, self.seconds_per_job) for spec in specs[:count]]
+        return [pretended_row(self.asked, spec, self.seconds_per_job) for spec in specs[:count]]
 
 
 def be_scheduler(told: Connection) -> None:
@@ -240,7 +248,7 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
             planned, run, versions(), client,
             lambda progress: seen.append((time.perf_counter(), progress.done)), RunProgress(len(planned), 0),
         )  # fmt: skip
-        execution = Execution(work, pending, Pretend(seconds_per_job))
+        execution = Execution(work, pending, Pretend(Asked(planned, run), seconds_per_job))
         execution()
         took = time.perf_counter() - began
         used = {f"{who}_cores": (cpu_s(theirs) - before[who]) / took for who, theirs in processes.items()}
@@ -264,14 +272,17 @@ def client_s() -> float:
     with tempfile.TemporaryDirectory() as name:
         planned = planned_in(Path(name), RECORDS, AZIMUTHS)
         rows = planned.pending(set())[:TIMED_JOBS]
-        answers = [pretended_row(planned.spec(int(row))) for row in rows]
+        asked = Asked(planned, Path(name))
+        answers = [pretended_row(asked, planned.spec(int(row))) for row in rows]
         sent = [pickle.dumps(answers[at : at + 60]) for at in range(0, len(rows), 60)]
         progress, unstored = RunProgress(len(rows), 0), []
         (Path(name) / "run").mkdir()
         began = time.process_time()
         for at, message in zip(range(0, len(rows), 60), sent, strict=True):
             pickle.dumps([planned.spec(int(row)) for row in rows[at : at + 60]])
-            found = checked([planned.spec(int(row)) for row in rows[at : at + 60]], pickle.loads(message))
+            specs = [planned.spec(int(row)) for row in rows[at : at + 60]]
+            found, wrong = asked.checked(specs, pickle.loads(message))
+            assert not wrong
             progress.count(found)
             unstored += [{**row, "rock": None, "attempt": 1} for row in found]
         write_part(Path(name) / "run", unstored)

@@ -7,7 +7,7 @@ import logging
 import math
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import Any
@@ -17,6 +17,7 @@ from distributed import Future, KilledWorker, as_completed
 from numpy.typing import NDArray
 
 from toppling.orchestrator import admission
+from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import JobSelection, RunError, RunProgress, Work
 from toppling.orchestrator.delivery import NotDeliveredError
@@ -25,8 +26,8 @@ from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.leaving import was_told_to_leave
 from toppling.orchestrator.task import Row, RunKey, UnfitWorkerError, lost_row, shake_batch
-from toppling.results.store import finished_ids, table_of, write_part
-from toppling.workers.job import JobSpec, identity
+from toppling.results.store import finished_ids, write_part
+from toppling.workers.job import JobSpec
 
 log = logging.getLogger(__name__)
 
@@ -107,6 +108,7 @@ class Execution:
         self.task = task
         columns = self.plan.columns
         self.dispatch = Dispatch(pending, columns["duration_s"], work.limits.tries, columns["scene_id"])
+        self._asked = Asked(self.plan, work.folder)
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
@@ -199,10 +201,13 @@ class Execution:
     def _take(self, future: Future, result: Any) -> None:
         batch, status = self._flying[future], future.status
         if status == "finished":
-            rows = checked([self.plan.spec(job) for job in batch.jobs], result)
+            rows, wrong = self._asked.checked([self.plan.spec(job) for job in batch.jobs], result)
             self._keep(rows, batch.attempt)
-            self._room = room_for(rows, budget_s(self.progress.workers, len(self.plan.scenes)))
-            self.dispatch.came_back(batch, done=len(rows))
+            if rows:
+                self._room = room_for(rows, budget_s(self.progress.workers, len(self.plan.scenes)))
+            for place, problem in wrong.items():
+                self._distrust(batch.jobs[place], batch, problem)
+            self.dispatch.came_back(batch, done=len(rows) + len(wrong))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
         elif status == "cancelled" and self.client.cluster is None:
@@ -244,8 +249,16 @@ class Execution:
         else:
             raise RunError(f"the cluster cannot do a task ({type(error).__name__}: {error})") from error
 
-    def _give_up(self, job: int, batch: Batch) -> None:
+    def _distrust(self, job: int, batch: Batch, problem: str) -> None:
+        """Have a job tried again, alone, whose row does not answer it, or give it up."""
+        log.warning("a worker's row of job %s does not answer it: %s", self.plan.spec(job).job_id, problem)
+        if self.dispatch.died(Batch((job,), batch.attempt, batch.alone)) is not None:
+            self._give_up(job, batch, f"a worker's row does not answer it: {problem}")
+
+    def _give_up(self, job: int, batch: Batch, problem: str = "") -> None:
         status, message = why_given_up(self.work.limits, self.dispatch.hung[job])
+        if problem:
+            status, message = "failed", problem
         spec = self.plan.spec(job)
         details = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
         log.warning("job %s of record %s: %s, %s", *details.values(), message, extra={"fields": details})
@@ -302,78 +315,3 @@ class Execution:
             self._unstored = []
             tell("rows stored", **self.progress.summary())
             self._flushed = time.monotonic()
-
-
-_ASKED = (
-    "job_id", "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic",
-    "restitution", "realisation", "preset", "engine",
-)  # fmt: skip
-"""Columns of a row that repeat what was asked."""
-
-_OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
-_STATUSES = ("ok", "undecided", "diverged", "failed")
-_SAME_PGA = 1e-6
-"""Relative difference up to which a scaled motion has the PGA that was asked for."""
-
-
-def checked(specs: Sequence[JobSpec], rows: Any) -> list[Row]:
-    """Rows that a worker gave for the first jobs of a batch; a job whose row is none of it has failed.
-
-    A worker is another process, perhaps on another host: it may exchange the jobs of a batch, or say `ok` and nothing
-    else. Such a row would count as an answer for ever. The job fails instead, its row says why, and `--again failed`
-    repeats it.
-
-    specs: the batch as it was sent.
-    rows: meant to be a list of one row at least, in the batch's order.
-    """
-    if not isinstance(rows, list) or not 0 < len(rows) <= len(specs):
-        what = f"{len(rows)} rows" if isinstance(rows, list) else f"a {type(rows).__name__}"
-        return [_failed(specs[0], f"{what} for {len(specs)} jobs")]
-    problems = [_problem(spec, row) for spec, row in zip(specs, rows, strict=False)]
-    sound = [row for row, problem in zip(rows, problems, strict=True) if not problem]
-    # One by one only if need be: a table a row costs more than all else of a job.
-    if sound and _unstorable(sound):
-        problems = [problem or _unstorable([row]) for row, problem in zip(rows, problems, strict=True)]
-    return [
-        _failed(spec, problem) if problem else dict(row)
-        for spec, row, problem in zip(specs, rows, problems, strict=False)
-    ]
-
-
-def _failed(spec: JobSpec, problem: str) -> Row:
-    return lost_row(spec, "failed", f"what its worker answered is no answer to it: {problem}")
-
-
-def _problem(spec: JobSpec, row: Any) -> str:
-    """What is wrong with a row; nothing where it answers the job."""
-    if not isinstance(row, Mapping):
-        return f"a {type(row).__name__} and no row"
-    asked = identity(spec)
-    for name in _ASKED:
-        if row.get(name) != asked[name]:
-            return f"{name} is {row.get(name)!r}, asked was {asked[name]!r}"
-    status, toppled, outcome = row.get("status"), row.get("toppled"), row.get("outcome")
-    if status not in _STATUSES:
-        return f"status is {status!r}"
-    if status != "ok" and (toppled is not None or outcome is not None):
-        return f"status is {status!r}, yet outcome is {outcome!r}"
-    if status == "ok" and (not isinstance(toppled, bool) or _OUTCOMES.get(str(outcome)) is not toppled):
-        return f"status is 'ok', yet outcome is {outcome!r} and toppled is {toppled!r}"
-    pga, wall_s = row.get("pga_m_s2"), row.get("wall_s")
-    # Holding the displacement of a motion takes some of its PGA.
-    low = 0.0 if spec.peak_displacement_m is not None else spec.pga_m_s2 * (1.0 - _SAME_PGA)
-    scaled = isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + _SAME_PGA)
-    if status != "failed" and not scaled:
-        return f"pga_m_s2 is {pga!r}, asked was {spec.pga_m_s2!r}"
-    if wall_s is not None and not (isinstance(wall_s, int | float) and 0.0 <= wall_s < math.inf):
-        return f"wall_s is {wall_s!r}"
-    return ""
-
-
-def _unstorable(rows: list[Mapping[str, Any]]) -> str:
-    """Why rows cannot be a table; empty where they can."""
-    try:
-        table_of(rows)
-    except (ValueError, TypeError, OverflowError) as error:
-        return str(error)[:300]
-    return ""

@@ -58,6 +58,7 @@ class PlannedScene:
     # Their folders in the run's.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
+    bases: int = 0  # draws of a base that realisations take
 
     def among_others(self, site: Site) -> "PlannedScene":
         """The same as one rock of an atlas."""
@@ -265,7 +266,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     if len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1:
         # A record shakes a scene once: making many scenes ready would cost more than reading many records.
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
-    scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),)
+    bases = 0 if scene.unseen is None else len(scene.unseen)
+    scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s, bases=bases),)
     return Plan(campaign, scenes, jobs, recorded).with_ids()
 
 

@@ -4,7 +4,9 @@ SI units throughout, in the names. Azimuths are degrees counter-clockwise from x
 known": a job that crashed has no tilt, and a column that is null is never zero.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from typing import Any
 
 import pyarrow as pa
 
@@ -26,57 +28,73 @@ _TEXT, _REAL, _TRUTH, _COUNT, _NUMBER = pa.string(), pa.float64(), pa.bool_(), p
 _TIME = pa.timestamp("us", tz="UTC")
 _MUST, _MAY = False, True  # whether a column may be null
 
+_LINE, _PAGE = (0, 200), (0, 20_000)
+"""Characters of a name, and of a message."""
+
+# Rounding may leave a size a little below 0.
+_SIZE, _ANGLE, _TURN, _SHARE = (-1e-6, 1e9), (-360.0, 360.0), (0.0, 180.0), (0.0, 1.0)
+_MANY, _INDEX = (0, 2**53), (0, 2**31 - 1)
+_ANY_TRUTH = (False, True)
+_DATES = datetime(2000, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
+
 # fmt: off
-_COLUMNS = {
+_COLUMNS: dict[str, list[tuple[Any, ...]]] = {
     "identity": [
-        ("job_id", _TEXT, _MUST, "", "hash of all that can change the job's answer"),
-        ("scene_id", _TEXT, _MUST, "", "hash of the scene's content"),
-        ("rock", _TEXT, _MAY, "", "name of the rock in a campaign of many; null in one of one"),
-        ("record_id", _TEXT, _MUST, "", "record in the ensemble's catalogue"),
-        ("event", _TEXT, _MAY, "", "earthquake of the record"),
-        ("level_pga_m_s2", _REAL, _MUST, "m/s2", "level asked for: largest horizontal acceleration vector"),
-        ("azimuth_deg", _REAL, _MUST, "deg", "where the stronger recorded component was turned to"),
-        ("friction_static", _REAL, _MUST, "1", "Coulomb's static coefficient"),
-        ("friction_kinetic", _REAL, _MUST, "1", "Coulomb's kinetic coefficient"),
-        ("restitution", _REAL, _MUST, "1", "Newton's coefficient of restitution"),
-        ("realisation", _NUMBER, _MUST, "1", "number of the random realisation; 0 is the nominal scene"),
-        ("preset", _TEXT, _MUST, "", "settings of the engine, by name"),
-        ("engine", _TEXT, _MUST, "", "physics engine that stepped the rock"),
-        ("base", _NUMBER, _MAY, "1", "number of the drawn base (bases.json); null on the scene's own"),
-        ("friction_factor", _REAL, _MAY, "1", "factor on both frictions that the realisation drew"),
+        ("job_id", _TEXT, _MUST, _LINE, "", "hash of all that can change the job's answer"),
+        ("scene_id", _TEXT, _MUST, _LINE, "", "hash of the scene's content"),
+        ("rock", _TEXT, _MAY, _LINE, "", "name of the rock in a campaign of many; null in one of one"),
+        ("record_id", _TEXT, _MUST, _LINE, "", "record in the ensemble's catalogue"),
+        ("event", _TEXT, _MAY, _LINE, "", "earthquake of the record"),
+        ("level_pga_m_s2", _REAL, _MUST, _SIZE, "m/s2", "level asked for: largest horizontal acceleration vector"),
+        ("azimuth_deg", _REAL, _MUST, _ANGLE, "deg", "where the stronger recorded component was turned to"),
+        ("friction_static", _REAL, _MUST, _SIZE, "1", "Coulomb's static coefficient"),
+        ("friction_kinetic", _REAL, _MUST, _SIZE, "1", "Coulomb's kinetic coefficient"),
+        ("restitution", _REAL, _MUST, _SHARE, "1", "Newton's coefficient of restitution"),
+        ("realisation", _NUMBER, _MUST, _INDEX, "1", "number of the random realisation; 0 is the nominal scene"),
+        ("preset", _TEXT, _MUST, _LINE, "", "settings of the engine, by name"),
+        ("engine", _TEXT, _MUST, _LINE, "", "physics engine that stepped the rock"),
+        ("base", _NUMBER, _MAY, _INDEX, "1", "number of the drawn base (bases.json); null on the scene's own"),
+        ("friction_factor", _REAL, _MAY, _SIZE, "1", "factor on both frictions that the realisation drew"),
     ],
     "imposed": [
-        (name, _REAL, _MAY, meaning(name)["unit"] or "1", each.description) for name, each in MEASURES.items()
+        (name, _REAL, _MAY, _SIZE, meaning(name)["unit"] or "1", each.description)
+        for name, each in MEASURES.items()
     ],
     "outcome": [
-        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
-        ("outcome", _TEXT, _MAY, "", "stands, moved (slid, turned), toppled or lodged (toppled, caught beside)"),
-        ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
-        ("topple_time_s", _REAL, _MAY, "s", "no return: centre of mass last highest, from the record's start"),
-        ("topple_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the centre of mass at the time of no return"),
-        ("max_tilt_deg", _REAL, _MAY, "deg", "largest angle of the rock to the normal it stood on"),
-        ("residual_tilt_deg", _REAL, _MAY, "deg", "the same at the end"),
-        ("residual_yaw_deg", _REAL, _MAY, "deg", "turn about the interface's normal, at the end"),
-        ("slip_m", _REAL, _MAY, "m", "distance of the first contact's centroid from its start, at the end"),
-        ("penetration_m", _REAL, _MAY, "m", "deepest overlap of rock and pedestal on the way"),
-        ("ended_by", _TEXT, _MAY, "", "what ended it: fallen, tilted, slid_off, rest, rest_certain, never_moved ..."),
-        ("message", _TEXT, _MAY, "", "why, where status is not ok"),
+        ("status", _TEXT, _MUST, _LINE, "", "ok, undecided, diverged, failed, crashed or timeout"),
+        ("outcome", _TEXT, _MAY, _LINE, "", "stands, moved (slid, turned), toppled or lodged (toppled, caught beside)"),
+        ("toppled", _TRUTH, _MAY, _ANY_TRUTH, "", "whether the rock toppled; null unless status is ok"),
+        ("topple_time_s", _REAL, _MAY, _SIZE, "s", "no return: centre of mass last highest, from the record's start"),
+        ("topple_azimuth_deg", _REAL, _MAY, _ANGLE, "deg", "azimuth of the centre of mass at the time of no return"),
+        ("max_tilt_deg", _REAL, _MAY, _TURN, "deg", "largest angle of the rock to the normal it stood on"),
+        ("residual_tilt_deg", _REAL, _MAY, _TURN, "deg", "the same at the end"),
+        ("residual_yaw_deg", _REAL, _MAY, _ANGLE, "deg", "turn about the interface's normal, at the end"),
+        ("slip_m", _REAL, _MAY, _SIZE, "m", "distance of the first contact's centroid from its start, at the end"),
+        ("penetration_m", _REAL, _MAY, _SIZE, "m", "deepest overlap of rock and pedestal on the way"),
+        ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, tilted, slid_off, rest, never_moved ..."),
+        ("message", _TEXT, _MAY, _PAGE, "", "why, where status is not ok"),
     ],
     "cost": [
-        ("steps", _COUNT, _MAY, "1", "time steps taken"),
-        ("engine_steps", _COUNT, _MAY, "1", "those that the engine took or checked; null before physics version 16"),
-        ("simulated_s", _REAL, _MAY, "s", "time stepped through"),
-        ("skipped_s", _REAL, _MAY, "s", "time not stepped through: the rock at rest, or its answer certain"),
-        ("wall_s", _REAL, _MAY, "s", "time the job took on its worker"),
+        ("steps", _COUNT, _MAY, _MANY, "1", "time steps taken"),
+        (
+            "engine_steps", _COUNT, _MAY, _MANY, "1",
+            "those that the engine took or checked; null before physics version 16",
+        ),
+        ("simulated_s", _REAL, _MAY, _SIZE, "s", "time stepped through"),
+        ("skipped_s", _REAL, _MAY, _SIZE, "s", "time not stepped through: the rock at rest, or its answer certain"),
+        ("wall_s", _REAL, _MAY, _SIZE, "s", "time the job took on its worker"),
     ],
     "provenance": [
-        ("time_step_s", _REAL, _MAY, "s", "time step"),
-        ("physics_version", _TEXT, _MAY, "", "version of the physics that the answer comes from"),
-        ("worker", _TEXT, _MAY, "", "worker that did the job"),
-        ("cpu", _TEXT, _MAY, "", "model of the processor that did the job"),
-        ("kernels", _TEXT, _MAY, "", "kernels of BLAS and LLVM there: rows repeat bit for bit where these are alike"),
-        ("attempt", _NUMBER, _MAY, "1", "1 for the first try; the newest attempt counts"),
-        ("finished_at", _TIME, _MAY, "UTC", "when the job ended"),
+        ("time_step_s", _REAL, _MAY, _SHARE, "s", "time step"),
+        ("physics_version", _TEXT, _MAY, _LINE, "", "version of the physics that the answer comes from"),
+        ("worker", _TEXT, _MAY, _LINE, "", "worker that did the job"),
+        ("cpu", _TEXT, _MAY, _LINE, "", "model of the processor that did the job"),
+        (
+            "kernels", _TEXT, _MAY, _LINE, "",
+            "kernels of BLAS and LLVM there: rows repeat bit for bit where these are alike",
+        ),
+        ("attempt", _NUMBER, _MAY, _INDEX, "1", "1 for the first try; the newest attempt counts"),
+        ("finished_at", _TIME, _MAY, _DATES, "UTC", "when the job ended"),
     ],
 }
 # fmt: on
@@ -85,7 +103,7 @@ SCHEMA = pa.schema(
     [
         pa.field(name, kind, nullable, {"group": group, "unit": unit, "description": description})
         for group, rows in _COLUMNS.items()
-        for name, kind, nullable, unit, description in rows
+        for name, kind, nullable, _, unit, description in rows
     ],
     metadata={
         "schema_version": str(SCHEMA_VERSION),
@@ -93,6 +111,11 @@ SCHEMA = pa.schema(
     },
 )
 """The table `results`."""
+
+LIMITS: Mapping[str, tuple[Any, Any]] = {
+    name: limits for rows in _COLUMNS.values() for name, _, _, limits, _, _ in rows
+}
+"""Least and greatest value of a column, or length of a text: wider than any answer, and narrower than nonsense."""
 
 SHORT_NAMES = {
     "level_pga_m_s2": "PGA",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
@@ -58,11 +59,19 @@ class JobSpec:
     @property
     def job_id(self) -> str:
         """Hash of the specification and the physics version."""
-        content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        content = {name: getattr(self, name) for name in _FIELDS}
         content["unmeasured"] = self.unmeasured and dataclasses.asdict(self.unmeasured)
         canonical = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True)
         return hashlib.sha256(canonical.encode()).hexdigest()[:24]
 
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(JobSpec))
+ASKED = {
+    "level_pga_m_s2" if name == "pga_m_s2" else name: name
+    for name in ("job_id", *_FIELDS)
+    if name not in ("record_sha", "peak_displacement_m", "unmeasured")
+}
+"""Columns of a row that repeat what was asked, with the attribute of the specification that each repeats."""
 
 AXES = ("pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "restitution", "realisation")
 """Fields of a job that are the axes of a campaign, beside the record."""
@@ -130,33 +139,43 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
 @kept
 def _realised(scene: Scene, contact: ContactProperties, unmeasured: Unmeasured, realisation: int) -> Scene:
     """The scene with the job's contact properties, and with what the realisation draws."""
+    drawn = drawn_contact(scene.id, contact, unmeasured, realisation)
     if realisation == 0:
-        return scene.with_contact(contact)
-    seed = hashlib.sha256(f"{scene.id}:{realisation}".encode()).digest()[:8]
-    random = np.random.default_rng(int.from_bytes(seed, "little"))
-    spread_m = scene.com_std_m
-    if spread_m is None:
-        spread_m = np.full(3, COM_SPREAD_SHARE * scene.rock.height_m)
-    offset_m = random.normal(size=3) * spread_m
-    factor = float(np.exp(random.normal() * FRICTION_SPREAD))
-    drawn = ContactProperties(
-        contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
-    )
-    drawn = unmeasured.contact(drawn, realisation)
+        return scene.with_contact(drawn)
     if scene.unseen is not None:  # base and centre of mass are drawn together: on each base the rock stands
         number = scene.unseen.number_of(realisation)
         assert number is not None
         return scene.on_base(number).with_contact(drawn)
+    spread_m = scene.com_std_m
+    if spread_m is None:
+        spread_m = np.full(3, COM_SPREAD_SHARE * scene.rock.height_m)
+    offset_m = _normal(scene.id, realisation)[:3] * spread_m
     rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + offset_m)
     return dataclasses.replace(scene, rock=rock, contact=drawn)
 
 
+def drawn_contact(
+    scene_id: str, contact: ContactProperties, unmeasured: Unmeasured, realisation: int
+) -> ContactProperties:
+    """Contact properties that a realisation draws, by their uncertainty or from the stated distributions."""
+    if realisation == 0:
+        return contact
+    factor = float(np.exp(_normal(scene_id, realisation)[3] * FRICTION_SPREAD))
+    varied = ContactProperties(
+        contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
+    )
+    return unmeasured.contact(varied, realisation)
+
+
+def _normal(scene_id: str, realisation: int) -> NDArray[np.float64]:
+    """Standard normal numbers (4,) of a realisation: for the centre of mass, and for friction."""
+    seed = hashlib.sha256(f"{scene_id}:{realisation}".encode()).digest()[:8]
+    return np.random.default_rng(int.from_bytes(seed, "little")).normal(size=4)
+
+
 def identity(spec: JobSpec) -> dict[str, Any]:
     """Columns of a row that say which job it is of, whether it has an answer or not."""
-    columns = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
-    del columns["record_sha"], columns["peak_displacement_m"], columns["unmeasured"]
-    columns["level_pga_m_s2"] = columns.pop("pga_m_s2")
-    return {**columns, "job_id": spec.job_id}
+    return {name: getattr(spec, field) for name, field in ASKED.items()}
 
 
 def _drawn(spec: JobSpec, scene: Scene) -> dict[str, Any]:

@@ -69,6 +69,19 @@ class BaseDraw:
         return float(np.rad2deg(np.linalg.norm(self.turn_rad)))
 
 
+def draw_of(realisation: int, count: int) -> int | None:
+    """Which of so many draws a realisation of a campaign takes; None for realisation 0, the nominal scene.
+
+    Every draw once in each round of as many realisations as there are draws. Only the first round is in order: what
+    else a realisation draws (`workers.unmeasured`) fills its intervals in steps of powers of two, and would go with the
+    base.
+    """
+    if realisation == 0:
+        return None
+    turn, place = divmod(realisation - 1, count)
+    return place if turn == 0 else int(np.random.default_rng([2030, turn]).permutation(count)[place])
+
+
 @dataclass(frozen=True, eq=False)
 class UnseenBase:
     """Draws of a base, each as likely as the others."""
@@ -87,17 +100,8 @@ class UnseenBase:
         return len(self.draws)
 
     def number_of(self, realisation: int) -> int | None:
-        """Which draw a realisation of a campaign takes; None for realisation 0, the nominal scene.
-
-        Every draw once in each round of as many realisations as there are draws. Only the first round is in order: what
-        else a realisation draws (`workers.unmeasured`) fills its intervals in steps of powers of two, and would go with
-        the base.
-        """
-        if realisation == 0:
-            return None
-        count = len(self.draws)
-        turn, place = divmod(realisation - 1, count)
-        return place if turn == 0 else int(np.random.default_rng([2030, turn]).permutation(count)[place])
+        """Which draw a realisation of a campaign takes (:func:`draw_of`)."""
+        return draw_of(realisation, len(self.draws))
 
     def realised(self, rock: Rock, pedestal: Pedestal, number: int) -> Rock:
         """The rock with the feet, the centre of mass and the pose of one draw."""

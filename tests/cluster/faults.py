@@ -1,4 +1,4 @@
-"""Loaded by workers in tests: makes named jobs crash, hang or wait, as a file tells, or the worker another version."""
+"""Loaded by workers in tests: jobs crash, hang, wait or lie as a file tells, or the worker is of another version."""
 
 import json
 import os
@@ -14,19 +14,20 @@ STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 
 
 def _strike(job_id):
+    """Let a job's fault happen; returns what its row is changed by."""
     control = Path(os.environ[FAULTS_VARIABLE])
     if not control.exists():
-        return
+        return {}
     faults = json.loads(control.read_text())
     fault = faults.get(job_id) or faults.get("every")
     if fault is None:
-        return
+        return {}
     if "times" in fault:
         progress = control.with_name(f"{control.name}.{job_id}")
         with progress.open("a") as file:
             file.write("x")
         if progress.stat().st_size > fault["times"]:
-            return
+            return {}
     if fault["kind"] == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)
     elif fault["kind"] == "freeze":
@@ -37,14 +38,15 @@ def _strike(job_id):
         1 / 0  # noqa: B018  (the exception is the point)
     elif fault["kind"] == "wait":
         time.sleep(fault["seconds"])
+    return fault.get("changes", {})
 
 
 if not hasattr(task, "genuine_run_job"):
     task.genuine_run_job = task.run_job
 
     def run_job(spec, assets):
-        _strike(spec.job_id)
-        return task.genuine_run_job(spec, assets)
+        changes = _strike(spec.job_id)
+        return task.genuine_run_job(spec, assets) | changes
 
     task.run_job = run_job
 

@@ -131,6 +131,23 @@ def test_a_job_that_crashes_once_is_tried_again(carry_out, undisturbed, planned,
     assert attempts["attempt"].to_pylist() == [3]
 
 
+def test_a_job_whose_worker_answers_another_is_tried_again_and_fails_if_it_always_does(
+    carry_out, undisturbed, planned, tmp_path, faults
+):
+    once, always = planned.spec(5).job_id, planned.spec(30).job_id
+    wrong = {"kind": "lie", "changes": {"pgv_m_s": 0.5}}
+    faults.set(**{once: wrong | {"times": 1}, always: wrong})
+    progress = carry_out(tmp_path / "run")
+    rows = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
+    assert progress.status == {"ok": len(undisturbed) - 1, "failed": 1}
+    assert progress.deaths == 0
+    assert rows[always]["status"] == "failed"
+    assert "pgv_m_s is 0.5" in rows[always]["message"]
+    assert [row for row in rows.values() if row["job_id"] != always] == [
+        row for row in undisturbed if row["job_id"] != always
+    ]
+
+
 @pytest.mark.slow
 def test_workers_that_die_before_their_start_is_complete_are_brought_back(
     carry_out, client, undisturbed, tmp_path, faults

@@ -95,7 +95,7 @@ ADDED = {
             ("        ended_by=ended_by,\n", "        ended_by=ended_by,\n        rise_m=float(np.ptp(pose[:, 2])),\n"),
         ),
         "results/schema.py": (
-            ('        ("ended_by",', '        ("rise_m", _REAL, _MAY, "m", "highest rise"),\n        ("ended_by",'),
+            ('        ("ended_by",', '        ("rise_m", _REAL, _MAY, _SIZE, "m", "rise"),\n        ("ended_by",'),
             ('("rock", "engine_steps",', '("rock", "rise_m", "engine_steps",'),
         ),
     },
@@ -106,7 +106,7 @@ ADDED = {
             "result, wall_s=time.perf_counter() - began, cpu_s=time.process_time())",
         ),
         "results/schema.py": (
-            ('        ("wall_s",', '        ("cpu_s", _REAL, _MAY, "s", "processor time"),\n        ("wall_s",'),
+            ('        ("wall_s",', '        ("cpu_s", _REAL, _MAY, _SIZE, "s", "processor time"),\n        ("wall_s",'),
             ('"cpu", "kernels"),', '"cpu", "kernels", "cpu_s"),'),
         ),
     },

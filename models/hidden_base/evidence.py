@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
@@ -13,6 +14,7 @@ from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood
 from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
 from toppling.models.hidden_base.underside import Base
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
+from toppling.models.shares import effective_number
 
 BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
@@ -113,8 +115,11 @@ def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array
     return weight
 
 
-_PULL_STD_SHARE = 0.05
-"""How well a pull or tilt test tells the ratio: of the force's direction, height and reading together."""
+OTHER_ERRORS_SHARE = 0.04
+"""Standard deviation of the toppling acceleration that no draw shows; set on known virtual rocks, not derived."""
+_PULL_STD_SHARE = float(np.hypot(0.05, OTHER_ERRORS_SHARE))
+"""How well a pull or tilt test tells the ratio that a draw bears: 5 % of the force's direction, height and reading
+together, and what the draw itself is off by."""
 _ERROR_STDS = 2.0
 """Standard deviations beyond which a measured ratio contradicts a base."""
 _SPANNED_SHARE = 0.99
@@ -122,10 +127,27 @@ _SPANNED_SHARE = 0.99
 Pulls = Sequence[tuple[float, float]]
 
 
-def pulls_likelihood(pulls: Pulls, ratios: Array) -> Array:
-    """How likely (n,) draws with such ratios (n, pulls) make what was measured, the likeliest 1."""
-    squares = (np.minimum(_misfits(pulls, ratios), 1e3) ** 2).sum(axis=1)
-    return np.exp(-0.5 * (squares - squares.min()))
+def pulls_log_likelihood(pulls: Pulls, ratios: Array) -> Array:
+    """How likely (n,) draws with such ratios (n, pulls) make what was measured, the likeliest 0, as logarithm."""
+    squares = (_misfits(pulls, ratios) ** 2).sum(axis=1)
+    return np.asarray(-0.5 * (squares - squares.min()))
+
+
+def conditioned(weight: Array, log_likelihood: Array, enough: float) -> Array:
+    """Weights (n,) of draws by what was measured, tempered where it would leave next to none of them.
+
+    Draws are few where many pulls meet, or near the ends of the interval. The likelihood then counts to that power with
+    which enough draws are left: no interval rests on the few that happen to lie nearest.
+
+    enough: effective number of draws, or half of theirs if that is less.
+    """
+    least = min(enough, 0.5 * effective_number(weight))
+
+    def spare(power: float) -> float:
+        return effective_number(weight * np.exp(power * log_likelihood)) - least
+
+    power = 1.0 if spare(1.0) >= 0.0 else brentq(spare, 0.0, 1.0)
+    return np.asarray(weight * np.exp(power * log_likelihood))
 
 
 def fits(pulls: Pulls, ratios: Array) -> bool:
@@ -152,29 +174,6 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
             f"--pull {azimuth:g} {ratio:g}",
             f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %",
         )
-
-
-def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> None:
-    """Refuse pulls with which, although some draw agrees with each, the likeliest draws do not.
-
-    pulls, ratios: as of :func:`check_spanned`.
-    weight, before: (n,), of the draws, with and without what was measured.
-    Raises InputError if half of the draws' weight is on bases that contradict a pull.
-    """
-    agree = (_misfits(pulls, ratios) <= _ERROR_STDS).all(axis=1)
-    if weight[agree].sum() >= 0.5 * weight.sum():
-        return
-    listed = "; ".join(
-        "toward azimuth {:g}° they bear {:.3g} to {:.3g}, measured is {:g}".format(
-            azimuth, *_span(drawn, before), ratio
-        )
-        for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True)
-    )
-    raise _contradicted(
-        f"next to no drawn base agrees with {'all pulls' if len(pulls) > 1 else 'the pull'}: {listed}",
-        "--pull" if len(pulls) > 1 else "--pull {:g} {:g}".format(*pulls[0]),
-        f"ratios that one drawn base bears, within the test's error of {100 * _ERROR_STDS * _PULL_STD_SHARE:.0f} %",
-    )
 
 
 def _misfits(pulls: Pulls, ratios: Array) -> Array:

@@ -14,13 +14,14 @@ from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
 from toppling.models.hidden_base.evidence import (
+    OTHER_ERRORS_SHARE,
     Pulls,
     bowls,
-    check_joint,
     check_spanned,
+    conditioned,
     flat_draws,
     mixed_weights,
-    pulls_likelihood,
+    pulls_log_likelihood,
     shares_by_evidence,
 )
 from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resampled
@@ -47,12 +48,12 @@ DRAWS = 48
 CANDIDATES = 162
 """Draws of each kind, shared by its priors, of which the likelier are kept."""
 _MORE_ROUNDS, _ENOUGH = 3, 16.0
-"""Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""
+"""Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn;
+if they are too few still, the pulls count less."""
 LEVEL = 0.9
 """Of the intervals that are stated."""
-OTHER_ERRORS_SHARE, HINTED_ERRORS_SHARE = 0.04, 0.06
-"""Standard deviation of the toppling acceleration that no draw shows, without and with touches or pulls, which narrow
-the draws but not it; set on known virtual rocks, not derived (docs/scan.md)."""
+HINTED_ERRORS_SHARE = 0.06
+"""`OTHER_ERRORS_SHARE` with touches or pulls, which narrow the draws but not what no draw shows."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 _FITTING_SHARE = 1.0 / 3.0
 """Of the draws over a surface whose base fits it, at least: friction acts on contacts that three points do not have."""
@@ -207,16 +208,15 @@ def _weighed(
         return found, shares, weight
     ratios = borne(found)
     check_spanned(pulls, ratios, weight)
-    measured = weight * pulls_likelihood(pulls, ratios)
+    likelihood = pulls_log_likelihood(pulls, ratios)
     for _ in range(_MORE_ROUNDS):
-        if effective_number(measured) >= _ENOUGH:
+        if effective_number(weight * np.exp(likelihood)) >= _ENOUGH:
             break
         more = candidates()
         found, ratios = found + more, np.vstack([ratios, borne(more)])
         weight = mixed_weights([gap for gap, _ in found], shares)
-        measured = weight * pulls_likelihood(pulls, ratios)
-    check_joint(pulls, ratios, measured, weight)
-    return found, shares, measured
+        likelihood = pulls_log_likelihood(pulls, ratios)
+    return found, shares, conditioned(weight, likelihood, _ENOUGH)
 
 
 def _standing_draws(

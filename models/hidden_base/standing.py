@@ -13,11 +13,10 @@ from toppling.models.arrays import Array, Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
-from toppling.models.hidden_base.evidence import Pulls, fits
+from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE, Pulls, fits
 from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
-    OTHER_ERRORS_SHARE,
     ContradictionError,
     DrawnBases,
     draw_bases,

@@ -1,0 +1,88 @@
+"""A pull that lies inside the stated interval is never refused, and true ones do not take the truth out of it."""
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
+from toppling.models.hidden_base.from_scan import _ENOUGH, DRAWS, _interval_of
+from toppling.models.hidden_base.gap import resampled
+from toppling.models.shares import effective_number
+
+AZIMUTHS_DEG = np.arange(0.0, 360.0, 30.0)
+
+
+def ratios_of(bases, random):
+    """Ratios (bases, azimuths) that random bases of one rock bear, their largest foot toward a random azimuth.
+
+    Every fourth base is of another kind, that bears half as much: the draws have a gap between the two.
+    """
+    spread = random.uniform(0.05, 0.3)
+    lobes = random.normal(0.0, spread, (bases, 5)) / (1.0 + np.arange(5))
+    turn, order = np.deg2rad(AZIMUTHS_DEG), np.arange(5)[:, None]
+    ratios = random.uniform(0.15, 0.6) * np.exp(lobes @ np.cos(order * (turn - random.uniform(0.0, 6.3))))
+    ratios[::4] *= random.uniform(0.5, 1.0)
+    return ratios
+
+
+def known_by(pulls, ratios, weight, random):
+    """What the draws that are kept bear after pulls, numbers of azimuths with what was measured there."""
+    said = [(AZIMUTHS_DEG[row], value) for row, value in pulls]
+    measured = ratios[:, [row for row, _ in pulls]]
+    check_spanned(said, measured, weight)
+    likelihood = pulls_log_likelihood(said, measured)
+    return ratios[resampled(conditioned(weight, likelihood, _ENOUGH), DRAWS, random)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outside_refused(seed):
+    random = np.random.default_rng(seed)
+    ratios, weight = ratios_of(200, random), random.exponential(size=200)
+    low, _, high = _interval_of(ratios[resampled(weight, DRAWS, random)], False)
+    for row in range(0, len(AZIMUTHS_DEG), 3):
+        for value in np.linspace(low[row], high[row], 9):
+            kept = known_by([(row, value)], ratios, weight, random)
+            assert len(np.unique(kept[:, row])) > 5  # no interval rests on a few draws
+        for far in (0.4 * ratios[:, row].min(), 1.5 * ratios[:, row].max()):
+            with pytest.raises(InputError) as refused:
+                check_spanned([(30.0, far)], ratios[:, [row]], weight)
+            assert refused.value.where.startswith("--pull 30 ")
+            assert "a ratio that a drawn base bears" in refused.value.expected
+
+
+@pytest.mark.parametrize("pulls", [1, 2, 4])
+def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
+    covered, widths = [], []
+    for seed in range(150):
+        random = np.random.default_rng([pulls, seed])
+        ratios = ratios_of(200, random)
+        true = ratios_of_one(ratios, random)
+        drawn, weight = np.delete(ratios, 0, axis=0), np.ones(199)
+        rows = random.choice(len(AZIMUTHS_DEG), pulls, replace=False)
+        read = true[rows] * (1.0 + 0.05 * random.normal(size=pulls))
+        try:
+            kept = known_by(list(zip(rows, read, strict=True)), drawn, weight, random)
+        except InputError:
+            continue  # a truth outside of the draws' interval
+        free = drawn[resampled(weight, DRAWS, random)]
+        for each, hinted in ((free, False), (kept, True)):
+            low, _, high = _interval_of(each, hinted)
+            covered.append(((low <= true) & (true <= high)).mean())
+            widths.append((high - low).mean())
+    before, after = np.reshape(covered, (-1, 2)).mean(axis=0)
+    assert len(covered) > 2 * 140
+    assert after > max(0.88, before - 0.02)
+    assert np.reshape(widths, (-1, 2)).mean(axis=0)[1] < np.mean(widths[::2])
+
+
+def ratios_of_one(ratios, random):
+    """The truth: the first of the bases, with what no draw shows."""
+    return ratios[0] * (1.0 + 0.04 * random.normal())
+
+
+def test_pulls_that_no_base_makes_together_leave_enough_draws():
+    random = np.random.default_rng(3)
+    ratios = random.uniform(0.2, 0.4, (300, 1)) * np.array([1.0, 1.0])
+    likelihood = pulls_log_likelihood([(0.0, 0.2), (90.0, 0.4)], ratios)
+    weight = np.ones(300)
+    assert effective_number(conditioned(weight, likelihood, _ENOUGH)) >= 0.999 * _ENOUGH

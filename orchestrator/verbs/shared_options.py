@@ -5,8 +5,10 @@ import inspect
 import os
 import re
 import sys
+import tempfile
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -130,10 +132,21 @@ def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> Non
     """Tell a page's address, open it where that is wanted, and answer until the user or the page ends it."""
     click.echo(f"{name}: {server.address}  (Ctrl-C ends)")
     screen = sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    if screen if opens is None else opens:
-        webbrowser.open(server.address)
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt:
-        end_of_stop()
-        click.echo(ended, err=True)
+    with _leading_to(server.address) as page:
+        if screen if opens is None else opens:
+            webbrowser.open(page)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            end_of_stop()
+            click.echo(ended, err=True)
+
+
+@contextmanager
+def _leading_to(address: str) -> Iterator[str]:
+    """Address of a file that leads a browser on: all accounts can read a browser's command line, only this the file."""
+    with tempfile.TemporaryDirectory(prefix="toppling-") as folder:
+        page = Path(folder) / "page.html"
+        page.touch(mode=0o600)
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={address}">\n', encoding="utf-8")
+        yield page.as_uri()

@@ -192,7 +192,10 @@ def be_workers(address: str, count: int) -> None:
     """Be so many workers of one thread each."""
 
     async def serve() -> None:
-        workers = [Worker(address, nthreads=1, memory_limit=0, dashboard=False) for _ in range(count)]
+        workers = [
+            Worker(address, host="127.0.0.1", nthreads=1, memory_limit=0, dashboard=False)
+            for _ in range(count)
+        ]
         for worker in workers:
             await worker
         await asyncio.gather(*(worker.finished() for worker in workers))

@@ -33,6 +33,36 @@ NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
 
 
+_SAID_AFTER_S = 60.0
+
+
+class Absence:
+    """Tells once, each time that a cluster has had no worker for a minute."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._since, self._said = client, time.monotonic(), False
+
+    def look(self) -> None:
+        """See whether there are workers."""
+        if self._client.nthreads():
+            self._since, self._said = time.monotonic(), False
+        elif not self._said and time.monotonic() - self._since >= _SAID_AFTER_S:
+            self._said = True
+            log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, *self._where_and_remedy())
+
+    def _where_and_remedy(self) -> tuple[str, str]:
+        address = getattr(self._client.scheduler, "address", "the scheduler")
+        if self._client.cluster is None:
+            closed = "--no-dashboard --dashboard-address 127.0.0.1:0"
+            return address, f"start some with 'dask worker {address} --nthreads 1 {closed}'"
+        if isinstance(self._client.cluster, LocalCluster):
+            return address, "those of this machine die or take long to start"
+        return (
+            address,
+            "the batch system has started none yet; look at its queue, and at the logs of its jobs",
+        )
+
+
 def may_be_lost(error: BaseException) -> bool:
     """Whether an error can come of a connection: those of files and of limits of this machine are what they say."""
     if not isinstance(error, OSError):
@@ -113,14 +143,12 @@ def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
 
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first: for ever where somebody else starts it, such as a batch system."""
-    began, waiting_said, supervisor = time.monotonic(), False, ClusterSupervisor(client)
+    began, absence, supervisor = time.monotonic(), Absence(client), ClusterSupervisor(client)
     while not client.nthreads():
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
             return
-        if not waiting_said:
-            log.warning("no worker has come yet: waiting")
-            waiting_said = True
+        absence.look()
         if supervisor.gone():
             if isinstance(client.cluster, LocalCluster) and time.monotonic() - began > NOBODY_AFTER_S:
                 raise RunError(NOBODY)

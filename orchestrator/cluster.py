@@ -283,6 +283,7 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
         _warn_of_little_memory(kind, cores)
         prologue = dask.config.get(f"jobqueue.{kind}.job-script-prologue", None) or []
+        arguments = dask.config.get(f"jobqueue.{kind}.worker-extra-args", None) or []
         chosen = {VARIABLE: "1"} | {name: os.environ.get(name) for name in KERNEL_VARIABLES}
         exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
         with kept_from_children():  # what submits and takes back batch jobs
@@ -292,8 +293,10 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
                 security=security,
                 shared_temp_directory=str(secrets),
                 job_script_prologue=[*prologue, *exports],
+                # Dask's pages ask for no key.
+                worker_extra_args=["--no-dashboard", "--dashboard-address", "127.0.0.1:0", *arguments],
                 scheduler_options={
-                    "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
+                    "dashboard_address": "127.0.0.1:0",
                     **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
                 },
             )

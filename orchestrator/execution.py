@@ -115,6 +115,7 @@ class Execution:
         self._room = JOBS_IN_BATCH
         self._looked = -math.inf
         self._upkeep = ClusterSupervisor(self.client)
+        self._absence = admission.Absence(self.client)
         self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
         self._overdue: set[str] = set()
@@ -274,6 +275,7 @@ class Execution:
         if workers != self.progress.workers:
             tell("workers changed", workers=workers, before=self.progress.workers)
         self.progress.workers = workers
+        self._absence.look()
         if not self._upkeep.gone():
             self._all_alive = now
         elif now - self._all_alive > admission.NOBODY_AFTER_S and not self.progress.workers:

@@ -91,3 +91,30 @@ def test_a_worker_without_room_for_its_work_is_unfit_and_no_job_of_its_fails(mon
     monkeypatch.setattr(task, "run_job", refuse)
     with pytest.raises(task.UnfitWorkerError, match=r"cannot work .*No space left on device: '/tmp/work'"):
         task.shake_batch(None, [None], 1.0)
+
+
+@pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "a batch system's"])
+def test_a_minute_without_workers_is_told_once_with_the_address_and_the_remedy(cluster, monkeypatch, caplog):
+    now, workers = [0.0], {}
+    client = SimpleNamespace(
+        cluster=cluster, scheduler=SimpleNamespace(address="tcp://node1:8786"), nthreads=lambda: workers
+    )
+    monkeypatch.setattr(admission.time, "monotonic", lambda: now[0])
+    absence = admission.Absence(client)
+
+    def said(at_s):
+        now[0] = at_s
+        caplog.clear()
+        absence.look()
+        return caplog.text
+
+    assert said(59.0) == ""
+    told = said(60.0)
+    assert "tcp://node1:8786" in told
+    assert ("dask worker tcp://node1:8786" in told) == (cluster is None)
+    assert said(300.0) == ""
+    workers["tcp://node2:1"] = 1
+    assert said(301.0) == ""
+    workers.clear()
+    assert said(330.0) == ""
+    assert "no worker" in said(361.0)

@@ -7,28 +7,17 @@ from toppling.models.errors import InputError
 
 _US_FOOT_M = 1200.0 / 3937.0
 _UNITS = {
-    "m": (1.0, "metres", r"m|met(?:re|er)s?"),
-    "mm": (1e-3, "millimetres", r"mm|milli ?met(?:re|er)s?"),
-    "cm": (1e-2, "centimetres", r"cm|centi ?met(?:re|er)s?"),
-    "ft": (0.3048, "feet", r"i?ft|feet|foot|(?:international|intl) (?:feet|foot|ft)"),
-    "us-ft": (
-        _US_FOOT_M,
-        "US survey feet",
-        r"(?:us|u ?s) ?(?:survey )?(?:ft|feet|foot)|us ?ft|ft ?us|survey (?:ft|feet|foot)|"
-        r"(?:ft|feet|foot) ?us(?: survey)?",
-    ),
-    "in": (0.0254, "inches", r"in|inch(?:es)?"),
+    "m": (1.0, "metres"),
+    "mm": (1e-3, "millimetres"),
+    "cm": (1e-2, "centimetres"),
+    "ft": (0.3048, "feet"),
+    "us-ft": (_US_FOOT_M, "US survey feet"),
+    "in": (0.0254, "inches"),
 }
-"""Of each unit: metres of one, its name, and how people and files write it."""
-METRES = {unit: metres for unit, (metres, _, _) in _UNITS.items()}
+"""Of each unit: metres of one, and its name."""
+METRES = {unit: metres for unit, (metres, _) in _UNITS.items()}
 """Metres of one of each unit; its names are those of `--units`."""
-NAMES = {unit: name for unit, (_, name, _) in _UNITS.items()}
-_ANY = re.compile(
-    "|".join(
-        f"(?P<{unit.replace('-', '_')}>(?:{_UNITS[unit][2]}))\\b" for unit in sorted(_UNITS, reverse=True)
-    )
-)
-"""US survey feet before feet, with which some of their names begin."""
+NAMES = {unit: name for unit, (_, name) in _UNITS.items()}
 _OTHER = (
     r"(?:milli|centi|deci|kilo) ?met(?:re|er)s?|[mcdk]m|(?:us[ -]?|survey )?(?:feet|foot|ft)(?:[ -]?us)?|inch(?:es)?|"
     r"yards?|yd|deg(?:rees?)?"
@@ -50,18 +39,6 @@ _LARGEST_M3 = 5000.0
 """Twice the volume of the largest balanced rocks."""
 _CUBES_OF_HEIGHT = (0.01, 3.0)
 """Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
-
-
-def _unit_called(word: str) -> str | None:
-    """The unit that a word names, as in `METRES`; None if it names none.
-
-    Examples
-    --------
-    >>> _unit_called("US Survey Feet"), _unit_called("Millimeters"), _unit_called("cubits")
-    ('us-ft', 'mm', None)
-    """
-    found = _ANY.match(re.sub(r"[\s._()\"'-]+", " ", word.lower()).strip())
-    return found.lastgroup.replace("_", "-") if found is not None and found.lastgroup else None
 
 
 def other_unit_in(remarks: Iterable[str]) -> str:
@@ -106,20 +83,22 @@ def explaining_units(height_m: float) -> str:
 
 
 def metres_in(unit: str) -> float:
-    """Metres of one of a unit, by any name of it.
+    """Metres of one of a unit, by its key in `METRES` or its name, as trimesh has it.
 
     Raises InputError if it names none.
 
     Examples
     --------
-    >>> metres_in("mm"), metres_in("centimetres")
+    >>> metres_in("mm"), metres_in("centimeters")
     (0.001, 0.01)
     """
-    known = _unit_called(str(unit))
-    if known is None:
-        what, expected = f"{unit!r} is no unit of length", f"one of {', '.join(METRES)}"
-        raise InputError(what, where="units", expected=expected, remedy="leave it out for metres")
-    return METRES[known]
+    word = str(unit).strip().lower().replace("meter", "metre")
+    word = {"foot": "feet", "inch": "inches"}.get(word, word)
+    for key, (metres, name) in _UNITS.items():
+        if word in (key, name.lower(), name.lower().removesuffix("s")):
+            return metres
+    what, expected = f"{unit!r} is no unit of length", f"one of {', '.join(METRES)}"
+    raise InputError(what, where="units", expected=expected, remedy="leave it out for metres")
 
 
 def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str:

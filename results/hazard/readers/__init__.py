@@ -48,7 +48,7 @@ _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
 """Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file)` states what is
 in one. The last of a kind says what is wrong with a file that nobody recognises."""
 
-_SUFFIXES = {".csv", ".txt", ".json", ".geojson", ".xml", ".dat", ".tsv", ""}
+_SUFFIXES = {".csv", ".txt", ".json", ".xml", ".dat", ".tsv", ""}
 
 
 def read_hazard(

@@ -28,7 +28,7 @@ def read(file: HazardFile) -> list[Statement]:
     """
     text = file.text
     if not matches(file):
-        file.refuse("is XML without hazard curves", EXPORT)
+        file.refuse("is XML without hazard curves")
     root = xml_of(text, file.path, refused)
     processing = {
         key: each.attrib[key] for each in root.iter("*") if _tag(each) in _CONFIG for key in each.attrib

@@ -8,7 +8,7 @@ import pytest
 from pyproj import CRS
 
 from toppling.models.errors import InputError
-from toppling.models.lengths import _US_FOOT_M, _unit_called, size_note
+from toppling.models.lengths import _US_FOOT_M, metres_in, size_note
 from toppling.models.scan.read import read_clouds
 
 POINTS_M = np.random.default_rng(3).uniform(0.0, 12.0, (1500, 3)) + np.array([1000.0, 2000.0, 30.0])
@@ -230,22 +230,21 @@ def test_what_was_converted_is_told_and_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("word", "unit"),
+    ("word", "metres"),
     [
-        ("US survey foot", "us-ft"),
-        ("ftUS", "us-ft"),
-        ("ft (US survey)", "us-ft"),
-        ("international feet", "ft"),
-        ("Metres", "m"),
-        ("milli-meters", "mm"),
-        ("yards", None),
-        ("mmHg", None),
-        ("month", None),
-        ("", None),
+        ("us-ft", _US_FOOT_M),
+        ("US survey feet", _US_FOOT_M),
+        ("Metres", 1.0),
+        ("meter", 1.0),
+        ("inches", 0.0254),
+        ("cm", 0.01),
     ],
-)
-def test_names_of_units(word, unit):
-    assert _unit_called(word) == unit
+)  # fmt: skip
+def test_a_unit_has_a_key_and_a_name(word, metres):
+    assert metres_in(word) == metres
+    for other in ("yards", "dm", "km", "mmHg", "month", ""):
+        with pytest.raises(InputError, match="no unit of length"):
+            metres_in(other)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Agencies' headers are read without pedantry: other cases, blanks and marks are the same record."""
 
 import pytest
-from motion_samples import WRITERS, shaking
+from motion_samples import STEP_S, WRITERS, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
@@ -114,6 +114,53 @@ def test_labels_of_peer_may_be_channel_codes_and_locations(label, direction, tmp
     )
     (component,) = read_file(path)
     assert (component.event, component.station, component.direction) == ("Q11-10-20", "CCM", direction)
+
+
+def test_horizontals_that_peer_only_numbers_are_one_record_with_their_vertical(tmp_path):
+    codes = {"090": "BH100", "000": "BH200", "UP": "BHZ00"}
+    for path, (label, code) in zip(WRITERS["peer"](tmp_path, shaking()), codes.items(), strict=True):
+        text = path.read_text().replace(
+            f"Testquake, 1/2/2003, Station, {label}", f"Q, 10/20/2011, CCM, {code}"
+        )
+        path.write_text(text)
+        path.rename(tmp_path / f"RSN9_Q_XX.CCM.{code[:3]}.00.AT2")
+    (record,) = imported(tmp_path).records
+    assert record.station == "CCM"
+    assert not record.north_known
+
+
+ORIGIN = "TESTQUAKE\nJANUARY 17, 1994 04:31 PST\n14403"
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "event"),
+    [
+        ("csmip_v1", ORIGIN, ORIGIN, "TESTQUAKE, JANUARY 17, 1994 04:31 PST"),
+        ("csmip_v1", ORIGIN, "Rcrd of Fri Mar 5, 2021 20:19:31.0 PDT\nRAW\n14403", "Fri Mar 5, 2021 20:19:31.0 PDT"),
+        ("csmip_v2", "Rcrd of Tue Dec 20, 2022", "Rcrd of Tue Dec 20, 2022 02:34 PST", "Tue Dec 20, 2022 02:34 PST"),
+        ("pairs_v1", "TESTQUAKE\nJANUARY 17, 1994 04:31 PST", "FARQUAKE 2010\n", "FARQUAKE 2010"),
+        ("bhrc", "Origin Time : 2012/08/11   12:23:16", "Origin Time : 2013/09/12   1:02:03", "2013/09/12 1:02:03"),
+        ("smc", "     1989  10  18    0004 Testquake, CA", "     1990  11  19    0105 Q, CA", "Q, CA, 1990-11-19 0105"),
+        ("unam", "2017/09/19", "2018/10/20", "2018/10/20 18:14:40"),
+        ("cosmos_v2", "Record of Testquake", "Rcrd of Farquake", "Farquake of Tue Aug 28, 2018"),
+    ],
+)  # fmt: skip
+def test_headers_name_the_event_and_its_origin(name, old, new, event, tmp_path):
+    WRITERS[name](tmp_path, shaking())
+    replaced(tmp_path, old, new)
+    assert {part.event for path in tmp_path.iterdir() for part in read_file(path)} == {event}
+
+
+def test_pairs_of_usc_are_known_by_their_station_and_the_counts_behind_its_lines_are_no_words(tmp_path):
+    (path,) = WRITERS["pairs_v1"](tmp_path, shaking())
+    replaced(tmp_path, "UNIVERSIDAD DE CHILE - RENADIC", "TESTQUAKE   JAN 17, 1994 -1230 GMT")
+    replaced(tmp_path, "STATION NO. 14403", "STATION USC# 0016")
+    replaced(tmp_path, ORIGIN[:-6], f"{'TESTQUAKE':72}21\n{'JAN 17, 1994 -1230 GMT':72}22")
+    found = read_file(path)
+    assert {(part.file_format, part.event) for part in found} == {
+        ("USC V1", "TESTQUAKE, JAN 17, 1994 -1230 GMT")
+    }
+    assert {part.time_step_s for part in found} == {STEP_S}
 
 
 def test_pairs_of_smc_are_refused_by_what_they_are(tmp_path):

@@ -2,7 +2,6 @@
 
 import math
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,51 +10,59 @@ from hypothesis import strategies as st
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 
-SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
-
-samples = pytest.mark.skipif(
-    not SAMPLES.is_dir(), reason="needs the samples of hazard files, ../shared/data/hazard"
-)
-
 EDGES = "mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0]"
 
 
 def openquake(
-    tmp_path, rows, head=f"investigation_time=50.0, {EDGES}, weights=[0.4, 0.6]", columns="rlz1,rlz0"
+    tmp_path, rows, head=f"investigation_time=50.0, {EDGES}, weights=[0.4, 0.6]", columns="mag,dist,rlz1,rlz0"
 ):
     path = tmp_path / "Mag_Dist-0.csv"
-    path.write_text("\n".join([f'#,,,,,"{head}"', f"imt,iml,poe,mag,dist,{columns}", *rows]))
+    path.write_text("\n".join([f'#,,,,,"{head}"', f"imt,iml,poe,{columns}", *rows]))
     return path
 
 
-@samples
-@pytest.mark.parametrize(
-    ("name", "poe", "total"), [("Mag_Dist-mean-0_5", 0.1, 0.10062), ("Mag_Dist-0_5", 0.1, 0.10062)]
-)
-def test_openquakes_bins_combine_to_the_probability_they_are_of(name, poe, total):
-    read = read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv", poe=poe)
-    assert -math.expm1(-math.fsum(one.contribution for one in read.bins)) == pytest.approx(total, rel=2e-3)
+def nshmp(folder):
+    """`data.csv` of nshmp-haz: centres and means of distance and magnitude, epsilon, per cent of the total."""
+    folder.mkdir(exist_ok=True)
+    path = folder / "data.csv"
+    path.write_text(
+        "     r,      r\u0305,    m,    m\u0305,     ε\u0305,    Σε\n"
+        " 10.00,  12.10, 5.10, 5.10,  2.50, 20.00\n"
+        " 10.00,  11.40, 5.30, 5.31,  2.20, 30.00\n"
+        " 10.00,  10.90, 5.70, 5.69,  1.90, 49.75\n"
+        " 30.00,  24.00, 5.10, 5.10,  3.30,  0.25\n"
+        " 50.00,  41.00, 5.30, 5.28,  4.10,     T\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize(("columns", "shares"), [("mean", [1.0]), ("rlz1,rlz0", [1.75, 0.5])])
+def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, columns, shares):
+    rows = [
+        f"PGA,{iml},{poe},{place},{','.join(str(share * p * poe) for share in shares)}"
+        for iml, poe in (("0.3", 0.1), ("0.2", 0.2))
+        for place, p in (("5.5,5.0", 0.4), ("5.5,15.0", 0.5), ("6.5,15.0", 0.2))
+    ]
+    read = read_deaggregation(openquake(tmp_path, rows, columns=f"mag,dist,{columns}"), poe=0.1)
+    total = -math.expm1(-math.fsum(one.contribution for one in read.bins))
+    assert total == pytest.approx(1.0 - 0.96 * 0.95 * 0.98)
     assert read.bins[0].magnitude == (5.0, 6.0)
     assert read.bins[1].distance_km == (10.0, 20.0)
     assert "others with --poe 0.2" in read.of
 
 
-@samples
-def test_region_and_epsilon_are_summed_over():
-    one, two, three = (
-        read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv").bins
-        for name in ("Mag_Dist-0_5", "TRT_Mag_Dist-0_5", "Mag_Dist_Eps-mean-0_5")
-    )
-    for plain, by_region, by_epsilon in zip(one, two, three, strict=True):
-        assert by_region.contribution == pytest.approx(plain.contribution, rel=2e-3, abs=1e-7)
-        assert by_epsilon.contribution == pytest.approx(plain.contribution, rel=2e-2, abs=1e-6)
+@pytest.mark.parametrize("by", ["trt", "eps"])
+def test_region_and_epsilon_are_summed_over(tmp_path, by):
+    """Two parts of 10 % and 20 % are 28 %, as of independent events."""
+    rows = [f"PGA,0.2,0.1,{part},5.5,5.0,{p}" for part, p in (("-1.0", 0.1), ("1.0", 0.2))]
+    (one,) = read_deaggregation(openquake(tmp_path, rows, columns=f"{by},mag,dist,mean")).bins
+    assert one.contribution == pytest.approx(-math.log1p(-0.28))
 
 
-@samples
-@pytest.mark.parametrize("name", ["Mag-0_5", "Dist-mean-0_5"])
-def test_a_deaggregation_over_one_of_both_is_refused(name):
+@pytest.mark.parametrize("name", ["mag", "dist"])
+def test_a_deaggregation_over_one_of_both_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="over magnitude and distance is needed"):
-        read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv")
+        read_deaggregation(openquake(tmp_path, ["PGA,0.2,0.1,5.5,0.1"], columns=f"{name},mean"))
 
 
 def test_a_line_of_blanks_in_a_deaggregation_is_no_row(tmp_path):
@@ -66,13 +73,24 @@ def test_a_line_of_blanks_in_a_deaggregation_is_no_row(tmp_path):
     )
 
 
-@samples
-def test_nshmps_bins_are_centres_with_per_cent_of_the_total():
-    (folder,) = (SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/deagg").glob("*Site1")
-    bins = read_deaggregation(folder / "data.csv").bins
-    assert (bins[0].magnitude, bins[0].distance_km) == (pytest.approx((5.0, 5.2)), (0.0, 20.0))
-    assert bins[0].contribution == pytest.approx(7.30)
-    assert math.fsum(one.contribution for one in bins) == pytest.approx(100, abs=0.5)
+def test_nshmps_bins_are_centres_with_per_cent_of_the_total(tmp_path):
+    bins = read_deaggregation(nshmp(tmp_path)).bins
+    assert (bins[0].magnitude, bins[0].distance_km) == ((5.0, 5.2), (0.0, 20.0))
+    assert [one.contribution for one in bins] == [20.0, 30.0, 49.75, 0.25, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("summary.txt", "  r: min = 0.0, max = 100.0, Δ = 10.0\n  m: min = 5.0, max = 8.0, Δ = 0.1\n"),
+        ("config.json", '{"deagg": {"bins": {"Δr": 10.0, "Δm": 0.1}}}'),
+    ],
+)
+def test_widths_of_nshmps_bins_are_those_that_a_file_of_the_calculation_states(tmp_path, name, text):
+    path = nshmp(tmp_path / "site")
+    (path.with_name(name) if name == "summary.txt" else tmp_path / name).write_text(text, encoding="utf-8")
+    first = read_deaggregation(path).bins[0]
+    assert (first.magnitude, first.distance_km) == ((5.05, 5.15), (5.0, 15.0))
 
 
 def test_weights_follow_the_columns_and_not_the_numbers_of_realisations(tmp_path):
@@ -111,12 +129,9 @@ def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, said):
         read_deaggregation(path)
 
 
-@samples
-def test_neighbouring_bins_share_their_edge_so_that_no_magnitude_falls_between():
-    (folder,) = (SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/deagg").glob("*Site1")
-    edges = {one.magnitude for one in read_deaggregation(folder / "data.csv").bins}
-    lows, highs = ({edge[side] for edge in edges} for side in (0, 1))
-    assert lows - highs == {min(lows)}
+def test_neighbouring_bins_share_their_edge_so_that_no_magnitude_falls_between(tmp_path):
+    edges = {one.magnitude for one in read_deaggregation(nshmp(tmp_path)).bins}
+    assert edges == {(5.0, 5.2), (5.2, 5.4), (5.6, 5.8)}
 
 
 @pytest.mark.parametrize(

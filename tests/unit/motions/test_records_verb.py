@@ -169,8 +169,11 @@ def test_peaks_of_the_table_scale_counts_of_one_instrument_and_no_others(tmp_pat
     table.write_text(f"rec_id,h1,h2,v,pga_h1,pga_h2,pga_v\nA,rec.txt,rec.txt,rec.txt,{peaks}\n")
     result = run("import", tmp_path / "rec.txt", "--out", tmp_path / "out", "--metadata", table, expect=None)
     if records:
-        intensity = Ensemble.load(tmp_path / "out").record("A").intensity
+        record = Ensemble.load(tmp_path / "out").record("A")
+        intensity = record.intensity
         assert intensity["pga_h1_m_s2"] == pytest.approx(2.0, rel=0.01)
         assert intensity["pga_h2_m_s2"] == pytest.approx(4.0, rel=0.01)
+        (told,) = [step for step in record.history if "counts per m/s2" in step]
+        assert float(told.partition(" counts per")[0].split()[-1]) == pytest.approx(1000.0, rel=0.01)
     else:
         assert isinstance(result.exception, InputError)

@@ -160,6 +160,24 @@ def test_a_small_difference_between_stages_and_sensitivity_is_told(tmp_path, cap
     assert capfd.readouterr().err == ""  # evalresp's own words, which name no file
 
 
+def test_a_sensor_of_velocity_whose_response_has_no_stages_is_refused_by_what_is_missing(tmp_path):
+    _, outcome = station_of(tmp_path, "M/S", 2e5)
+    assert not outcome.records
+    assert "no stages of the response of XX.TST..HNE, a sensor of velocity" in outcome.refusals[0].reason.what
+
+
+def test_a_record_before_the_epochs_of_its_response_is_refused_with_both_times(tmp_path):
+    *_, xml = miniseed(tmp_path, shaking())
+    inventory = obspy.read_inventory(str(xml))
+    for channel in inventory[0][0]:
+        channel.start_date = obspy.UTCDateTime(2021, 1, 1)
+    inventory.write(str(xml), format="STATIONXML")
+    outcome = import_records(record_files([tmp_path]), options=ImportOptions(process=False))
+    assert not outcome.records
+    told = "the StationXML has XX.TST..HNE from 2021-01-01 to today, and the record is of 2020-01-01T00:00:00"
+    assert told in outcome.refusals[0].reason.what
+
+
 @pytest.mark.parametrize(
     ("change", "cause"),
     [

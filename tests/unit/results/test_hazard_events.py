@@ -1,10 +1,10 @@
 """Event sets: read as OpenQuake, CyberShake and others write them, and rocks under them."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
@@ -24,9 +24,6 @@ from toppling.results.hazard.event_survival import (
 )
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
-
-SAMPLES = Path(__file__).resolve().parents[4] / "shared" / "data" / "hazard"
-sampled = pytest.mark.skipif(not SAMPLES.is_dir(), reason="../shared/data/hazard is not here")
 
 ROCK = FeltRock("rock", Lognormal("pga_m_s2", 0.5 * G, 0.3))
 
@@ -261,46 +258,48 @@ def test_a_hazard_curve_is_no_set_of_events(tmp_path):
     assert is_event_set(write_calculation(tmp_path))
 
 
-@sampled
-def test_openquakes_event_set_gives_its_branches_toppling_rates():
-    events = read_events(SAMPLES / "oq_events")
+def test_openquakes_event_set_gives_its_branches_rates_of_toppling_and_of_exceedance(tmp_path):
+    events = read_events(write_calculation(tmp_path))
     rates = [toppling_probabilities([ROCK], branch) @ branch.rate for branch in events.branches]
-    assert rates == pytest.approx([1.329e-4, 5.693e-3, 4.516e-3, 1.070e-3], rel=5e-4)
-    assert events.prior @ rates == pytest.approx(2.669e-3, rel=5e-4)
-    assert [len(branch.rate) for branch in events.branches] == [270, 244, 249, 267]
+    # Motions of 0.5 and 0.8 g in 100 years of the first branch, at the rock's median and above it.
+    assert rates == pytest.approx([0.01 * (0.5 + norm.cdf(math.log(1.6) / 0.3)), 0.0])
+    exceeded = [branch.rate @ (branch.motions["pgv_m_s"][:, 0] > 0.2) for branch in events.branches]
+    assert exceeded == pytest.approx([0.01, 0.0])  # 30 cm/s once
+    assert events.prior == pytest.approx([0.75, 0.25])
 
 
-@sampled
-def test_curves_counted_from_the_fields_are_the_engines_own():
-    """PGV of the mean curve at pbr01 and 21.9976514 cm/s, from the README of the samples."""
-    events = read_events(SAMPLES / "oq_events")
-    exceeded = [
-        1 - math.exp(-50 * branch.rate @ (branch.motions["pgv_m_s"][:, 0] > 0.219976514))
-        for branch in events.branches
-    ]
-    assert events.prior @ exceeded == pytest.approx(2.244593e-01, rel=1e-6)
-
-
-@sampled
-def test_fields_of_an_old_layout_and_of_a_scenario_are_read():
-    scenario = read_events(SAMPLES / "oq_scenario", event_rate=1e-3)
-    assert scenario.branches[0].motions["pga_m_s2"].shape == (50, 20)
-    old = read_events(SAMPLES / "oq_expected" / "scenario_damage_case_10", event_rate=1e-3)
-    assert old.branches[0].motions["pga_m_s2"][0, 0] / G == pytest.approx(1.288163e-2)
-    assert old.sites[0].place == (-118.649, 31.9028)
-    one = read_events(SAMPLES / "oq_expected" / "event_based_case_5")
-    assert one.years == 30.0
-
-
-@sampled
-def test_a_cybershake_rupture_shares_its_probability_over_its_variations():
-    events = read_events(SAMPLES / "cybershake")
+def test_fields_of_the_oldest_layout_are_one_branch_of_a_scenario(tmp_path):
+    (tmp_path / "gmf-data.csv").write_text("eid,sid,gmv_PGA\n0,0,0.0129\n0,1,0.2\n1,0,0.3\n1,1,0.4\n")
+    (tmp_path / "sitemesh.csv").write_text("site_id,lon,lat\n0,-118.6,31.9\n1,-118.5,32.0\n")
+    events = read_events(tmp_path, event_rate=1e-3)
     (branch,) = events.branches
-    assert branch.motions["sa_2s_m_s2"][:, 0].max() < 1.0
-    row = np.argmin(np.abs(branch.motions["sa_2s_m_s2"][:, 0] - 0.11645027))
-    count = round(7.084097e-06 / branch.rate[row])
-    assert branch.rate[row] == pytest.approx(-math.log1p(-7.084097e-06) / count)
-    assert any("variations" in note for note in events.notes)
+    assert branch.motions["pga_m_s2"] / G == pytest.approx(np.array([[0.0129, 0.2], [0.3, 0.4]]))
+    assert branch.rate.tolist() == [5e-4, 5e-4]
+    assert events.sites[0].place == (-118.6, 31.9)
+
+
+def test_a_catalogue_of_one_set_of_events_lasts_the_investigation_time(tmp_path):
+    assert read_events(write_calculation(tmp_path, times="investigation_time=30.0")).years == 30.0
+
+
+def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_path):
+    head = "Site_Name,Source_ID,Rupture_ID,Rupture_Variation_ID,Rupture_Probability,Period,Component,IM_Value,Units"
+    rows = [
+        f'"USC",{rupture},{variation},{p},2.0,"RotD50",{value},"cm per sec squared"'
+        for rupture, variation, p, value in (
+            ("12,0", 0, 7e-3, 11.5),
+            ("12,0", 3, 7e-3, 14.5),
+            ("14,1", 2, 1e-3, 99.0),
+        )
+    ]
+    (tmp_path / "IMs.csv").write_text("\n".join([head, *rows]))
+    (tmp_path / "counts.csv").write_text("Source_ID,Rupture_ID,Num_Rup_Vars\n12,0,5\n14,1,1\n")
+    events = read_events(tmp_path)
+    (branch,) = events.branches
+    order = np.argsort(branch.motions["sa_2s_m_s2"][:, 0])
+    assert branch.motions["sa_2s_m_s2"][order, 0] == pytest.approx([0.115, 0.145, 0.99])
+    assert branch.rate[order] == pytest.approx([-math.log1p(-7e-3) / 5] * 2 + [-math.log1p(-1e-3)])
+    assert any("3 variations" in note for note in events.notes)
 
 
 def test_one_event_topples_with_its_fragility():

@@ -3,10 +3,10 @@
 import json
 import math
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hazard_samples import NSHMP_RATES, PLACES, logic_tree, nshmp_curves, nshmp_output, openquake_curves
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.measure_names import measure_with_unit
@@ -15,12 +15,7 @@ from toppling.results.hazard.readers import Hints, read_hazard, text_columns
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.readers.event_sets import is_event_set
 
-SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
 G = 9.80665
-
-samples = pytest.mark.skipif(
-    not SAMPLES.is_dir(), reason="needs the samples of hazard files, ../shared/data/hazard"
-)
 
 
 def read_tree(path, measure=None, site=None, **hints):
@@ -220,104 +215,87 @@ def value_at(tree, level, unit, years):
     return -math.expm1(-curve.rates[place] * years)
 
 
-@samples
+@pytest.mark.parametrize("kind", ["mean", "rlz-035"])
+@pytest.mark.parametrize("years", [50.0, 1.0])
+@pytest.mark.parametrize("site", [PLACES[1], "second"])
 @pytest.mark.parametrize(
-    ("path", "measure", "site", "level", "unit", "years", "value"),
-    [
-        ("oq_lt36/hazard_curve-mean-PGA_6.csv", "pga_m_s2", (0.5, -0.5), 0.1224745, G, 50, 8.219617e-2),
-        ("oq_lt36/hazard_curve-rlz-035-PGA_6.csv", "pga_m_s2", (0.5, -0.5), 0.1224745, G, 50, 4.830540e-2),
-        ("oq_lt36/hazard_curve-mean-PGV_6.csv", "pgv_m_s", (0.85, -0.75), 12.2474487, 0.01, 50, 1.451082e-2),
-        ("oq_events", "pgv_m_s", "pbr01", 21.9976514, 0.01, 50, 2.244593e-1),
-        ("oq_expected/classical_case_24", "pgv_m_s", (0.1, 0.0), 20, 0.01, 50, 1.066501e-1),
-        ("oq_expected/classical_case_37", "pga_m_s2", (171.69, -43.52), 0.1, G, 50, 5.827647e-3),
-        ("oq_expected/classical_case_01", "pga_m_s2", (0.0, 0.0), 0.4, G, 1, 5.754043e-2),
-    ],
-)  # fmt: skip
+    ("imt", "measure", "unit"),
+    [("PGA", "pga_m_s2", G), ("PGV", "pgv_m_s", 0.01), ("SA(1.0)", "sa_1s_m_s2", G)],
+)
 def test_openquakes_files_give_the_probabilities_that_they_print(
-    path, measure, site, level, unit, years, value
+    tmp_path, kind, years, site, imt, measure, unit
 ):
-    tree = read_tree(SAMPLES / path, measure, site)
-    assert value_at(tree, level, unit, years) == pytest.approx(value, rel=1e-6)
+    rows = [("first", PLACES[0], (0.5, 0.3, 0.1)), ("second", PLACES[1], (0.4, 8.2e-2, 1.5e-3))]
+    path = openquake_curves(tmp_path / f"curve-{kind}.csv", kind, imt, (0.05, 0.1224745, 0.3), rows, years)
+    assert value_at(read_tree(path, measure, site), 0.1224745, unit, years) == pytest.approx(8.2e-2, rel=1e-6)
 
 
-@samples
-def test_an_old_openquake_header_states_time_and_measure_too(tmp_path):
-    text = (SAMPLES / "oq_expected/event_based_case_17/hazard_curve-rlz-001.csv").read_text()
-    path = tmp_path / "hazard_curve-rlz-001.csv"
-    path.write_text(text.replace("0.000000E+00,0.000000E+00,0.000000E+00", "3.9E-01,1.0E-02,1.0E-03"))
-    curve = read_curve(path)
-    assert (curve.measure, curve.years) == ("pga_m_s2", 1.0)
-    np.testing.assert_allclose(curve.intensity, np.array([0.1, 0.4, 0.6]) * G)
+def test_a_folder_of_events_with_the_curves_counted_from_them_is_read_as_these_curves(tmp_path):
+    (tmp_path / "events.csv").write_text(OQ + "event_id,rup_id,rlz_id,year,ses_id\n0,0,0,3,1\n")
+    (tmp_path / "gmf-data.csv").write_text(OQ + "event_id,gmv_PGV,custom_site_id\n0,12.0,here\n")
+    openquake_curves(tmp_path / "mean.csv", "mean", "PGV", (10.0, 22.0), [("here", PLACES[0], (0.4, 0.2))])
+    assert value_at(read_tree(tmp_path, "pgv_m_s", "here"), 22.0, 0.01, 50) == pytest.approx(0.2)
 
 
-@samples
-def test_a_folder_of_openquake_is_a_tree_by_measure_and_site_with_its_weights_and_fractiles():
-    trees = read_hazard(SAMPLES / "oq_lt36")
-    assert {(tree.measure, len(tree.branches)) for tree in trees} == {
-        ("pga_m_s2", 36), ("pgv_m_s", 36), ("sa_0.2s_m_s2", 1), ("sa_1s_m_s2", 1),
-    }  # fmt: skip
-    tree = chosen_tree(trees, "pga_m_s2", (0.5, -0.5), "here")
-    assert tree.branches[0].path == "AAA~AA"
-    assert sum(branch.weight for branch in tree.branches) == pytest.approx(1.000000016, abs=1e-9)
+def test_a_folder_of_openquake_is_a_tree_by_measure_and_site_with_its_weights_and_fractiles(tmp_path):
+    trees = read_hazard(logic_tree(tmp_path))
+    assert sorted((tree.measure, len(tree.branches), tree.site_name) for tree in trees) == [
+        (measure, branches, site)
+        for measure, branches in (("pga_m_s2", 4), ("pgv_m_s", 4), ("sa_1s_m_s2", 1))
+        for site in ("a", "b")
+    ]
+    tree = chosen_tree(trees, "pga_m_s2", PLACES[0], "here")
+    assert [(branch.path, branch.weight) for branch in tree.branches] == [
+        ("AAA~AA", 0.1), ("AAA~AB", 0.2), ("AAB~AA", 0.3), ("AAB~AB", 0.4),
+    ]  # fmt: skip
     assert sorted(tree.fractiles) == [0.05, 0.16, 0.5, 0.84, 0.95]
 
 
-@samples
-def test_nshmps_output_is_read_with_its_contributions_which_add_up():
-    tree = read_tree(SAMPLES / "nshmp/hazout_fault_two_gmm", "pga_m_s2", "PEER S2-Fault3-Site1")
-    total, parts = tree.curves[0], {part.name: part for part in tree.parts}
-    place = int(np.argmin(abs(total.levels - 0.05 * G)))
-    assert total.rates[place] == pytest.approx(4.16508787e-2, rel=1e-9)
-    assert parts["gmm ASK_14"].rates[place] == pytest.approx(2.44076464e-2, rel=1e-9)
-    assert parts["gmm BSSA_14"].rates[place] == pytest.approx(1.72432322e-2, rel=1e-9)
-    assert parts["source FAULT"].rates[place] == total.rates[place]
+def test_nshmps_output_is_read_with_its_contributions_which_add_up(tmp_path):
+    tree = read_tree(nshmp_output(tmp_path / "out", "ANNUAL_RATE"), "pga_m_s2", "Site One")
+    total, parts = tree.curves[0], {part.name: part.rates for part in tree.parts}
+    assert total.levels == pytest.approx([0.01 * G, 0.05 * G, 0.2 * G])
+    assert total.rates == pytest.approx(NSHMP_RATES["curves"])
+    assert parts["gmm ASK_14"] == pytest.approx(NSHMP_RATES["gmm/ASK_14"])
+    assert parts["gmm ASK_14"] + parts["gmm BSSA_14"] == pytest.approx(total.rates)
+    assert parts["source FAULT"] == pytest.approx(total.rates)
 
 
-@samples
 def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_user(tmp_path):
-    table = SAMPLES / "nshmp/peer_results/Set2-Case2a.csv"
+    table = nshmp_curves(tmp_path / "Case.csv", NSHMP_RATES["curves"])
     with pytest.raises(InputError, match="states no intensity measure"):
         read_hazard(table)
     with pytest.raises(InputError, match="annual rates or probabilities in one year"):
         read_hazard(table, hints=Hints(measure="pga_m_s2"))
-    site = "PEER S2-Fault3-Site1"
-    folder = tmp_path / "out" / "PGA"
-    folder.mkdir(parents=True)
-    (folder / "curves.csv").write_text(table.read_text())
-    (tmp_path / "out" / "config.json").write_text('{"hazard": {"valueFormat": "POISSON_PROBABILITY"}}')
-    for tree in (
-        read_tree(table, site=site, measure="pga_m_s2", years=1.0), read_tree(tmp_path / "out", "pga_m_s2", site),
-    ):  # fmt: skip
-        assert value_at(tree, 0.05, G, 1.0) == pytest.approx(4.01078661e-2, rel=1e-8)
-    (tmp_path / "out" / "config.json").write_text('{"hazard": {"valueFormat": "ANNUAL_RATE"}}')
-    rate = read_tree(tmp_path / "out", "pga_m_s2", site).curves[0].annual_rate[2]
-    assert rate == pytest.approx(4.01078661e-2, rel=1e-8)
+    told = read_tree(table, "pga_m_s2", "Site One", years=1.0)
+    stated = read_tree(nshmp_output(tmp_path / "poisson", "POISSON_PROBABILITY"), "pga_m_s2", "Site One")
+    for tree in (told, stated):
+        assert value_at(tree, 0.05, G, 1.0) == pytest.approx(0.04)
+    rates = read_tree(nshmp_output(tmp_path / "rates", "ANNUAL_RATE"), "pga_m_s2", "Site One").curves[0]
+    assert rates.annual_rate[1] == pytest.approx(0.04)
 
 
-@samples
-def test_an_answer_of_the_hazard_web_service_is_read():
-    tree = read_tree(SAMPLES / "nshmp/ws_hazard_response.made_from_source.json")
-    assert tree.measure == "pga_m_s2"
-    assert tree.curves[0].rates[2] == pytest.approx(4.16508787e-2, rel=1e-6)
-    assert [part.name for part in tree.parts] == ["source Fault"]
-
-
-@samples
 @pytest.mark.parametrize(
-    ("site", "measure", "value"), [("USC", "sa_5s_m_s2", 0.00442711), ("s036", "sa_3s_m_s2", 0.00593637)]
+    ("site", "measure", "value"), [("USC", "sa_5s_m_s2", 0.004), ("s036", "sa_3s_m_s2", 0.006)]
 )
-def test_cybershakes_curves_say_site_and_period_in_their_names(site, measure, value):
-    tree = read_tree(SAMPLES / "cybershake/curves/fetchdb", measure, site)
-    assert value_at(tree, 0.1, G, 1.0) == pytest.approx(value, rel=1e-7)
+def test_cybershakes_curves_say_site_and_period_in_their_names(tmp_path, site, measure, value):
+    for number, (name, period) in enumerate((n, p) for n in ("USC", "s036") for p in (3, 5)):
+        path = tmp_path / f"{name}_ERF36_Run930{number}_SA_{period}sec_RotD50_2022_12_21.txt"
+        of_curve = {("USC", 5): 0.004, ("s036", 3): 0.006}.get((name, period), 0.002)
+        path.write_text(
+            f"# Curves: 1\n# Name: CS Run 930{number}\n1.0E-2\t0.05\n1.0E-1\t{of_curve}\n1.0\t0.0\n"
+        )
+    tree = read_tree(tmp_path, measure, site)
+    assert value_at(tree, 0.1, G, 1.0) == pytest.approx(value)
     assert tree.curves[0].component == "RotD50"
 
 
-@samples
-def test_contributions_and_fractiles_are_no_branches():
+def test_contributions_and_fractiles_are_no_branches(tmp_path):
+    (tmp_path / "oq").mkdir()
     with pytest.raises(InputError, match="already multiplied by its weight"):
-        read_hazard(SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/gmm/ASK_14/curves.csv")
+        read_hazard(nshmp_output(tmp_path / "nshmp", "ANNUAL_RATE") / "PGA/gmm/ASK_14/curves.csv")
     with pytest.raises(InputError, match="fractiles only"):
-        read_hazard(SAMPLES / "oq_lt36/quantile_curve-0.95-PGA_6.csv")
+        read_hazard(logic_tree(tmp_path / "oq") / "quantile_curve-0.95-PGA_6.csv")
 
 
 def rlz(folder, number, poes=(0.5, 0.1, 0.01), site=(10.0, 45.0), checksum=7):
@@ -529,6 +507,7 @@ def test_engines_of_old_name_types_and_ordinals(tmp_path):
     (tmp_path / "realizations.csv").write_text("ordinal,branch_path,weight\n0,b11_b21~b1,1.0\n")
     tree = read_tree(tmp_path)
     assert tree.branches[0].path == "b11_b21~b1"
+    assert (tree.measure, tree.years) == ("pga_m_s2", 50.0)
     np.testing.assert_allclose(tree.curves[0].intensity, np.array([0.1, 0.2]) * G)
 
 

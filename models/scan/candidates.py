@@ -27,10 +27,16 @@ _TRIED_HEIGHTS = (1.0, 0.7, 0.45)
 _NEARLY = 0.9
 CREASE = -0.25
 """Bend between neighbours below which a crease runs between them."""
+_OF_A_CREASE = 10
+"""Price of an edge through the sharpest crease; one across a bulge costs a hundred times as much."""
+_MEETS_VOXELS = 2.0
+"""From a known interface, within which rock and pedestal meet in patches."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
+_JOINED_SPACINGS = 1.8
+"""Patches of a rock so near to each other, over the median distance to the fourth neighbour, hang together."""
 _SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
@@ -220,18 +226,43 @@ def component_of(member: int, among: Flags, edges: Indices) -> Flags:
     return (component == component[member]) & among
 
 
+def joined_within_m(patches_m: Array) -> float:
+    """How far patches (n, 3) of one surface lie from each other at most, by their own spacing."""
+    away_m = cKDTree(patches_m).query(patches_m, min(5, len(patches_m)))[0]
+    return _JOINED_SPACINGS * float(np.median(away_m[:, -1]))
+
+
+def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
+    """Which patches (n,) of a rock hang together with its seeds at the spacing of its own patches.
+
+    Mixed pixels between a rock and what lies behind it, and tips of plants, are strewn more widely. Parts of a rock
+    between which nobody saw it are parts nevertheless.
+    """
+    number, kept = np.flatnonzero(rock), np.zeros(len(rock), bool)
+    pairs = cKDTree(points_m[rock]).query_pairs(joined_within_m(points_m[rock]), output_type="ndarray")
+    part = joined_parts(pairs, len(number))
+    large = np.bincount(part) >= LEAST_SURFELS
+    kept[number] = (large & (np.bincount(part, seeds[rock]) > 0.0))[part]
+    return kept
+
+
 def minimum_cut(
     surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, height_m: Array | None = None
 ) -> tuple[Flags, float]:
     """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave.
 
-    Where heights over a known interface are given, edges through it cost next to nothing.
+    Where heights over a known interface are given, edges that rise through it cost little more than a crease: rock and
+    pedestal meet there. Edges along it do not, for the ground goes on beside the rock.
     """
     count = len(surfels.points_m)
     angle = bend(surfels, edges)
-    capacity = np.rint(10 + 1000 / (1 + np.exp(-(angle - CREASE) / 0.08))).astype(np.int32)
+    capacity = np.rint(_OF_A_CREASE + 1000 / (1 + np.exp(-(angle - CREASE) / 0.08))).astype(np.int32)
     if height_m is not None:
-        capacity[(height_m[edges] > 0.0).sum(axis=1) == 1] = 1
+        rise_m = np.abs(np.diff(height_m[edges], axis=1)[:, 0])
+        steep = rise_m > 0.5 * np.linalg.norm(np.diff(surfels.points_m[edges], axis=1)[:, 0], axis=1)
+        away = np.abs(height_m[edges].mean(axis=1)) / surfels.voxel_m
+        meets = steep & (away < _MEETS_VOXELS)
+        capacity[meets] = np.minimum(capacity[meets], np.rint(_OF_A_CREASE * (1.0 + away[meets])))
     source, sink = count, count + 1
     big = np.int32(10_000_000)
     start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])

@@ -23,7 +23,7 @@ from toppling.models.scan.surfels import LEVEL, Surfels, in_plants
 _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
-"""A top farther from where the user points than this many of its heights is not meant."""
+"""What is farther from where the user points than this many of its heights is not meant."""
 _LEAST_LOOP = 3
 """Places of an outline that lie in a plane."""
 _TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
@@ -41,7 +41,7 @@ _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
 
 def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
     """Pick the one thing that stands there, or the one nearest to where the user points."""
-    standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
+    standing = standing_of(candidates)
     if not standing:
         raise _nothing_stands(candidates, coarse, near_m, origin_m)
     if near_m is not None:
@@ -136,13 +136,20 @@ def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
     )
 
 
-def is_near(candidates: list[Candidate], near_m: Array) -> bool:
-    """Whether something that stands there has its top near to where the user points."""
-    return any(
-        c.concave_share > LEAST_CONCAVE_SHARE
-        and np.hypot(*(c.top_m[:2] - near_m)) <= _NEAR_HEIGHTS * c.height_m
-        for c in candidates
-    )
+def standing_of(candidates: list[Candidate]) -> list[Candidate]:
+    """Those of them that a crease sets off, in the same order."""
+    return [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
+
+
+def lies_on(near_m: Array, things: list[Candidate]) -> bool:
+    """Whether a place (2,) lies on one of some things in plan view."""
+    return any(_away_m(each, near_m) == 0.0 for each in things)
+
+
+def _away_m(thing: Candidate, near_m: Array) -> float:
+    """How far a place (2,) lies from a thing in plan view, 0 on its patches."""
+    away = np.hypot(*(thing.surfels.points_m[thing.rock, :2] - near_m).T).min()
+    return max(float(away) - _JOINED_VOXELS * thing.surfels.voxel_m, 0.0)
 
 
 def look_around(
@@ -152,7 +159,7 @@ def look_around(
     for around in circles_around(points_m, near_m, coarse, _CIRCLES):
         closer = surfels_of(around)
         found = find_candidates(around, closer)
-        if is_near(found, near_m):
+        if lies_on(near_m, standing_of(found)):
             return closer, found
     return coarse, candidates
 
@@ -171,15 +178,14 @@ def circles_around(
 
 
 def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candidate:
-    """Pick what stands nearest to where the user points, if that is near."""
-    away = [float(np.hypot(*(c.top_m[:2] - near_m))) for c in standing]
+    """Pick what the user points at, the highest of those, or what is nearest to it, if that is near."""
+    away = [_away_m(each, near_m) for each in standing]
     first = int(np.argmin(away))
     if away[first] > _NEAR_HEIGHTS * standing[first].height_m:
         raise InputError(
-            f"the nearest thing that stands there has its top {away[first]:.3g} m away and is "
-            f"{standing[first].height_m:.2g} m high",
+            f"the nearest thing there is {away[first]:.3g} m away and {standing[first].height_m:.2g} m high",
             where="--near",
-            expected=f"a place within {_NEAR_HEIGHTS} heights of a top; those found, at x, y: "
+            expected=f"a place within {_NEAR_HEIGHTS} heights of a thing; those found, tops at x, y: "
             + _tops(standing, origin_m),
             remedy="name one of them by --near X Y in survey coordinates; if yours is not among them, crop the cloud "
             "to it and its pedestal",

@@ -17,18 +17,19 @@ from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box,
 from toppling.models.errors import InputError
 from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
-    LEAST_CONCAVE_SHARE,
     LEAST_PEAK_VOXELS,
     LEAST_SURFELS,
     Candidate,
     component_of,
     cut_between,
     find_candidates,
+    joined_rock,
+    joined_within_m,
     minimum_cut,
     neighbourhood,
     surfels_of,
 )
-from toppling.models.scan.choice import choose, is_near, look_around
+from toppling.models.scan.choice import choose, lies_on, look_around, standing_of
 from toppling.models.scan.doubt import sectors
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.interface_hint import InterfaceHint
@@ -75,21 +76,18 @@ def _find_carried(surfels: Surfels) -> list[Candidate]:
     return kept
 
 
-def _carried_instead(surfels: Surfels, standing: list[Candidate], near_m: Array | None) -> Candidate | None:
+def _carried_instead(surfels: Surfels, standing: list[Candidate]) -> Candidate | None:
     """What a plane carries, if that is much higher than all that stands otherwise; None if it is not.
 
     surfels: of the whole cloud.
     standing: what was found to stand there, the highest first.
-    near_m: (2,), x, y of the top of what is meant: only what covers it counts.
     """
     relief = float(np.ptp(surfels.points_m[:, 2]))
     highest = standing[0].height_m if standing else 0.0
     if _TALLER * highest > relief or (len(standing) == 1 and highest > _OF_THE_RELIEF * relief):
         return None
     for each in _find_carried(surfels):
-        rock = surfels.points_m[each.rock, :2]
-        covers = near_m is None or ((near_m > rock.min(axis=0)) & (near_m < rock.max(axis=0))).all()
-        if covers and each.height_m > _TALLER * highest:
+        if each.height_m > _TALLER * highest:
             return each
     return None
 
@@ -192,6 +190,8 @@ _LABELLING_POINTS = 20
 """So many points for each patch tell its label."""
 _OVER_VOXELS = 2.0
 """What rises by so much over a surface that was found is none of it."""
+_GROUND_PER_HEIGHT = 0.03
+"""The ground beside a rock rises no higher over the interface."""
 _FEWEST_OF_A_SURFACE = 100
 """Fewer points among clutter are clutter."""
 
@@ -225,11 +225,11 @@ def segment(
     if hint is not None:
         return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], hint)
     candidates = find_candidates(points_m, coarse)
-    if near_m is not None and not is_near(candidates, near_m):
+    carried = _carried_instead(coarse, standing_of(candidates))  # of a stack the upper one already
+    if near_m is not None and not lies_on(near_m, [carried] if carried else standing_of(candidates)):
         # A rock that is small in its cloud shows in patches made around the place alone.
+        carried = None
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
-    standing = [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
-    carried = _carried_instead(coarse, standing, near_m)  # of a stack the upper one already
     whole = carried or choose(candidates, near_m, origin_m, coarse)
     chosen = carried or _upper_of(coarse, whole) or whole
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not whole])
@@ -309,10 +309,13 @@ def _refine(
         seeds, far = (votes == 1.0) & (over > 2.0 * voxel), (votes == 0.0) | (over < -2.0 * voxel)
         fine_rock, concave_share = minimum_cut(surfels, edges, seeds, far, over)
     surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
+    surfel_label[fine_rock & ~joined_rock(surfels.points_m, fine_rock, votes == 1.0)] = NEITHER
     label = np.full(len(points_m), PEDESTAL, np.int8)
     strays = np.flatnonzero(index < 0)
-    index[strays] = cKDTree(surfels.points_m).query(points_m[around[strays]])[1]
+    away_m, index[strays] = cKDTree(surfels.points_m).query(points_m[around[strays]])
     label[around] = surfel_label[index]
+    label[around[strays[away_m > voxel]]] = NEITHER
+    surfels, surfel_label = surfels.only(surfel_label != NEITHER), surfel_label[surfel_label != NEITHER]
     label[_clutter(points_m, coarse, rock, voxel)] = NEITHER
     return Segmentation(
         label,
@@ -357,15 +360,35 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
         return parts
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     found, _ = minimum_cut(surfels, edges, seeds, far, over[:, 2])
-    added = found & ~rock & (over[:, 2] > clear)
-    if not added.any():
+    return _relabelled(points_m, parts, found & ~rock & (over[:, 2] > clear), ROCK)
+
+
+def without_ground(
+    points_m: Array, parts: Segmentation, interface: Interface, height_m: float
+) -> Segmentation:
+    """The same without what lies low and level with nothing of the rock over it: that is the ground beside it."""
+    surfels, rock = parts.surfels, parts.surfel_label == ROCK
+    over = interface.over(surfels.points_m)
+    band_m = _GROUND_PER_HEIGHT * height_m
+    above = rock & (over[:, 2] > band_m)
+    level = rock & ~above & (surfels.normals @ interface.normal > LEVEL)
+    if level.any() and above.any():
+        beside_m = cKDTree(over[above, :2]).query(over[level, :2])[0]
+        level[level] = beside_m > joined_within_m(surfels.points_m[rock])
+    return _relabelled(points_m, parts, level, PEDESTAL)
+
+
+def _relabelled(points_m: Array, parts: Segmentation, patches: Flags, to: int) -> Segmentation:
+    """The same with another label of some patches (k,) and of the points that are theirs."""
+    if not patches.any():
         return parts
-    low, high = bounds_of(surfels.points_m[added])
+    surfels = parts.surfels
+    low, high = bounds_of(surfels.points_m[patches])
     around = np.flatnonzero(inside_box(points_m, low - surfels.voxel_m, high + surfels.voxel_m))
-    own = added[cKDTree(surfels.points_m).query(points_m[around])[1]]
+    around = around[patches[cKDTree(surfels.points_m).query(points_m[around])[1]]]
     label = parts.label.copy()
-    label[around[own]] = ROCK
-    surfel_label = np.where(added, ROCK, parts.surfel_label).astype(np.int8)
+    label[around[label[around] != NEITHER]] = to
+    surfel_label = np.where(patches, to, parts.surfel_label).astype(np.int8)
     return replace(parts, label=label, surfel_label=surfel_label)
 
 

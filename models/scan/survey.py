@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,15 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, cut_over, label_surfels
+from toppling.models.scan.segment import (
+    NEITHER,
+    PEDESTAL,
+    ROCK,
+    Segmentation,
+    cut_over,
+    label_surfels,
+    without_ground,
+)
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 
@@ -211,6 +219,9 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
             parts = cut_over(cloud.points_m, parts, carried)
             rock = parts.surfel_label == ROCK
         interface = carried or interface
+    if cloud.label is None:
+        parts = without_ground(cloud.points_m, parts, interface, height)
+        rock = parts.surfel_label == ROCK
     fitted = hint is None and interface.sheet is None
     seat = seat_of(surfels, rock, height, interface) if fitted else interface
     hangs = hanging(surfels, rock, height, seat)
@@ -225,7 +236,10 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         relabel=cloud.label is None,
         sure=sure,
     )
-    surfel_label = label_surfels(surfels, cloud.points_m, label)
+    judged = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
+    if cloud.label is None:
+        judged = without_ground(cloud.points_m, judged, interface, height)
+    label, surfel_label = judged.label, judged.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
     if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
         interface = hangs[1]

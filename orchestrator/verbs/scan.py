@@ -102,7 +102,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 @option("--pedestal", metavar="FILE|CLASS", help="The pedestal, in the same ways.")
 @option(
     "--near", type=float, nargs=2, metavar="X Y",
-    help="Survey coordinates near the top of your rock, where several rocks stand.",
+    help="Survey coordinates on your rock, where several rocks stand.",
 )  # fmt: skip
 @option(
     "--plane", type=(float, float, float, float, shared.AZIMUTH), metavar="X Y Z SLOPE AZIMUTH",

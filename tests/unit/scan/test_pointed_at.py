@@ -1,0 +1,66 @@
+"""What a hint changes of the split: which thing is meant, and where it meets its pedestal; never what is the rock's."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from tests.virtual_rocks import stump_on_a_slope
+from toppling.models.scan import virtual
+from toppling.models.scan.candidates import joined_rock
+from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.leaning import upright_split
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, segment
+
+ORIGIN_M = np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def beside_a_bush():
+    """A rock 2 m high with a bush 1.7 m beside it: points, true labels, and the truth."""
+    truth = stump_on_a_slope()
+    places = truth.pedestal.vertices_m
+    rough = (
+        0.03 * np.sin(7.0 * places[:, 0]) * np.sin(6.0 * places[:, 1]) * (np.hypot(*places[:, :2].T) > 0.6)
+    )
+    pedestal = dataclasses.replace(truth.pedestal, vertices_m=places + np.outer(rough, [0.0, 0.0, 1.0]))
+    truth = dataclasses.replace(truth, pedestal=pedestal)
+    seen = virtual.scan_around(truth, seed=5, stations=4, resolution_per_height=0.03, clutter=False)
+    points, label = np.concatenate([s.points_m for s in seen]), np.concatenate([s.label for s in seen])
+    rng = np.random.default_rng(8)
+    bush = rng.normal(0.0, 1.0, (2500, 3)) * [0.2, 0.2, 0.15] + [1.2, 1.2, 0.25]
+    return np.vstack([points, bush]), np.append(label, np.full(len(bush), NEITHER)), truth
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("lower_m", [0.012, -0.012])
+def test_what_a_plane_names_is_one_joined_rock_wherever_the_ground_rises_over_it(beside_a_bush, lower_m):
+    points, label, truth = beside_a_bush
+    pedestal = truth.pedestal
+    plane = InterfaceHint.plane(
+        pedestal.point_m - [0.0, 0.0, lower_m], pedestal.slope_deg, pedestal.downhill_azimuth_deg
+    )
+    found = segment(points, ORIGIN_M, hint=plane).label
+    assert (found[label == ROCK] == ROCK).mean() > 0.97
+    away_m = cKDTree(points[label == ROCK]).query(points[found == ROCK])[0]
+    assert (away_m > 0.08).mean() < 0.003  # mixed pixels beside it
+    assert not (found[label == PEDESTAL] == ROCK).mean() > 0.01
+
+
+@pytest.mark.thorough
+def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(beside_a_bush):
+    points, _, _ = beside_a_bush
+    free = upright_split(points, ORIGIN_M).label
+    own = points[free == ROCK]
+    for near_m in own[np.random.default_rng(6).integers(len(own), size=2), :2]:
+        assert np.array_equal(upright_split(points, ORIGIN_M, near_m).label, free)
+
+
+def test_parts_of_a_rock_that_nobody_saw_joined_stay_and_strewn_patches_do_not():
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0]), -1).reshape(-1, 3)
+    strewn = np.column_stack([np.arange(25.0, 85.0, 3.0), np.zeros((20, 2))])
+    points = np.vstack([*(grid + np.array([0.0, along, 0.0]) for along in (0.0, 25.0, 50.0)), strewn])
+    seeds = np.repeat([True, True, False, True], [400, 400, 400, 20])
+    kept = joined_rock(points, np.ones(len(points), bool), seeds)
+    assert kept.tolist() == np.repeat([True, True, False, False], [400, 400, 400, 20]).tolist()

@@ -39,6 +39,10 @@ LEANING = 0.1
 _ASIDE = 0.01
 """Sine by which the way between two edges may lead into a body: a line that lies on a face touches it at both ends."""
 
+_ON_CORNER, _END = 1e-9, 1e-12
+"""Of a triangle's size: a point so near to one of its corners lies on it, so that bodies of one outline have a contact
+at each corner; of an edge's length: nearer to its end edges do not cross. The two overlap."""
+
 CONTACT = np.dtype(
     [
         ("key", "i8"),  # of the two features, the same from step to step
@@ -75,12 +79,14 @@ def add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pos
 
 
 @inner
-def _meet(p: Any, near: Any, mesh: ContactMesh, margin: float, vertices: bool, room: PointRoom) -> int:
+def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, pairs: Pairs) -> int:
     """Contacts of one point with triangles, into the rows of `room.found`; how many.
 
-    Near are the triangles, the way that the rock goes before each can touch, noted anew, and the way since.
+    point: the body of which it is one, its number there, and its place in the axes of the triangles. Near are the
+    triangles, the way that the rock goes before each can touch, noted anew, and the way since.
     """
-    (triangles, apart_m, way_m), features, count = near, 0, 0
+    (of, index, p), (triangles, apart_m, way_m), (margin, leaning) = point, near, reach
+    room, features, count = pairs.point, 0, 0
     for place in range(len(triangles)):
         if apart_m[place] >= margin + way_m:
             continue
@@ -91,8 +97,9 @@ def _meet(p: Any, near: Any, mesh: ContactMesh, margin: float, vertices: bool, r
         way = minus(p, c)
         depth = dot(n, way)
         apart_m[place] = way_m + math.sqrt(dot(way, way))
-        if code == 0:
-            if -margin < depth < margin:
+        aside = minus(way, (depth * n[0], depth * n[1], depth * n[2]))
+        if code == 0 or dot(aside, aside) <= (_ON_CORNER * mesh.radii_m[t]) ** 2:
+            if -margin < depth < margin and _leads_out(of, index, n, leaning, pairs, vertices):
                 count = _keep_face(room.found, count, n, depth, c)
             continue
         if dot(way, way) >= margin * margin or (code <= 3 and not vertices):
@@ -111,7 +118,8 @@ def _meet(p: Any, near: Any, mesh: ContactMesh, margin: float, vertices: bool, r
             room.found[count, i] = way[i] / far if outside else total[i] / size
             room.found[count, 4 + i] = room.spots[k, i]
         room.found[count, 3] = far if outside else dot(way, total) / size
-        count += 1
+        if _leads_out(of, index, room.found[count], leaning, pairs, vertices):
+            count += 1
     return count
 
 
@@ -159,10 +167,11 @@ def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
 
 
 @inner
-def _leads_out(mesh: ContactMesh, index: int, normal: Any, leaning: float) -> bool:
-    """Whether a body lies, beside one of its points, on the side of it to which a normal points."""
-    for place in range(mesh.first_way[index], mesh.first_way[index + 1]):
-        if dot(normal, mesh.ways[place]) < -leaning:
+def _leads_out(body: ContactMesh, index: int, n: Any, leaning: float, pairs: Pairs, is_rock: bool) -> bool:
+    """Whether a body lies, beside one of its points, on the side to which a normal in the other's axes points."""
+    normal = turned_back(pairs.turn, n) if is_rock else turned(pairs.turn, n)
+    for place in range(body.first_way[index], body.first_way[index + 1]):
+        if dot(normal, body.ways[place]) < -leaning:
             return False
     return True
 
@@ -225,13 +234,12 @@ def contacts_in(
 @inner
 def _rock_point(bodies: Any, point: Any, near_it: Any, pairs: Pairs, reach: Any, out: Any, count: int) -> int:
     """Add the contacts of a point of the rock; how many there are then."""
-    (rock, ground), (index, p), (margin_m, leaning) = bodies, point, reach
+    (rock, ground), (index, p), (margin_m, _) = bodies, point, reach
     if not _near_a_plane(p, ground, near_it, margin_m):
         return count
     found = pairs.point.found
-    for i in range(_meet(p, near_it, ground, margin_m, True, pairs.point)):
-        if _leads_out(rock, index, turned_back(pairs.turn, found[i]), leaning):
-            count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pairs.looked_at)
+    for i in range(_meet((rock, index, p), near_it, ground, reach, True, pairs)):
+        count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pairs.looked_at)
     return count
 
 
@@ -244,11 +252,9 @@ def _ground_point(
     if not _near_a_plane(p, rock, near_it, margin_m):
         return count
     there, found = ground.vertices_m[ground.points[index]], pairs.point.found
-    for i in range(_meet(p, near_it, rock, margin_m, False, pairs.point)):
-        n = turned(pairs.turn, found[i])
-        if _leads_out(ground, index, n, LEANING):
-            key = (1 << 60) + 8 * index + i
-            count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pairs.looked_at)
+    for i in range(_meet((ground, index, p), near_it, rock, (margin_m, LEANING), False, pairs)):
+        n, key = turned(pairs.turn, found[i]), (1 << 60) + 8 * index + i
+        count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pairs.looked_at)
     return count
 
 
@@ -283,7 +289,7 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     apart_m = math.sqrt(far)
     if apart_m >= margin_m:
         return count, apart_m
-    if not (1e-9 < s < 1.0 - 1e-9 and 1e-9 < t < 1.0 - 1e-9):
+    if not (_END < s < 1.0 - _END and _END < t < 1.0 - _END):
         return count, apart_m
     n = cross(way, other)
     size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(way, way) * dot(other, other))

@@ -204,9 +204,14 @@ class Scene:
 
         if self.pedestal.is_plane:
             return GroundKind(True, "the pedestal is an endless plane")
-        if self.rock.feet_m is not None or (self.unseen is not None and self.unseen.vertices is None):
+        if self.is_drawn_over_plane:
             return GroundKind(True, "its base is drawn over the interface plane")
         return kind_of(self._grounded(smooth=False), self.rock.height_m)
+
+    @property
+    def is_drawn_over_plane(self) -> bool:
+        """Whether its base was drawn over the interface plane, and not its own surface."""
+        return self.rock.feet_m is not None or (self.unseen is not None and self.unseen.vertices is None)
 
     @cached_property
     def grounded(self) -> "GroundedBody":

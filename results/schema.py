@@ -71,7 +71,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("residual_yaw_deg", _REAL, _MAY, _ANGLE, "deg", "turn about the interface's normal, at the end"),
         ("slip_m", _REAL, _MAY, _SIZE, "m", "distance of the first contact's centroid from its start, at the end"),
         ("penetration_m", _REAL, _MAY, _SIZE, "m", "deepest overlap of rock and pedestal on the way"),
-        ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, tilted, slid_off, rest, never_moved ..."),
+        ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, slid_off, left_ground, rest ..."),
         ("message", _TEXT, _MAY, _PAGE, "", "why, where status is not ok"),
     ],
     "cost": [

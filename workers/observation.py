@@ -188,10 +188,10 @@ def _ends_of_pedestal(scene: Scene) -> Array:
 
     lines = ConvexHull(plumb_m(scene.pedestal.vertices_m)).equations
     room_m = -(plumb_m(scene.rock.vertices_m) @ lines[:, :2].T + lines[:, 2]).max(axis=0)
-    return np.asarray(lines[room_m < _END_WITHIN_HEIGHTS * scene.rock.height_m])
+    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
 
 
-_END_WITHIN_HEIGHTS = 0.5
+END_WITHIN_HEIGHTS = 0.5
 """A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: a scanned
 pedestal keeps .6 of it."""
 

@@ -17,7 +17,7 @@ from toppling.workers.observation import Displacement
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced
 
-_STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
+_STATUS = {"speed_limit": "diverged", "time_cap": "undecided", "left_ground": "failed"}
 """Of the rules after which there is no answer."""
 
 _LEVEL_SHARE = 1e-8
@@ -34,7 +34,8 @@ class ShakeResult:
     Parameters
     ----------
     status : str
-        'ok', 'undecided' (not at rest within the cap) or 'diverged' (a state that no energy in the motion explains).
+        'ok', 'undecided' (not at rest within the cap), 'diverged' (a state that no energy in the motion explains) or
+        'failed' (what `ended_by` names leaves no answer).
     outcome : str or None
         'stands', 'moved', 'toppled' or 'lodged'; None unless status is ok.
     toppled : bool or None

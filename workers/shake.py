@@ -20,6 +20,7 @@ from toppling.models.shapes import box
 from toppling.workers.compile_once import ensure_compiled
 from toppling.workers.contact.resting_contact import Rest
 from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
+from toppling.workers.ground.extent import FALLS_AWAY, left_ground
 from toppling.workers.ground.rolling import rolled_back
 from toppling.workers.ground.shaking import shake_on_ground
 from toppling.workers.observation import Body, Observation, observe
@@ -92,14 +93,25 @@ def shake(
 
 
 def _answer(problem: Problem, engine: str, pool: Pool, *, trajectory: bool) -> ShakeResult:
-    """Shake on a plane with an engine, on another surface with the program's own steps."""
-    if not problem.scene.ground.is_plane:
+    """Shake on a plane with an engine, on another surface with the program's own steps.
+
+    A rock that slides to where its ground falls away from the plane is shaken anew on its surface.
+    """
+    scene = problem.scene
+    if not scene.ground.is_plane:
         return shake_on_ground(problem, engine_named(engine), trajectory=trajectory)
     shaking = Shaking(problem, engine_named(engine).integrator(problem, pool))
     ended_by, seen = shaking.run()
     if ended_by == "speed_limit":  # a state that is not finite has spoilt the worlds
         pool.forget()
-    return shaking.result(ended_by, seen, trajectory=trajectory)
+    result = shaking.result(ended_by, seen, trajectory=trajectory)
+    left = left_ground(scene, result, *shaking.integrator.history.time_and_pose(), on_plane=True)
+    if left == FALLS_AWAY and scene.is_drawn_over_plane:
+        left = None  # such a base does not fit the mesh: `slid_off` says when it is past a rim
+    if left == FALLS_AWAY and scene.grounded.rests_nearby:
+        _compile_surfaces()
+        return shake_on_ground(problem, engine_named(engine), trajectory=trajectory)
+    return result if left is None else shaking.result("left_ground", seen, trajectory=trajectory)
 
 
 def _check_kinds(scene: object, motion: object) -> None:

@@ -19,7 +19,7 @@ _MOST_LOOKED_AT = 1 << 14
 FLAT_SHARE = 0.01
 """Of the rock's height: contacts so near the interface plane lie in it."""
 
-_FLAT_DEG = 2.0
+FLAT_DEG = 2.0
 """Contacts whose normal is off the plane's by less have its normal."""
 
 _TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 52.0)
@@ -79,7 +79,7 @@ def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
     if off_m.max(initial=0.0) > FLAT_SHARE * height_m:
         what = f"a contact lies {off_m.max() / height_m:.2f} of the rock's height off the interface plane"
         return GroundKind(False, what)
-    if off_deg.max(initial=0.0) > _FLAT_DEG:
+    if off_deg.max(initial=0.0) > FLAT_DEG:
         return GroundKind(
             False, f"a contact's normal is {off_deg.max():.0f} degrees off the interface plane's"
         )

@@ -21,6 +21,7 @@ from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.contact_points import LARGEST_OPEN_TILT_DEG
 from toppling.workers.engines.protocol import Engine, GroundSteps
+from toppling.workers.ground.extent import left_ground
 from toppling.workers.ground.rest import TOUCHING_SHARE, energy_j_kg, holds, least_overturning_j_kg, let_down
 from toppling.workers.ground.stepping import GroundWatch, steps_at_once
 from toppling.workers.observation import travel_m
@@ -42,7 +43,9 @@ def shake_on_ground(problem: Problem, engine: Engine, *, trajectory: bool) -> Sh
     """Shake a rock whose contacts have normals of their own; keywords as of :func:`toppling.workers.shake`."""
     shaking = GroundShaking(problem, engine.ground_steps(problem))
     ended_by = shaking.run()
-    return shaking.result(ended_by, trajectory=trajectory)
+    result = shaking.result(ended_by, trajectory=trajectory)
+    left = left_ground(problem.scene, result, *shaking.time_and_pose(), on_plane=False)
+    return result if left is None else shaking.result("left_ground", trajectory=trajectory)
 
 
 class _Displaced(NamedTuple):
@@ -105,6 +108,10 @@ class GroundShaking:
     def time_s(self) -> float:
         """Time of the latest pose."""
         return float(self.sim.time_s[self.last])
+
+    def time_and_pose(self) -> tuple[Array, Array]:
+        """Times (n,) and poses (n, 7) so far."""
+        return self.sim.time_s[: self.last + 1], self.sim.pose[: self.last + 1]
 
     def run(self) -> str:
         """Step until the answer is certain; what ended it."""
@@ -292,8 +299,8 @@ class GroundShaking:
 
     def result(self, ended_by: str, *, trajectory: bool) -> ShakeResult:
         """What happened."""
-        sim, problem, last = self.sim, self.problem, self.last
-        pose = sim.pose[: last + 1]
+        sim, problem = self.sim, self.problem
+        time_s, pose = self.time_and_pose()
         arm = quat.matrix(pose[-1, 3:]) @ self._first_body
         slip_m = float(np.linalg.norm((pose[-1, :3] + arm - self._first_place)[:2]))
         turned = math.degrees(quat.yaw_between(pose[0], pose[-1]))
@@ -305,7 +312,7 @@ class GroundShaking:
             ended_by,
             _Displaced(turned_deg, slip_m),
             problem,
-            sim.time_s[: last + 1],
+            time_s,
             pose,
             trajectory=trajectory,
             lodged=self._lodged(ended_by),

@@ -443,12 +443,13 @@ def test_a_rock_that_lands_on_its_next_face_within_a_look_had_begun_to_fall_befo
     assert (np.diff(height[told:fallen]) <= 0.0).all()
 
 
-def test_the_end_of_a_scan_is_no_end_of_the_ground():
+def test_a_rock_that_slides_past_the_end_of_its_scan_has_no_answer():
     scene = on_a_table((1.0, 1.0, 0.2), 1.24, friction=0.2)  # scans keep .6 heights beside the rock
     push = Motion(np.outer([*np.full(200, 9.0), 0.0], [1.0, 0.0, 0.0]), 0.005)
     result = shake(scene, push, "fast")
-    assert result.slip_m > 1.3
-    assert result.outcome == "moved"
+    assert (result.status, result.outcome, result.ended_by) == ("failed", None, "left_ground")
+    weaker = shake(scene, Motion(push.acceleration_m_s2 * (0.25, 1.0, 1.0), 0.005), "fast")
+    assert weaker.outcome == "moved"
 
 
 def test_a_rock_that_tips_beyond_its_pedestal_and_comes_back_has_not_slid_off():

@@ -1,0 +1,155 @@
+"""Blocks on mesas and beside curbs: tops as large as their bases, and what they slide off and into."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from test_ground import G, as_surface, pulse, strips
+from test_rest_on_facets import burst
+
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.workers.shake import shake
+
+HALF_WIDTH_M, HALF_HEIGHT_M, HEIGHT_M = 0.2, 0.6, 1.0
+OFFSETS = [0.0, *(sign * size for size in (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3) for sign in (1.0, -1.0))]
+"""Of the base's half width, by which the top's is larger."""
+ROUNDINGS = [pytest.param(each, marks=[] if abs(each) < 1e-8 else pytest.mark.thorough) for each in OFFSETS]
+
+
+def yawed(yaw_deg):
+    way = math.radians(yaw_deg)
+    return np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
+
+
+def mesa(half_x_m, half_y_m, reach_m=6.0):
+    """A square top at the height 0, its faces, and the ground below."""
+    square, x, y = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float), half_x_m, half_y_m
+    rings = [square * [x, y], square * [x, y], reach_m * square]
+    heights = [0.0, -HEIGHT_M, -HEIGHT_M]
+    vertices = np.vstack([np.column_stack([r, np.full(4, h)]) for r, h in zip(rings, heights, strict=True)])
+    faces = [[0, 1, 2], [0, 2, 3]]
+    for i in range(4):
+        j = (i + 1) % 4
+        faces += [[4 + i, 4 + j, j], [4 + i, j, i], [8 + i, 8 + j, 4 + j], [8 + i, 4 + j, 4 + i]]
+    return vertices, np.array(faces)
+
+
+def block_on_mesa(half_x_m, half_y_m, yaw_deg=0.0, turned_deg=0.0):
+    """Turned against its mesa by an angle, and both by another."""
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(
+        yawed(yaw_deg + turned_deg), (0.0, 0.0, HALF_HEIGHT_M)
+    )
+    vertices, faces = mesa(half_x_m, half_y_m)
+    scene = Scene.from_mesh(
+        (rock.vertices_m, rock.faces), pedestal=(vertices @ yawed(yaw_deg).T, faces), friction=0.8
+    )
+    return as_surface(scene)
+
+
+def turned(motion, angle_deg):
+    return Motion(motion.acceleration_m_s2 @ yawed(angle_deg).T, motion.time_step_s)
+
+
+MOTIONS = [pulse(4.0, 0.3), pulse(5.0, 0.3, 45.0), *(Motion(burst(k, 7.0), 0.01) for k in (0, 2, 3))]
+
+
+@pytest.fixture(scope="module")
+def wide():
+    shakes = [shake(block_on_mesa(0.6, 0.6), each, "fast") for each in MOTIONS]
+    assert not any(each.toppled for each in shakes)
+    assert max(each.max_tilt_deg for each in shakes) > 2.5
+    return shakes
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 45.0, 27.3])
+@pytest.mark.parametrize("offset", ROUNDINGS)
+def test_a_block_rocks_on_a_top_of_its_bases_size_as_on_a_wider_one(offset, yaw_deg, wide):
+    """Both ways, or along one side alone; what differs is where it tips: on its own edge or the mesa's."""
+    half_m = HALF_WIDTH_M * (1.0 + offset)
+    for half_y_m in (half_m, 0.6):
+        scene = block_on_mesa(half_m, half_y_m, yaw_deg)
+        for motion, expected in zip(MOTIONS, wide, strict=True):
+            found = shake(scene, turned(motion, yaw_deg), "fast")
+            assert not found.toppled
+            assert found.max_tilt_deg == pytest.approx(expected.max_tilt_deg, rel=0.03)
+
+
+@pytest.mark.parametrize("turned_deg", [1e-7, 1e-5, 1e-3, 0.05, -1e-6])
+def test_a_block_turned_a_little_against_its_mesa_rocks_as_on_a_wider_one(turned_deg, wide):
+    scene = block_on_mesa(HALF_WIDTH_M, HALF_WIDTH_M, 0.0, turned_deg)
+    for motion, expected in zip(MOTIONS[:2], wide, strict=False):
+        found = shake(scene, motion, "fast")
+        assert not found.toppled
+        assert found.max_tilt_deg == pytest.approx(expected.max_tilt_deg, rel=0.03)
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_a_top_of_the_bases_size_holds_what_a_wider_one_holds(offset):
+    scene = block_on_mesa(HALF_WIDTH_M * (1.0 + offset), HALF_WIDTH_M)
+    tipped = G * HALF_WIDTH_M * min(1.0 + offset, 1.0) / HALF_HEIGHT_M
+    for _, least in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
+        assert least == pytest.approx(tipped, rel=1e-3)
+
+
+def slab_on(ground, half_height_m):
+    slab = box(0.3, 0.3, half_height_m).moved(np.eye(3), (0.0, 0.0, half_height_m))
+    return Scene.from_mesh((slab.vertices_m, slab.faces), pedestal=ground, friction=0.4)
+
+
+def between_curbs(height_m, distance_m):
+    x = 0.3 + distance_m
+    return strips([(-6, height_m), (-x, height_m), (-x, 0), (x, 0), (x, height_m), (6, height_m)])
+
+
+SLIDES = [
+    pulse(level, 0.3, azimuth_deg, 0.6) for level, azimuth_deg in ((6.0, 10.0), (8.0, 200.0), (11.0, 55.0))
+]
+
+
+@pytest.mark.parametrize("margin_m", [-0.05, -0.02, 0.02, 0.06, 0.3])
+def test_a_rock_slides_off_a_rim_as_on_the_whole_surface(margin_m):
+    scene = slab_on(mesa(0.3 + margin_m, 0.3 + margin_m), 0.45)
+    assert scene.ground.is_plane
+    found = [shake(scene, each, "fast") for each in SLIDES]
+    expected = [shake(as_surface(scene), each, "fast") for each in SLIDES]
+    assert [each.outcome for each in found] == [each.outcome for each in expected]
+    assert found[-1].toppled
+    for one, other in zip(found, expected, strict=True):
+        assert one.toppled or one.slip_m == pytest.approx(other.slip_m, rel=0.02)
+
+
+@pytest.mark.parametrize(("height_m", "distance_m"), [(0.05, 0.15), (0.05, 0.3), (0.2, 0.3)])
+def test_a_slab_that_slides_into_a_curb_has_no_answer(height_m, distance_m):
+    free, ahead = slab_on(strips([(-6, 0), (6, 0)]), 0.1), slab_on(between_curbs(height_m, distance_m), 0.1)
+    assert ahead.ground.is_plane
+    for level, reaches in ((5.0, False), (10.0, True)):
+        push = pulse(-level, 0.3, 0.0, 0.6)
+        slip_m = shake(free, push, "fast").slip_m
+        assert (slip_m > distance_m) is reaches
+        met = shake(ahead, push, "fast")
+        assert met.ended_by == "left_ground" if reaches else met.slip_m == pytest.approx(slip_m, rel=1e-3)
+        assert met.status == ("failed" if reaches else "ok")
+
+
+def on_drawn_base(scene):
+    """The same scene with its own base as one that was drawn over the interface plane."""
+    rock = dataclasses.replace(scene.rock, feet_m=scene.rock.hull_vertices_m)
+    return dataclasses.replace(scene, rock=rock)
+
+
+def test_a_base_drawn_over_a_plane_has_no_answer_once_it_slides_into_a_curb():
+    scene = on_drawn_base(slab_on(between_curbs(0.05, 0.15), 0.2))
+    far = shake(scene, pulse(8.0, 0.3, 0.0, 0.6), "fast")
+    assert (far.status, far.outcome, far.ended_by) == ("failed", None, "left_ground")
+    near = shake(scene, pulse(5.0, 0.2, 0.0, 0.6), "fast")
+    assert 0.01 < near.slip_m < 0.06
+    assert near.outcome == "moved"
+
+
+def test_a_rock_that_topples_before_it_slides_anywhere_has_toppled():
+    block = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    scene = Scene.from_mesh((block.vertices_m, block.faces), pedestal=mesa(0.26, 0.26), friction=0.8)
+    assert shake(on_drawn_base(scene), pulse(5.0, 0.6), "fast").outcome == "toppled"

@@ -6,5 +6,5 @@ here too, since statics follows a tipping rock with the same contacts.
 
 __all__ = [
     "body", "contacts", "creeping", "curved", "equilibrium", "excitation", "facets", "holding", "interface",
-    "kind", "mesh", "pairs", "rigid", "rolling", "stepping", "vectors",
+    "kind", "mesh", "pairs", "rigid", "rolling", "stepping", "touching", "vectors",
 ]  # fmt: skip

@@ -29,6 +29,7 @@ from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
+from toppling.models.ground.touching import DisagreementError
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -306,7 +307,10 @@ class GroundedBody:
         # Once off the wall, a rock that leaned gathers speed: that it would stand upright as well is no answer.
         followed_m = 0.0 if self.leans else _FOLLOWED_SHARE * self.size_m
         sim = self.clockless(self.resting_pose, step_s, self.curved)
-        return largest_held_m_s2(sim, push, 30.0 * self.gravity_m_s2, followed_m)
+        held_m_s2 = largest_held_m_s2(sim, push, 30.0 * self.gravity_m_s2, followed_m)
+        if sim.counts[4] > 0:
+            raise DisagreementError(f"as the rock tips toward {azimuth_deg:.0f} degrees")
+        return held_m_s2
 
     @classmethod
     def of(

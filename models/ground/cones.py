@@ -1,9 +1,13 @@
-"""Impulses of contacts with Coulomb friction, each along its own normal: a block Gauss-Seidel over their cones.
+"""Impulses of contacts with Coulomb friction, each along its own normal: a proximal Newton method over their cones.
 
-Of each contact in turn the impulse is found with which it sticks, or slips against the direction of its slip with
-friction at its limit, the others' being kept, until none changes (Moreau 1988; Jean 1999, nonsmooth contact dynamics).
-The normal velocity of a contact is at least its floor; friction is not associated with it: a slip does not lift.
-Most steps need no sweep: all that carried go on to stick, which is solved in one go.
+A contact is open, sticks within its cone, or slips with kinetic friction against its slip; friction is not associated
+with the normal: a slip does not lift. Most steps need no more than :func:`stick_at_once`. In the others each contact is
+given a stiffness: what its velocity makes of the impulse that it had, projected on its cone, is its new impulse
+(augmented Lagrangian; Alart and Curnier 1991). The six numbers of the rock's velocity that fits are found by Newton's
+method, then the stiffness is raised until no velocity is off. A stiffness too large for Newton's method is lowered:
+soft contacts always have a solution, and hard ones have one too if no floor is above zero, since the ground is fixed
+(Klarbring and Pang 1998; Acary, Cadoux, Lemarechal and Malick 2011). No solution adds energy then, because no contact
+does work: it rests, or its friction is against its slip.
 """
 
 from __future__ import annotations
@@ -11,163 +15,223 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from toppling.models.compiled import Array, inner
-from toppling.models.ground.carrying import SolverRoom, Touching, carry_at_once, push
+from toppling.models.compiled import Array, Vector, inner
+from toppling.models.ground.rigid import square
 from toppling.models.ground.sticking_contacts import stick_at_once
+from toppling.models.ground.touching import Touching, push, response, velocity_of
+from toppling.models.ground.vectors import copy, cross, dot, plus
 
-_SWEEPS = 400
-"""Over all contacts, at most."""
+_PRECISION = 1e-10
+"""Of the fastest contact's speed: velocities that are off by less agree. After rounds in which they did not, up to what
+is enough: where gaps differ by rounding, contacts on a plane hand their load to three of them in very many rounds."""
 
-_SWEEPS_BETWEEN = 12
-"""After so many at least, and half as many as were taken, those that carry are solved for at once again."""
+_STIFFNESS, _STIFFEST = 1e5, 1e6
+"""At first, and at most, over that of a contact which a single impulse stops."""
 
-_DIRECTIONS = 12
-"""Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
+_RAISED, _RAISED_AFTER_FAILURE, _LOWERED = 10.0, 2.0, 0.1
+"""Factors on the stiffness where Newton's method has converged, also after it once has not; where it has not."""
 
+_ROUNDS, _BEGINS_ANEW = 400, 80
+"""With a stiffness each; after so many that found nothing, all contacts are pressed: those of a wedged rock press each
+other. From then on static friction is kinetic friction: with more there need not be a solution."""
 
-@inner
-def solve_cones(at: Touching) -> int:
-    """Change the velocity by the impulses of contacts; those that these have are applied first. Sweeps taken."""
-    for i in range(at.number):
-        push(at.contacts[i].arm_m, at.contacts[i].impulse, at.inverse_inertia, at.velocity)
-    if stick_at_once(at):
-        return 1
-    for i in range(at.number):
-        _prepare(at.contacts[i], i, at.inverse_inertia, at.room)
-    ask = 1 if at.number == 1 else 0  # one that sticks is found in one sweep, and seen in the next
-    for sweep in range(_SWEEPS):
-        largest = 0.0
-        for i in range(at.number):
-            largest = max(largest, _change_one(at, i))
-        if largest < at.enough_m_s:
-            return sweep + 1
-        if sweep == ask:
-            if carry_at_once(at):
-                return sweep + 1
-            ask = sweep + max(_SWEEPS_BETWEEN, sweep // 2)
-    return _SWEEPS
+_NEWTON_STEPS, _HALVINGS = 15, 7
+"""At most with one stiffness; of one step."""
+
+_OPEN, _STICKS, _SLIPS = 0, 1, 2
 
 
 @inner
-def _change_one(at: Touching, i: int) -> float:
-    """Change the impulse of a contact to what its cone allows, the others' being kept; by how much, at most."""
-    one, axes, m, velocity = at.contacts[i], at.room.axes[i], at.room.mobility[i], at.velocity
-    own, slip, new, change = at.room.vectors[0], at.room.vectors[1], at.room.vectors[2], at.room.vectors[3]
-    r, p = one.arm_m, one.impulse
-    u = (
-        velocity[0] + velocity[4] * r[2] - velocity[5] * r[1],
-        velocity[1] + velocity[5] * r[0] - velocity[3] * r[2],
-        velocity[2] + velocity[3] * r[1] - velocity[4] * r[0],
-    )
-    for k in range(3):
-        own[k] = axes[k, 0] * p[0] + axes[k, 1] * p[1] + axes[k, 2] * p[2]
-        slip[k] = axes[k, 0] * u[0] + axes[k, 1] * u[1] + axes[k, 2] * u[2]
-    for k in range(3):
-        slip[k] -= m[k, 0] * own[0] + m[k, 1] * own[1] + m[k, 2] * own[2]
-    slip[0] -= one.floor_m_s
-    _one_cone(m, at.room.inverse[i], slip, at.friction, own, new)
-    moved = 0.0
-    for k in range(3):
-        change[k] = (
-            axes[0, k] * (new[0] - own[0]) + axes[1, k] * (new[1] - own[1]) + axes[2, k] * (new[2] - own[2])
-        )
-        moved = max(moved, abs(change[k]))
-    if moved > 0.0:
-        push(r, change, at.inverse_inertia, velocity)
+def solve_cones(at: Touching) -> bool:
+    """Change the velocity by the impulses of contacts; those that these have are applied first. Whether all agree."""
+    copy(at.velocity, at.room.free)
+    for i in range(at.number):
+        push(at, i, 1.0, at.contacts[i].impulse, at.velocity)
+    if at.number == 0 or stick_at_once(at):
+        return True
+    fastest_m_s, (static, kinetic) = _fastest_m_s(at), at.friction
+    within, stiffness, raised = _PRECISION * fastest_m_s, _STIFFNESS, _RAISED
+    enough = within
+    for count in range(1, _ROUNDS):
+        if count % _BEGINS_ANEW == 0:
+            _press(at, fastest_m_s * (count // _BEGINS_ANEW))
+            static, stiffness, raised = kinetic, _STIFFNESS, _RAISED
+        _stiffen(at, stiffness)
+        copy(at.velocity, at.room.start)
+        if _find_velocity(at, static, within):
+            if _take_impulses(at, static) <= enough:
+                return True
+            enough = min(2.0 * enough, max(at.enough_m_s, within))
+            stiffness = min(raised * stiffness, _STIFFEST)
+        else:
+            copy(at.room.start, at.velocity)
+            stiffness, raised = _LOWERED * stiffness, _RAISED_AFTER_FAILURE
+    return False
+
+
+@inner
+def _fastest_m_s(at: Touching) -> float:
+    """Largest speed of a contact without impulses, or of its floor."""
+    fastest = 0.0
+    for i in range(at.number):
+        one = at.contacts[i]
+        fastest = max(fastest, math.sqrt(square(velocity_of(one.arm_m, at.room.free))), abs(one.floor_m_s))
+    return fastest
+
+
+@inner
+def _press(at: Touching, impulse_m_s: float) -> None:
+    """Give all contacts an impulse along their normals."""
+    copy(at.room.free, at.velocity)
+    for i in range(at.number):
+        one = at.contacts[i]
         for k in range(3):
-            p[k] = p[k] + change[k] if new[0] > 0.0 else 0.0  # to the bit: it tells which contacts carry
-    return moved
+            one.impulse[k] = impulse_m_s * one.normal[k]
+        push(at, i, 1.0, one.impulse, at.velocity)
 
 
 @inner
-def _prepare(one: Any, number: int, inverse_inertia: Array, room: SolverRoom) -> None:
-    """Note the axes of a contact, its mobility in them, and the inverse of that."""
-    n, r, turned = one.normal, one.arm_m, room.turned
-    axes, mobility, inverse = room.axes[number], room.mobility[number], room.inverse[number]
-    k = 0
-    if abs(n[1]) < abs(n[k]):
-        k = 1
-    if abs(n[2]) < abs(n[k]):
-        k = 2
-    size = 0.0
-    for i in range(3):
-        axes[0, i] = n[i]
-        axes[1, i] = (1.0 if i == k else 0.0) - n[k] * n[i]
-        size += axes[1, i] ** 2
-    for i in range(3):
-        axes[1, i] /= math.sqrt(size)
-    axes[2, 0] = n[1] * axes[1, 2] - n[2] * axes[1, 1]
-    axes[2, 1] = n[2] * axes[1, 0] - n[0] * axes[1, 2]
-    axes[2, 2] = n[0] * axes[1, 1] - n[1] * axes[1, 0]
-    for i in range(3):
-        turned[i, 0] = r[1] * axes[i, 2] - r[2] * axes[i, 1]
-        turned[i, 1] = r[2] * axes[i, 0] - r[0] * axes[i, 2]
-        turned[i, 2] = r[0] * axes[i, 1] - r[1] * axes[i, 0]
-    for i in range(3):
-        for j in range(3):
-            total = 1.0 if i == j else 0.0
-            for a in range(3):
-                for b in range(3):
-                    total += turned[i, a] * inverse_inertia[a, b] * turned[j, b]
-            mobility[i, j] = total
-    m = mobility
-    c00, c01 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
-    c02 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-    det = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
-    inverse[0, 0], inverse[0, 1], inverse[0, 2] = c00 / det, c01 / det, c02 / det
-    inverse[1, 1] = (m[0, 0] * m[2, 2] - m[0, 2] ** 2) / det
-    inverse[1, 2] = (m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2]) / det
-    inverse[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] ** 2) / det
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+def _stiffen(at: Touching, share: float) -> None:
+    """Give each contact a share of the stiffness of one that a single impulse along its normal stops."""
+    for i in range(at.number):
+        one = at.contacts[i]
+        way, spin = response(one.arm_m, one.normal, at.inverse_inertia)
+        at.room.stiffness[i] = share / (dot(one.normal, way) + dot(cross(one.arm_m, one.normal), spin))
 
 
 @inner
-def _one_cone(
-    m: Array, inverse: Array, free: Array, friction: tuple[float, float], own: Array, out: Array
-) -> None:
-    """Impulse of one contact whose velocity without it, over its floor, is `free`: normal, two tangents."""
-    if free[0] >= 0.0:
-        # With friction a contact that parts by itself may jam; the impulse that parts is taken.
-        out[:] = 0.0
-        return
+def _answer(at: Touching, i: int, static: float, velocity: Array) -> tuple[int, Vector, Vector, float]:
+    """State of a contact at a velocity (6,), and its impulse; direction of its friction, and what turns that.
+
+    The last is the change of friction across itself over the change of the impulse that is projected.
+    """
+    one, stiffness = at.contacts[i], at.room.stiffness[i]
+    n, tried = one.normal, plus(one.impulse, -stiffness, velocity_of(one.arm_m, velocity))
+    along = dot(tried, n)
+    pressed, friction = along + stiffness * one.floor_m_s, plus(tried, -along, n)
+    if pressed <= 0.0:
+        return _OPEN, (0.0, 0.0, 0.0), friction, 0.0
+    size, limit = math.sqrt(square(friction)), at.friction[1] * pressed
+    if size <= static * pressed and static > 0.0:
+        return _STICKS, plus(friction, pressed, n), friction, 1.0
+    scale = 1.0 / size if size > 0.0 else 0.0
+    toward = (scale * friction[0], scale * friction[1], scale * friction[2])
+    impulse = plus((pressed * n[0], pressed * n[1], pressed * n[2]), limit, toward)
+    return _SLIPS, impulse, toward, scale * limit
+
+
+@inner
+def _look(at: Touching, static: float, velocity: Array) -> float:
+    """By how much a velocity is not what the contacts' impulses make of the free one; its size."""
+    off = at.room.off
+    for k in range(6):
+        off[k] = velocity[k] - at.room.free[k]
+    for i in range(at.number):
+        state, impulse, _, _ = _answer(at, i, static, velocity)
+        if state != _OPEN:
+            push(at, i, -1.0, impulse, off)
+    m = at.inverse_inertia
+    spin_m2 = 3.0 / (m[0, 0] + m[1, 1] + m[2, 2])
+    return math.sqrt(square(off) + spin_m2 * (off[3] * off[3] + off[4] * off[4] + off[5] * off[5]))
+
+
+@inner
+def _find_velocity(at: Touching, static: float, within: float) -> bool:
+    """Change the velocity to one that fits the impulses with which the contacts answer it; whether one is near."""
+    room, velocity = at.room, at.velocity
+    size = _look(at, static, velocity)
+    for _ in range(_NEWTON_STEPS):
+        if size <= within:
+            return True
+        _differentiate(at, static)
+        if not _solve(room.matrix, room.off):
+            return False
+        share, before = 1.0, size
+        for k in range(6):
+            room.trial[k] = room.off[k]
+        for _ in range(_HALVINGS):
+            for k in range(6):
+                velocity[k] -= share * room.trial[k]
+            size = _look(at, static, velocity)
+            if size <= max((1.0 - 1e-4 * share) * before, within):
+                break
+            for k in range(6):
+                velocity[k] += share * room.trial[k]
+            share *= 0.5
+        if not size <= max(0.999 * before, within):
+            return False
+    return False
+
+
+@inner
+def _differentiate(at: Touching, static: float) -> None:
+    """The derivative of what :func:`_look` finds, at the present velocity."""
+    room, kinetic = at.room, at.friction[1]
+    for k in range(6):
+        for m in range(6):
+            room.matrix[k, m] = 1.0 if k == m else 0.0
+    for i in range(at.number):
+        state, _, toward, turning = _answer(at, i, static, at.velocity)
+        n, stiffness = at.contacts[i].normal, at.room.stiffness[i]
+        if state == _STICKS:
+            for axis in range(3):
+                way = (1.0 * (axis == 0), 1.0 * (axis == 1), 1.0 * (axis == 2))
+                _add(at, i, stiffness, way, way)
+        elif state == _SLIPS:
+            _add(at, i, stiffness, plus(n, kinetic, toward), n)
+            across = cross(n, toward)
+            _add(at, i, stiffness * turning, across, across)
+
+
+@inner
+def _add(at: Touching, i: int, stiffness: float, pushed: Any, moved: Any) -> None:
+    """Add to the derivative that a contact is pushed one way where it moves against another."""
+    arm = at.contacts[i].arm_m
+    way, spin = response(arm, pushed, at.inverse_inertia)
+    turned = cross(arm, moved)
     for k in range(3):
-        out[k] = -(inverse[k, 0] * free[0] + inverse[k, 1] * free[1] + inverse[k, 2] * free[2])
-    static, kinetic = friction
-    tangential = math.sqrt(out[1] ** 2 + out[2] ** 2)
-    if out[0] > 0.0 and tangential <= static * out[0]:
-        return
-    if kinetic == 0.0:
-        out[0], out[1], out[2] = -free[0] / m[0, 0], 0.0, 0.0
-        return
-    # Friction's direction: as it was, or against the slip without friction.
-    x, y = own[1], own[2]
-    if x == 0.0 and y == 0.0:
-        x, y = (out[1], out[2]) if tangential > 0.0 else (-free[1], -free[2])
-    size = math.sqrt(x * x + y * y)
-    x, y = (x / size, y / size) if size > 0.0 else (1.0, 0.0)
-    normal = 0.0
-    for _ in range(_DIRECTIONS):
-        stiff = m[0, 0] + kinetic * (m[0, 1] * x + m[0, 2] * y)
-        if stiff <= 1e-3 * m[0, 0]:  # jammed: friction alone would stop it
-            stiff = 1e-3 * m[0, 0]
-        normal = -free[0] / stiff
-        a, b = kinetic * x, kinetic * y
-        slip_x = free[1] + normal * (m[1, 0] + m[1, 1] * a + m[1, 2] * b)
-        slip_y = free[2] + normal * (m[2, 0] + m[2, 1] * a + m[2, 2] * b)
-        slip = math.sqrt(slip_x**2 + slip_y**2)
-        if slip <= 1e-14 * (abs(free[1]) + abs(free[2]) + normal):
-            break
-        # A step of a projected gradient, which holds where the slip turns back on itself.
-        far = 0.5 * (m[1, 1] + m[2, 2]) * normal * kinetic
-        if far <= 0.0:
-            break
-        new_x, new_y = x - slip_x / far, y - slip_y / far
-        size = math.sqrt(new_x**2 + new_y**2)
-        if size == 0.0:
-            break
-        new_x, new_y = new_x / size, new_y / size
-        done = abs(new_x - x) + abs(new_y - y) < 1e-12
-        x, y = new_x, new_y
-        if done:
-            break
-    out[0], out[1], out[2] = normal, kinetic * normal * x, kinetic * normal * y
+        for m in range(3):
+            at.room.matrix[k, m] += stiffness * way[k] * moved[m]
+            at.room.matrix[k, 3 + m] += stiffness * way[k] * turned[m]
+            at.room.matrix[3 + k, m] += stiffness * spin[k] * moved[m]
+            at.room.matrix[3 + k, 3 + m] += stiffness * spin[k] * turned[m]
+
+
+@inner
+def _solve(matrix: Array, right: Array) -> bool:
+    """Solve linear equations in place, by elimination with partial pivoting; false where they are singular."""
+    for i in range(6):
+        pivot = i
+        for a in range(i + 1, 6):
+            pivot = a if abs(matrix[a, i]) > abs(matrix[pivot, i]) else pivot
+        if not abs(matrix[pivot, i]) > 0.0:
+            return False
+        for b in range(i, 6):
+            matrix[i, b], matrix[pivot, b] = matrix[pivot, b], matrix[i, b]
+        right[i], right[pivot] = right[pivot], right[i]
+        for a in range(i + 1, 6):
+            share = matrix[a, i] / matrix[i, i]
+            for b in range(i + 1, 6):
+                matrix[a, b] -= share * matrix[i, b]
+            right[a] -= share * right[i]
+    for i in range(5, -1, -1):
+        for b in range(i + 1, 6):
+            right[i] -= matrix[i, b] * right[b]
+        right[i] /= matrix[i, i]
+    return True
+
+
+@inner
+def _take_impulses(at: Touching, static: float) -> float:
+    """Give the contacts the impulses with which they answer the velocity; the largest velocity that was off."""
+    off_m_s = 0.0
+    for i in range(at.number):
+        one = at.contacts[i]
+        _, impulse, _, _ = _answer(at, i, static, at.velocity)
+        for k in range(3):
+            off_m_s = max(off_m_s, abs(impulse[k] - one.impulse[k]) / at.room.stiffness[i])
+            one.impulse[k] = impulse[k]  # of an open one zero to the bit: it tells which contacts carry
+    copy(at.room.free, at.velocity)
+    for i in range(at.number):
+        push(at, i, 1.0, at.contacts[i].impulse, at.velocity)
+    return off_m_s

@@ -8,7 +8,7 @@ from typing import Any
 from toppling.models.compiled import Array, inner
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.rigid import invert, square
-from toppling.models.ground.stepping import SECTORS, TOUCHING_SHARE, Grounded, touching
+from toppling.models.ground.stepping import SECTORS, TOUCHING_SHARE, Grounded, enough_in_step_m_s, touching
 from toppling.models.ground.vectors import rotation_of
 
 STILL = 1e-9
@@ -62,7 +62,7 @@ def _is_held(sim: Grounded, load_m_s2: Any) -> bool:
     for k in range(count):
         sim.trial[k] = sim.contacts[k]
         sim.trial[k].floor_m_s = -2.0 * max(sim.contacts[k].gap_m - touching_m, 0.0) / sim.step_s
-    solve_cones(touching(sim, count, velocity))
+    solve_cones(touching(sim, count, velocity, enough_in_step_m_s(sim)))
     return is_still(sim, velocity)
 
 

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, inner
-from toppling.models.ground.carrying import SolverRoom, Touching, solver_room
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.curved import CurvedGround, curved_contacts
@@ -25,6 +24,7 @@ from toppling.models.ground.pair_search import find
 from toppling.models.ground.pairs import RADIUS, Lists
 from toppling.models.ground.rigid import invert, move, spin, square
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
+from toppling.models.ground.touching import SolverRoom, Touching, solver_room
 from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
 
 _MOST_IMPACTS = 20
@@ -36,8 +36,8 @@ TOUCHING_SHARE = 2e-6
 _MARGIN_SHARE = 1e-4
 """Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
 
-_ENOUGH = 2e-6
-"""Over the speed that gravity gives in a step: changes of impulses that are let go."""
+_ENOUGH, _ENOUGH_IN_IMPACT = 2e-6, 1e-9
+"""Over the speed that gravity gives in a step, and over that of an impact: velocities of contacts that are let go."""
 
 _CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
@@ -84,7 +84,8 @@ class Grounded(NamedTuple):
     lists: Lists
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
-    # (7,): contacts; poses after the first; steps; substeps; sweeps; steps of an engine; those taken at once beyond one
+    # (7,): contacts; poses after the first; steps; substeps; those whose impulses do not agree; steps of an engine;
+    # those taken at once beyond one
     counts: Indices
     inertia_m2: Array
     size_m: float
@@ -160,7 +161,7 @@ def advance(
     count = _contacts(sim, middle, _margin_m(sim, step_s, velocity, free))
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
-    sim.counts[4] += solve_cones(touching(sim, count, free))
+    sim.counts[4] += 0 if solve_cones(touching(sim, count, free, enough_in_step_m_s(sim))) else 1
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
@@ -240,15 +241,19 @@ def _warm(sim: Grounded, count: int, step_s: float) -> None:
 
 @inner
 def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
-    """Change the velocity at once by the contacts that touch in a pose."""
+    """Change the velocity at once by the contacts that touch in a pose.
+
+    By what would bring it to rest there, and restitution times that again: no impact adds energy, whatever its contacts
+    (Fremond 1995; Moreau 1988, with one coefficient along normals and tangents).
+    """
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
     margin = 20.0 * TOUCHING_SHARE * sim.size_m
     count = _contacts(sim, pose, margin)
-    for i in range(count):
-        closing = -_rate(sim.trial[i], velocity)
-        sim.trial[i].floor_m_s = sim.restitution * closing if closing > sim.resolved_m_s else 0.0
-    sim.counts[4] += solve_cones(touching(sim, count, velocity))
+    enough_m_s = _ENOUGH_IN_IMPACT * _fastest_m_s(velocity, ((0.0, 0.0, 0.0), sim.size_m))
+    sim.counts[4] += 0 if solve_cones(touching(sim, count, velocity, enough_m_s)) else 1
+    for k in range(6):
+        velocity[k] += sim.restitution * (velocity[k] - sim.work.solver.free[k])
     sim.counts[0] = count
     for i in range(count):
         sim.contacts[i] = sim.trial[i]
@@ -256,10 +261,15 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 
 
 @inner
-def touching(sim: Grounded, count: int, velocity: Array) -> Touching:
+def touching(sim: Grounded, count: int, velocity: Array, enough_m_s: float) -> Touching:
     """The first contacts, and the velocity that they are to change."""
-    enough_m_s = _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * _step_s(sim)
     return Touching(sim.trial, count, sim.friction, sim.work.inverse, velocity, enough_m_s, sim.work.solver)
+
+
+@inner
+def enough_in_step_m_s(sim: Grounded) -> float:
+    """Velocity of a contact that is let go in a step."""
+    return _ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * _step_s(sim)
 
 
 @inner

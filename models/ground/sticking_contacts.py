@@ -13,8 +13,8 @@ import math
 from typing import Any, NamedTuple
 
 from toppling.models.compiled import Array, Vector, inner
-from toppling.models.ground.carrying import MISSED, Touching
 from toppling.models.ground.rigid import square
+from toppling.models.ground.touching import Touching
 from toppling.models.ground.vectors import cross, dot, minus, plus
 
 _Symmetric = tuple[float, float, float, float, float, float]
@@ -22,6 +22,9 @@ _Symmetric = tuple[float, float, float, float, float, float]
 
 _AT_A_POINT, _ON_A_LINE = 1e-12, 1e-10
 """Spread, as a share of the inertia, of contacts at one point; and across a line, as a share of that along it."""
+
+_MISSED = 500.0
+"""Times what is right: by so much a contact that sticks may miss its floor, as gaps are not equal."""
 
 _ZERO, _NO_MOMENTS = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -130,7 +133,7 @@ def _moves_right(at: Touching, clamped: _Clamped) -> bool:
         if at.room.sticks[i] == 0:
             if dot(lacks, one.normal) > at.enough_m_s:
                 return False
-        elif not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= MISSED * at.enough_m_s:
+        elif not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= _MISSED * at.enough_m_s:
             return False
     return True
 

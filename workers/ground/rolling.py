@@ -14,6 +14,7 @@ from toppling.models.ground.mesh import NO_MESH
 from toppling.models.ground.pairs import empty_lists
 from toppling.models.ground.rolling import rolling_surface
 from toppling.models.ground.stepping import Grounded, step, work_room
+from toppling.models.ground.touching import DisagreementError
 from toppling.workers import quaternion as quat
 from toppling.workers.ground.stepping import steps_at_once
 from toppling.workers.history import ROOM, StateHistory
@@ -67,6 +68,8 @@ class RollingIntegrator:
         history.sim.state["since"], history.sim.state["goal"] = history.last, history.grid + steps
         while not roll(history.sim, self._rock, watch, steps):
             history.make_room()
+        if self._rock.counts[4] > 0:
+            raise DisagreementError(f"before {history.time_s:.4f} s")
         return int(history.sim.state["since"][0])
 
     def restart(self) -> None:
@@ -98,6 +101,6 @@ def roll(sim: Simulation, rock: Grounded, watch: Watch, steps: int) -> bool:
             step(rock, state.grid * step_s, sim.pose[new], sim.velocity[new])
             state.grid, state.rests, state.steps = state.grid + times, 0, rock.counts[3]
             sim.time_s[new] = sim.velocity_time_s[new] = state.grid * step_s
-        if calls_for_look(sim, watch, state.since):
+        if rock.counts[4] > 0 or calls_for_look(sim, watch, state.since):
             return True
         state.since, state.goal = state.last, state.grid + steps

@@ -99,7 +99,7 @@ def _skip_rest(sim: Grounded, block: int, watch: GroundWatch) -> None:
 def _calls_for_look(sim: Grounded, watch: GroundWatch, since: int) -> bool:
     last = sim.counts[1]
     start, end, velocity, time_s = sim.pose[since], sim.pose[last], sim.velocity[last], sim.time_s[last]
-    if not math.sqrt(square(velocity)) <= watch.fastest_m_s or time_s >= watch.until_s:
+    if sim.counts[4] > 0 or not math.sqrt(square(velocity)) <= watch.fastest_m_s or time_s >= watch.until_s:
         return True
     if dot(minus(sim.pose[0], end), watch.up) > watch.fallen_m:
         return True

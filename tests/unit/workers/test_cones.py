@@ -5,12 +5,12 @@ import pytest
 from scipy.optimize import linprog
 
 from toppling.models.compiled import compiled
-from toppling.models.ground.carrying import Touching, solver_room
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import CONTACT
 from toppling.models.ground.equilibrium import are_held, farthest_load, wrenches
+from toppling.models.ground.touching import Touching, solver_room
 
-ENOUGH_M_S = 1e-8
+ENOUGH_M_S = 1e-9
 
 
 @compiled
@@ -45,6 +45,121 @@ def local(contacts, velocity):
     return parts
 
 
+MOST_CONTACTS = 12
+
+
+@compiled
+def solve_all(contacts, number, friction, inverse_inertia, velocity, room):
+    """Solve many problems; how many of them have an answer."""
+    solved = 0
+    for i in range(len(number)):
+        limits = friction[i, 0], friction[i, 1]
+        at = Touching(contacts[i], number[i], limits, inverse_inertia[i], velocity[i], ENOUGH_M_S, room)
+        solved += solve_cones(at)
+    return solved
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_impacts(random, count):
+    """Bodies that strike ground: contacts anywhere around them, below them on a plane, in a groove and on a ridge."""
+    shape = count, MOST_CONTACTS
+    half_m = random.uniform(0.1, 1.0, (count, 3))
+    moments = (half_m[:, [1, 0, 0]] ** 2 + half_m[:, [2, 2, 1]] ** 2) / 3.0
+    axes = np.linalg.qr(random.normal(size=(count, 3, 3)))[0]
+    inertia = axes @ (moments[:, :, None] * axes.transpose(0, 2, 1))
+    arms = random.uniform(-0.8, 0.8, (*shape, 3)) * np.linalg.norm(half_m, axis=1)[:, None, None]
+    around, slope = random.normal(size=(*shape, 3)), random.uniform(-1.0, 1.0, count)
+    slope[::4] = 0.0
+    across = np.sign(arms[:, :, 0])
+    facets = np.stack(
+        [-across * np.sin(slope)[:, None], 0.0 * across, np.cos(slope)[:, None] + 0.0 * across], axis=2
+    )
+    anywhere = (np.arange(count) % 4 == 1)[:, None, None]
+    arms[:, :, 2] = np.where(
+        anywhere[:, :, 0], arms[:, :, 2], np.abs(arms[:, :, 0]) * np.tan(slope)[:, None] - half_m[:, 2:]
+    )
+    contacts = np.zeros(shape, CONTACT)
+    contacts["arm_m"], contacts["normal"] = arms, unit(np.where(anywhere, around, facets))
+    static = random.uniform(0.0, 3.0, count)
+    kinetic = np.where(random.random(count) < 0.5, static, static * random.random(count))
+    return {
+        "contacts": contacts, "number": random.integers(1, MOST_CONTACTS + 1, count),
+        "friction": np.column_stack([static, kinetic]), "inverse_inertia": np.linalg.inv(inertia),
+        "velocity": random.normal(size=(count, 6)),
+    }, inertia  # fmt: skip
+
+
+def energies(velocity, inertia):
+    turning = np.einsum("ni,nij,nj->n", velocity[:, 3:], inertia, velocity[:, 3:])
+    return 0.5 * ((velocity[:, :3] ** 2).sum(axis=1) + turning)
+
+
+def residuals_m_s(contacts, friction, velocity):
+    """By how much each contact misses Signorini's law, and Coulomb's as sticking or, if less, as slipping."""
+    normal, impulse = contacts["normal"], contacts["impulse"]
+    moves = velocity[:, None, :3] + np.cross(velocity[:, None, 3:], contacts["arm_m"])
+    pressed, parts = (impulse * normal).sum(axis=2), (moves * normal).sum(axis=2)
+    rubbed, slips = impulse - pressed[..., None] * normal, moves - parts[..., None] * normal
+    static, kinetic = friction[:, :1], friction[:, 1:]
+    rubs, slip = np.linalg.norm(rubbed, axis=2), np.linalg.norm(slips, axis=2)
+    sticking = np.maximum(slip, rubs - static * pressed)
+    toward = rubbed - slips
+    size = np.maximum(np.linalg.norm(toward, axis=2), 1e-300)
+    limit = kinetic * pressed
+    sliding = np.linalg.norm(rubbed - (limit / size)[..., None] * toward, axis=2)
+    sliding = np.maximum(sliding, limit - size)
+    coulomb = np.where(pressed > 0.0, np.minimum(sticking, sliding), rubs)
+    return np.maximum(np.abs(np.minimum(pressed, parts - contacts["floor_m_s"])), coulomb)
+
+
+@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.thorough)])
+def test_of_random_impacts_all_have_an_answer_that_obeys_the_cones_and_adds_no_energy(count):
+    impacts, inertia = random_impacts(np.random.default_rng(67), count)
+    before = impacts["velocity"].copy()
+    assert solve_all(**impacts, room=solver_room(MOST_CONTACTS)) == count
+    contacts, velocity = impacts["contacts"], impacts["velocity"]
+    given = np.where(np.arange(MOST_CONTACTS) < impacts["number"][:, None], 1.0, 0.0)
+    off_m_s = given * residuals_m_s(contacts, impacts["friction"], velocity)
+    speed_m_s = np.linalg.norm(before, axis=1)
+    assert (off_m_s.max(axis=1) / speed_m_s).max() < 1e-8
+    for restitution in (0.0, 0.3, 0.5):
+        after = velocity + restitution * (velocity - before)
+        assert (energies(after, inertia) <= (1.0 + 1e-9) * energies(before, inertia)).all()
+    moments = np.cross(contacts["arm_m"], contacts["impulse"])
+    spun = np.einsum("nij,nkj->ni", impacts["inverse_inertia"], moments)
+    np.testing.assert_allclose(velocity[:, :3] - before[:, :3], contacts["impulse"].sum(axis=1), atol=1e-9)
+    np.testing.assert_allclose(velocity[:, 3:] - before[:, 3:], spun, atol=1e-7)
+
+
+def test_a_contact_whose_friction_jams_gets_the_impulse_that_stops_it():
+    """Friction against an assumed slip would stop it with no end of an impulse: (158, -90, -88) was once its answer."""
+    mobility = np.array([[2.6424, 2.4656, 2.2759], [2.4656, 8.7866, -0.8373], [2.2759, -0.8373, 8.5837]])
+    coupling = mobility - np.eye(3)
+    arm = np.linalg.svd(coupling)[2][2]
+    x, y, z = arm
+    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    inverse = turned @ coupling @ turned.T + 5.0 * np.outer(arm, arm)
+    free = np.array([-0.4166, -1.0735, 0.1787])
+    for start in ([0.790, -0.617, -0.518], [0.0, 0.0, 0.0]):
+        contacts, velocity = np.zeros(1, CONTACT), np.append(free, np.zeros(3))
+        contacts["arm_m"], contacts["normal"], contacts["impulse"] = arm, [1.0, 0.0, 0.0], start
+        assert solve(contacts, (0.8, 0.8), inverse, velocity, solver_room(1))
+        off_m_s = residuals_m_s(contacts[None], np.array([[0.8, 0.8]]), velocity[None])
+        assert off_m_s.max() < 1e-8
+        assert np.linalg.norm(contacts["impulse"]) < 0.5
+
+
+def test_walls_that_close_on_a_rock_from_both_sides_have_no_answer():
+    contacts = np.zeros(2, CONTACT)
+    contacts["arm_m"] = [[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]]
+    contacts["normal"] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    contacts["floor_m_s"] = 0.1
+    assert not solve(contacts, (0.8, 0.8), np.eye(3), np.zeros(6), solver_room(2))
+
+
 @pytest.mark.parametrize("friction", [(0.2, 0.2), (0.8, 0.8), (0.7, 0.5)])
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_each_contact_is_open_sticks_or_slips_against_its_friction(count, friction):
@@ -52,10 +167,7 @@ def test_each_contact_is_open_sticks_or_slips_against_its_friction(count, fricti
     for _ in range(60):
         contacts, velocity, inverse = tall_block_on_facets(random, count, 20.0)
         before = velocity.copy()
-        sweeps = solve(contacts, friction, inverse, velocity, solver_room(count))
-        if sweeps == 400 and friction[0] > friction[1]:  # then there need not be any impulses that agree
-            continue
-        assert sweeps < 400
+        assert solve(contacts, friction, inverse, velocity, solver_room(count))
         pressed, rubbed, parts, slips = local(contacts, velocity)
         size, speed = np.linalg.norm(rubbed, axis=1), np.linalg.norm(slips, axis=1)
         carries = pressed > 1e-12
@@ -77,7 +189,7 @@ def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
     contacts["arm_m"][:, 1], contacts["arm_m"][:, 2] = np.tile(along, 2), -0.2
     contacts["normal"][:, 2] = 1.0
     velocity = np.array([0.01, 0.0, -0.5, 0.1, 0.2, 0.0])
-    assert solve(contacts, (0.8, 0.8), np.diag([6.0, 6.0, 4.0]), velocity, solver_room(40)) < 20
+    assert solve(contacts, (0.8, 0.8), np.diag([6.0, 6.0, 4.0]), velocity, solver_room(40))
     assert np.abs(velocity).max() < 1e-6
 
 

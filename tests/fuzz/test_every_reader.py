@@ -21,7 +21,7 @@ from toppling.models.files import guarded
 from toppling.orchestrator.terminal import plain_text
 
 FEW, MANY = 300, 10_000
-"""Damaged files over all readers: in every run of the tests, and with the slow ones."""
+"""Damaged files over all readers: where a reader has changed, and with the slow tests."""
 SECONDS, MEMORY_BYTES, FEW_BYTES = 2.0, 1 << 30, 100_000_000
 LARGEST_REQUEST_BYTES = 4 << 30
 """No single allocation may be larger: it fails, instead of the machine."""
@@ -270,7 +270,10 @@ def test_what_is_no_such_file_is_refused_at_once_in_little_memory(sample, bounde
 
 @pytest.mark.parametrize(
     "count",
-    [math.ceil(FEW / len(READERS)), pytest.param(math.ceil(MANY / len(READERS)), marks=pytest.mark.slow)],
+    [
+        pytest.param(math.ceil(FEW / len(READERS)), marks=pytest.mark.thorough),
+        pytest.param(math.ceil(MANY / len(READERS)), marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("sample", READERS, indirect=True)
 def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):

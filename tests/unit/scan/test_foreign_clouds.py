@@ -1,7 +1,5 @@
 """Clouds of other people's programs: structure by name, what came back from nowhere, commas, encodings, steps."""
 
-from pathlib import Path
-
 import laspy
 import numpy as np
 import open3d as o3d
@@ -18,7 +16,6 @@ from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan.plausible import coordinate_steps, marked_unmeasured, step_note, steps_of_mesh
 from toppling.models.scan.read import read_clouds
 
-FOREIGN = Path(__file__).parents[4] / "shared" / "data" / "foreign"
 POINTS_M = np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + np.array([331000.0, 3777000.0, 470.0])
 TURN = Rotation.from_euler("zyx", [130.0, 20.0, -35.0], degrees=True)
 SHIFT_M = np.array([331000.0, 3777000.0, 470.0])
@@ -477,23 +474,6 @@ def test_steps_are_fine_then_told_then_refused():
     with pytest.raises(InputError, match=r"steps of 0\.02 m") as error:
         step_note(0.02, 1.0)
     assert "more decimals" in error.value.remedy
-
-
-@pytest.mark.skipif(not FOREIGN.is_dir(), reason="no ../shared/data/foreign")
-@pytest.mark.parametrize(
-    ("name", "points"),
-    [
-        ("10-las-feet-wkt/rock_ftus.laz", 286_577),
-        ("13-e57-order/xyzw.e57", None),
-        ("17-decimal-comma-cloud/semicolon.txt", 60_000),
-        ("18-nan/organised.pcd", 95_526),
-    ],
-)
-def test_files_of_other_programs_are_read_in_metres(name, points):
-    cloud = read_clouds([FOREIGN / name])
-    assert points is None or len(cloud.points_m) == points
-    # The demo's cloud: a rock of 14 m amidst some 50 m of slope.
-    assert 15.0 < np.ptp(cloud.points_m[:, 2]) < 60.0
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])

@@ -328,8 +328,10 @@ def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:
     """Rows that were there when the sample was drawn: what came since was given no chance."""
     try:
         until = datetime.fromisoformat(read_json(place / DRAWN_FILE)["until"])
+    except FileNotFoundError:  # an InputError too
+        return rows
     except InputError:
         raise
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return rows
     return rows[rows["finished_at"].isna() | (rows["finished_at"] <= until)]

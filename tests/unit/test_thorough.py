@@ -35,7 +35,9 @@ def tree(tmp_path):
         (tmp_path / name).write_text(text.replace("@pytest.mark.thorough", "'pytest.mark.thorough'"))
     (tmp_path / ".ci").mkdir()
     shutil.copy(SCRIPT, tmp_path / ".ci")
-    code = "import json, thorough; print(json.dumps(thorough.unproven()))"
+    code = (
+        "import json, sys; sys.path.insert(0, '.'); import thorough; print(json.dumps(thorough.unproven()))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path / ".ci", capture_output=True, text=True, check=True
     )

@@ -45,7 +45,7 @@ _GATHERED = 3e-3
 """Of g R: energy that is no speed yet, as much as a rough base gathers from one of its corners to the next."""
 
 _SETTLED_IN = 30
-"""Short steps after a long one, which close its gaps: over an open one a rock rolls aside, as if it were held."""
+"""Short steps before a pose is asked, which close its gaps: over an open one a rock rolls aside, as if it were held."""
 
 
 @compiled
@@ -74,7 +74,9 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
     best so far, the rock gathers energy, the difference times the way; it is at rest again once poses that stand
     more have taken as much. Infinite from `most_m_s2` on.
     """
-    pose, start = sim.pose[0].copy(), sim.pose[0].copy()
+    pose = sim.pose[0].copy()
+    _close_gaps(sim, pose, push, 0.0)
+    start = pose.copy()
     still, most_j_kg = _still_m_s2(sim), _GATHERED * sim.size_m * math.sqrt(square(sim.gravity_m_s2))
     peak, trial, last = pose.copy(), pose.copy(), pose.copy()
     best = held_before = gathered_j_kg = 0.0
@@ -99,8 +101,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float, followed_m: 
         held_before = held
         pushed = 1.02 * max(best, held) + _BEYOND * still
         _tip(sim, pose, trial, push, pushed, best)
-        for _ in range(_SETTLED_IN):
-            _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
+        _close_gaps(sim, pose, push, pushed)
         cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
         if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
             break
@@ -128,6 +129,13 @@ def _tip(sim: Grounded, pose: Array, trial: Array, push: Array, pushed: float, b
             break
         _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
     copy(trial, pose)
+
+
+@inner
+def _close_gaps(sim: Grounded, pose: Array, push: Array, acceleration: float) -> None:
+    """Let a pose down by short steps under an acceleration along a push."""
+    for _ in range(_SETTLED_IN):
+        _crept_m(sim, pose, _load(sim, push, acceleration, sim.step_s), sim.step_s)
 
 
 @inner

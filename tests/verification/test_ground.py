@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.ground.kind import GroundKind
@@ -439,12 +440,12 @@ def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
     assert shake(scene, STILL, "fast").outcome == "stands"
 
 
-def slab_on_a_wall(half_width, lean_deg):
+def slab_on_a_wall(half_width, lean_deg, half_depth=0.3, gap_m=0.0):
     """Meshes of a slab of 1.2 m that leans toward x on its lower edge at the origin, and of ground and wall."""
     angle, height = math.radians(lean_deg), 1.2
     turn = Rotation.from_rotvec([0.0, angle, 0.0])
-    slab = box(half_width, 0.3, 0.5 * height).moved(np.eye(3), (-half_width, 0.0, 0.5 * height))
-    vertices, faces = with_wall(height * math.sin(angle) - HALF_WIDTH_M, height_m=1.6)
+    slab = box(half_width, half_depth, 0.5 * height).moved(np.eye(3), (-half_width, 0.0, 0.5 * height))
+    vertices, faces = with_wall(height * math.sin(angle) - HALF_WIDTH_M + gap_m, height_m=1.6)
     return (turn.apply(slab.vertices_m), slab.faces), (vertices, faces)
 
 
@@ -453,6 +454,22 @@ def righted_m_s2(half_width, lean_deg):
     angle = math.radians(lean_deg)
     x = 0.6 * math.sin(angle) - half_width * math.cos(angle)
     return G * x / (0.6 * math.cos(angle) + half_width * math.sin(angle))
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 1e-3, 5e-3, -1e-3])
+def test_a_leaning_slab_stands_what_a_slow_ramp_of_its_own_says_whatever_gap_it_settles_over(gap_m):
+    """A slab that was given a gap away from its wall settles on corners that differ by micrometres."""
+    rock, surface = slab_on_a_wall(0.2, 25.0, 0.2, gap_m)
+    scene = Scene.from_mesh(rock, pedestal=surface, friction=0.8)
+    time_s = np.arange(0.0, 120.0, 0.01)
+    for azimuth_deg in (0.0, 20.0, 45.0):
+        ((_, least),) = scene.quasi_static_toppling_m_s2([azimuth_deg])
+        rise = np.interp(time_s, [0.0, 2.0, 120.0], [0.0, 0.8 * least, 1.4 * least])
+        along = horizontal_unit_vector(azimuth_deg)
+        ramp = Motion(np.outer(rise, along), 0.01)
+        toppled_s = shake(scene, ramp, "fast").topple_time_s
+        assert least == pytest.approx(float(np.interp(toppled_s, time_s, rise)), rel=0.03)
+        assert least == pytest.approx(cone_programme(scene, azimuth_deg), rel=0.005)
 
 
 @pytest.mark.parametrize(("half_width", "lean_deg"), [(0.06, 8.0), (0.2, 25.0)])

@@ -17,7 +17,12 @@ from toppling.workers.observation import Displacement
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced
 
-_STATUS = {"speed_limit": "diverged", "time_cap": "undecided", "left_ground": "failed"}
+_STATUS = {
+    "speed_limit": "diverged",
+    "time_cap": "undecided",
+    "left_ground": "failed",
+    "contacts_disagree": "failed",
+}
 """Of the rules after which there is no answer."""
 
 _LEVEL_SHARE = 1e-8

@@ -48,7 +48,7 @@ CONTACT = np.dtype(
         ("key", "i8"),  # of the two features, the same from step to step
         ("gap_m", "f8"),
         ("normal", "f8", 3),  # from the ground to the rock
-        ("place_m", "f8", 3),
+        ("place_m", "f8", 3),  # of the rock's material point
         ("arm_m", "f8", 3),  # from the centre of mass
         ("impulse", "f8", 3),  # over the rock's mass, m/s
         ("floor_m_s", "f8"),  # least normal velocity
@@ -254,7 +254,8 @@ def _ground_point(
     there, found = ground.vertices_m[ground.points[index]], pairs.point.found
     for i in range(_meet((ground, index, p), near_it, rock, (margin_m, LEANING), False, pairs)):
         n, key = turned(pairs.turn, found[i]), (1 << 60) + 8 * index + i
-        count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), there, pairs.looked_at)
+        place = plus(there, -found[i, 3], n)
+        count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), place, pairs.looked_at)
     return count
 
 
@@ -304,8 +305,8 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     out_of_rock = -min(dot(n, own0), dot(n, own1))
     if out_of_ground > _ASIDE or out_of_rock > _ASIDE:
         return count, apart_m
-    place = plus(c, t, other)
-    gap = dot(n, minus(plus(a, s, way), place))
+    place = plus(a, s, way)
+    gap = dot(n, minus(place, plus(c, t, other)))
     if -margin_m < gap < margin_m:
         key = (2 << 60) + i * len(ground.edges) + j
         count = add(out, count, key, gap, n, place, pose)

@@ -35,8 +35,8 @@ LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
-_JOINED_SPACINGS = 1.8
-"""Patches of a rock so near to each other, over the median distance to the fourth neighbour, hang together."""
+_JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
+"""Patches of a rock so near, over the distance to the fourth neighbour, hang together; of so many that are nearest."""
 _SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
@@ -233,14 +233,18 @@ def joined_within_m(patches_m: Array) -> float:
 
 
 def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
-    """Which patches (n,) of a rock hang together with its seeds at the spacing of its own patches.
+    """Which patches (n,) of a rock hang together with its seeds, at the spacing of the patches about each.
 
-    Mixed pixels between a rock and what lies behind it, and tips of plants, are strewn more widely. Parts of a rock
-    between which nobody saw it are parts nevertheless.
+    Mixed pixels between a rock and what lies behind it, and tips of plants, are strewn more widely than what they
+    touch; a side that was seen from afar is sparse throughout. Parts of a rock between which nobody saw it are parts
+    nevertheless.
     """
     number, kept = np.flatnonzero(rock), np.zeros(len(rock), bool)
-    pairs = cKDTree(points_m[rock]).query_pairs(joined_within_m(points_m[rock]), output_type="ndarray")
-    part = joined_parts(pairs, len(number))
+    away_m, near = cKDTree(points_m[rock]).query(points_m[rock], min(_NEIGHBOURS, len(number)))
+    spacing_m = away_m[:, min(4, away_m.shape[1] - 1)]
+    joined = away_m < _JOINED_SPACINGS * np.minimum(spacing_m[:, None], spacing_m[near])
+    one, other = np.nonzero(joined)
+    part = joined_parts(np.column_stack([one, near[one, other]]), len(number))
     large = np.bincount(part) >= LEAST_SURFELS
     kept[number] = (large & (np.bincount(part, seeds[rock]) > 0.0))[part]
     return kept

@@ -4,20 +4,21 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from tests.virtual_rocks import stump_on_a_slope
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import joined_rock
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.leaning import upright_split
+from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, segment
+from toppling.models.scan.survey import survey
 
 ORIGIN_M = np.zeros(3)
 
 
-@pytest.fixture(scope="module")
-def beside_a_bush():
+def seen_beside_a_bush(resolution_per_height):
     """A rock 2 m high with a bush 1.7 m beside it: points, true labels, and the truth."""
     truth = stump_on_a_slope()
     places = truth.pedestal.vertices_m
@@ -26,11 +27,18 @@ def beside_a_bush():
     )
     pedestal = dataclasses.replace(truth.pedestal, vertices_m=places + np.outer(rough, [0.0, 0.0, 1.0]))
     truth = dataclasses.replace(truth, pedestal=pedestal)
-    seen = virtual.scan_around(truth, seed=5, stations=4, resolution_per_height=0.03, clutter=False)
+    seen = virtual.scan_around(
+        truth, seed=5, stations=4, resolution_per_height=resolution_per_height, clutter=False
+    )
     points, label = np.concatenate([s.points_m for s in seen]), np.concatenate([s.label for s in seen])
     rng = np.random.default_rng(8)
     bush = rng.normal(0.0, 1.0, (2500, 3)) * [0.2, 0.2, 0.15] + [1.2, 1.2, 0.25]
     return np.vstack([points, bush]), np.append(label, np.full(len(bush), NEITHER)), truth
+
+
+@pytest.fixture(scope="module")
+def beside_a_bush():
+    return seen_beside_a_bush(0.03)
 
 
 @pytest.mark.thorough
@@ -55,6 +63,22 @@ def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(beside_a_bush
     own = points[free == ROCK]
     for near_m in own[np.random.default_rng(6).integers(len(own), size=2), :2]:
         assert np.array_equal(upright_split(points, ORIGIN_M, near_m).label, free)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("hinted", [False, True])
+def test_no_base_touches_outside_the_silhouette_of_the_rock_above_it(hinted):
+    points, label, truth = seen_beside_a_bush(0.012)
+    pedestal = truth.pedestal
+    hint = InterfaceHint.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
+    station, files = np.zeros(len(points), np.int32), (("all", len(points)),)
+    found = survey(Cloud(points, ORIGIN_M, station, files), hint=hint if hinted else None)
+    interface, height_m = found.worked_out.interface, truth.rock.height_m
+    above = interface.flat(points[label == ROCK])
+    outline = ConvexHull(above[above[:, 2] > 0.1 * height_m, :2]).equations
+    feet = np.concatenate([draw.feet_m[draw.feet_m[:, 2] <= 1e-6, :2] for draw in found.scene.unseen.draws])
+    assert len(feet) > 100
+    assert (feet @ outline[:, :2].T + outline[:, 2]).max() < 0.01 * height_m
 
 
 def test_parts_of_a_rock_that_nobody_saw_joined_stay_and_strewn_patches_do_not():

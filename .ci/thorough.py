@@ -123,7 +123,7 @@ def main() -> int:
     ):
         if files:
             done = subprocess.run(
-                [sys.executable, "-m", "pytest", "-m", "thorough", *processes, *options, *files],
+                [sys.executable, "-m", "pytest", "-m", "thorough and not slow", *processes, *options, *files],
                 cwd=ROOT,
                 check=False,
             )

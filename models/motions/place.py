@@ -5,9 +5,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from toppling.models.lengths import METRES
+
 _LEAST_DEPTH_M = 3.0
 """COSMOS (table 6) calls sensors in vaults less than this below the surface near-surface, deeper ones in tunnels."""
-_FOOT_M = 0.3048
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def place_in_words(location: str) -> Place | None:
     location = location[:_LONGEST]
     if found := _DEPTH.search(location):
         unit = (found["unit"] or found["of"]).lower()
-        return Place(float(found["after"] or found["before"]) * (_FOOT_M if unit[0] == "f" else 1.0))
+        return Place(float(found["after"] or found["before"]) * METRES["ft" if unit[0] == "f" else "m"])
     if re.search("down-?hole|bore-?hole", location, re.IGNORECASE):
         return BOREHOLE
     if _AT_GROUND.search(location):

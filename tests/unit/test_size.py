@@ -10,7 +10,10 @@ import toppling
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("models", "workers", "orchestrator", "results")
-FILE_LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 7
+FILE_LINES, FUNCTION_LINES, PARAMETERS = 800, 80, 7
+SOURCE_LINES, TEST_LINES = 65_400, 39_900
+"""Lines in all. Each landing that removes some lowers these; nothing raises them."""
+
 WORDS_OF_DOCS = 13_000
 CONSTRUCTORS = {"with_rough_base", "boulder", "ground"}
 """Functions that make a scene or a mesh from what they are given; class methods that make their class are too."""
@@ -52,9 +55,14 @@ def over(sizes, most):
     return {name: size for name, size in sizes.items() if size > most and name not in STILL_OVER}
 
 
-def test_no_file_is_longer_than_four_hundred_lines():
+def test_no_file_is_longer_than_eight_hundred_lines():
     sizes = {str(path.relative_to(ROOT)): path.read_text("utf-8").count("\n") for path in modules()}
     assert over(sizes, FILE_LINES) == {}
+
+
+def test_the_source_and_the_tests_have_no_more_lines_than_they_had():
+    assert sum(path.read_text("utf-8").count("\n") for path in modules()) <= SOURCE_LINES
+    assert sum(path.read_text("utf-8").count("\n") for path in (ROOT / "tests").rglob("*.py")) <= TEST_LINES
 
 
 def test_the_docs_have_no_more_words_than_one_reads():
@@ -63,7 +71,7 @@ def test_the_docs_have_no_more_words_than_one_reads():
     assert sum(any(letter.isalnum() for letter in word) for word in text.split()) <= WORDS_OF_DOCS
 
 
-def test_no_function_is_longer_than_sixty_lines():
+def test_no_function_is_longer_than_eighty_lines():
     sizes = {name: node.end_lineno - node.lineno + 1 for path in modules() for name, node in functions(path)}
     assert over(sizes, FUNCTION_LINES) == {}
 

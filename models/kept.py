@@ -9,7 +9,7 @@ _Owner = TypeVar("_Owner")
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
-_MOST = 8
+MOST = 8
 """Answers that an object keeps of one function, by the other arguments; the one unused for longest goes."""
 
 
@@ -34,7 +34,7 @@ def kept(
         answers: _Answers = owner.__dict__.setdefault(name, _Answers())
         if args not in answers:
             answers[args] = function(owner, *args, **none)
-            if len(answers) > _MOST:
+            if len(answers) > MOST:
                 answers.popitem(last=False)
         answers.move_to_end(args)
         return answers[args]

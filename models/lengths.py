@@ -5,13 +5,13 @@ from collections.abc import Iterable
 
 from toppling.models.errors import InputError
 
-_US_FOOT_M = 1200.0 / 3937.0
+US_FOOT_M = 1200.0 / 3937.0
 _UNITS = {
     "m": (1.0, "metres"),
     "mm": (1e-3, "millimetres"),
     "cm": (1e-2, "centimetres"),
     "ft": (0.3048, "feet"),
-    "us-ft": (_US_FOOT_M, "US survey feet"),
+    "us-ft": (US_FOOT_M, "US survey feet"),
     "in": (0.0254, "inches"),
 }
 """Of each unit: metres of one, and its name."""

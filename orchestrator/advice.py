@@ -32,7 +32,7 @@ _MOST_NAMED = 5
 _ROUNDED = 0.01
 """Of an eighth of a turn: so far are radians printed with two decimals from it."""
 
-_HARDLY_SHARE, _MOSTLY_SHARE = 0.05, 0.5
+HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
 """Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
 
 _LEAST_WITHIN = 3
@@ -192,16 +192,16 @@ def suggestions(shares: Sequence[Share]) -> list[str]:
     low, high = rising[0], rising[-1]
     jobs, toppled = sum(one.jobs for one in rising), sum(one.toppled for one in rising)
     found = []
-    if high.share < _MOSTLY_SHARE:
+    if high.share < MOSTLY_SHARE:
         at = f", {high.share:.0%} at the highest level".replace("%", " %") if toppled else ""
         found.append(f"{toppled} of {jobs} toppled{at}: add levels above {high.level_m_s2:g} m/s2")
-    if low.share > _HARDLY_SHARE:
+    if low.share > HARDLY_SHARE:
         at = f"{low.toppled} of {low.jobs} toppled at the lowest level"
         found.append(f"{at}: add levels below {low.level_m_s2:g} m/s2")
-    within = [one for one in rising if _HARDLY_SHARE < one.share < 1.0 - _HARDLY_SHARE]
+    within = [one for one in rising if HARDLY_SHARE < one.share < 1.0 - HARDLY_SHARE]
     if not found and len(within) < _LEAST_WITHIN:
-        below = max(one.level_m_s2 for one in rising if one.share <= _HARDLY_SHARE)
-        above = [one.level_m_s2 for one in rising if one.share >= 1.0 - _HARDLY_SHARE]
+        below = max(one.level_m_s2 for one in rising if one.share <= HARDLY_SHARE)
+        above = [one.level_m_s2 for one in rising if one.share >= 1.0 - HARDLY_SHARE]
         top = min(above, default=high.level_m_s2)
         found.append(
             f"the share that topples rises within {len(within)} levels: "

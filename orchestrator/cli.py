@@ -71,10 +71,10 @@ class _LazyGroup(Verbs):
         """List the verbs, each with its line."""
         for title, verbs in _GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(verb, _first_line(verb)) for verb in verbs], col_max=12)
+                formatter.write_dl([(verb, first_line(verb)) for verb in verbs], col_max=12)
 
 
-def _first_line(verb: str) -> str:
+def first_line(verb: str) -> str:
     """Of a verb's help, without importing what the verb needs."""
     text = (Path(__file__).parent / "verbs" / f"{verb}.py").read_text(encoding="utf-8")
     _, _, called = text.partition(f"\ndef {verb}(")

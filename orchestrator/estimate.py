@@ -47,7 +47,7 @@ class TimeEstimate:
     timed: int  # jobs that it is known from
 
 
-def _spread(count: int, wanted: int) -> NDArray[np.int64]:
+def spread(count: int, wanted: int) -> NDArray[np.int64]:
     """Numbers below a count, each once, of which every beginning is spread evenly: multiples of the golden ratio.
 
     In step with no period that the numbers may have, as halves of halves would be.
@@ -57,17 +57,17 @@ def _spread(count: int, wanted: int) -> NDArray[np.int64]:
     return np.array(list(dict.fromkeys(places.tolist()))[:wanted])
 
 
-def _timed_jobs(pending: int) -> int:
+def timed_jobs(pending: int) -> int:
     """Jobs to time of so many that are pending."""
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
 
-def _sampled_rows(planned: Plan) -> NDArray[np.int64]:
+def sampled_rows(planned: Plan) -> NDArray[np.int64]:
     """Rows to time, of which each beginning holds levels and durations in the shares that all jobs have."""
     level, duration = planned.jobs["pga_m_s2"].to_numpy(), planned.columns["duration_s"]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
-    return np.lexsort((turn * duration, level))[_spread(len(planned), _timed_jobs(len(planned)))]
+    return np.lexsort((turn * duration, level))[spread(len(planned), timed_jobs(len(planned)))]
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
@@ -94,7 +94,7 @@ def estimate(planned: Plan) -> TimeEstimate | None:
     if not len(planned):
         return None
     assets_here = Assets(Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble))
-    chosen = _sampled_rows(planned)
+    chosen = sampled_rows(planned)
     cost_s: list[float] = []
     try:
         with pool_of(1, assets_here) as pool:
@@ -116,7 +116,7 @@ def estimate(planned: Plan) -> TimeEstimate | None:
 
 def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
     found = []
-    for number in _spread(len(planned.scenes), _ROCKS_TIMED):
+    for number in spread(len(planned.scenes), _ROCKS_TIMED):
         alone = plan_of(planned.scenes[number].campaign)
         with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
             settlings_of(alone)[0].checked()

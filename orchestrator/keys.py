@@ -17,7 +17,7 @@ from toppling.models.spelling import did_you_mean
 _MOST_ON_AN_AXIS = 50_000
 """Of levels, azimuths, coefficients or records; azimuths a hundredth of a degree apart are 36,000."""
 
-_REQUIRED: Any = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
+REQUIRED: Any = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Key:
     read: _Reader  # value of what a file says, or an `InputError`
     values: str  # what it may be, with the unit
     help: str  # what it means
-    default: Any = _REQUIRED  # `_REQUIRED` if there is none
+    default: Any = REQUIRED  # `REQUIRED` if there is none
     otherwise: str = "none"  # what the default means
     example: str = ""  # a value in TOML
     page: str = ""  # of the documentation that says more
@@ -55,7 +55,7 @@ class Key:
     def place(self, where: str, folder: Path) -> Place:
         """Where it stands in a file."""
         remedy = "correct the value; mind the unit in the key's name"
-        if self.default is not _REQUIRED:
+        if self.default is not REQUIRED:
             remedy = f"leave it out for {self.otherwise}"
         return Place(f"{where}{self.name}", folder, self.values, remedy)
 
@@ -83,7 +83,7 @@ def read_keys(
     if unknown := [name for name in content if name not in known]:
         remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
         raise Place(where).wrong(f"unknown key {shown(unknown[0])}", f"keys: {', '.join(known)}", remedy)
-    if missing := [key.name for key in keys if key.default is _REQUIRED and key.name not in content]:
+    if missing := [key.name for key in keys if key.default is REQUIRED and key.name not in content]:
         raise Place(where).wrong(f"missing {', '.join(missing)}", "a value for each", "add them to the file")
     return {
         key.name: key.read(content[key.name], key.place(f"{where}{joint}", folder))

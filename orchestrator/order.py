@@ -25,16 +25,16 @@ _JOBS_OF_A_RECORD = 4
 _SCENES_KEPT = 8
 """By a worker."""
 
-_JOBS_OF_A_SCENE = 128
+JOBS_OF_A_SCENE = 128
 """Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
 
-_JOBS_OF_A_ROCK = 256
+JOBS_OF_A_ROCK = 256
 """Of an atlas so many jobs go out with one rock before the next: as many as a batch holds at most."""
 
 _Codes = NDArray[np.integer]
 
 
-def _diagonal(*sizes: int) -> NDArray[np.int64]:
+def diagonal(*sizes: int) -> NDArray[np.int64]:
     """Cells of a grid, each once, so that every stretch holds each value of an axis equally often, but for one or two.
 
     *sizes: of the axes.
@@ -42,9 +42,9 @@ def _diagonal(*sizes: int) -> NDArray[np.int64]:
 
     Examples
     --------
-    >>> _diagonal(2, 3).tolist()
+    >>> diagonal(2, 3).tolist()
     [[0, 0], [1, 1], [0, 2], [1, 0], [0, 1], [1, 2]]
-    >>> _diagonal(2, 2).tolist()
+    >>> diagonal(2, 2).tolist()
     [[0, 0], [1, 1], [0, 1], [1, 0]]
     """
     cells = np.zeros((1, 0), np.int64)
@@ -57,11 +57,11 @@ def _diagonal(*sizes: int) -> NDArray[np.int64]:
     return cells
 
 
-def _block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
+def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
     """Groups that records are divided into, and jobs of a record in a block."""
     groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
     if scenes > _SCENES_KEPT:
-        jobs = math.ceil(_JOBS_OF_A_SCENE * groups / records)
+        jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
     else:
         jobs = _JOBS_OF_A_RECORD if records / groups > _RECORDS_TOGETHER else 1
     return groups, min(jobs, levels * azimuths)
@@ -83,7 +83,7 @@ def balanced_order(
     sizes = scene_sizes or (scenes,)
     scenes = math.prod(sizes)
     random = np.random.default_rng(_SEED)
-    groups, jobs = _block_jobs(records, levels, azimuths, scenes)
+    groups, jobs = block_jobs(records, levels, azimuths, scenes)
     turn = random.permutation(records)[record]  # a record's place among records
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
@@ -104,7 +104,7 @@ def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """
     if len(orders) == 1:
         return orders[0]
-    turn = np.concatenate([np.arange(len(order)) // _JOBS_OF_A_ROCK for order in orders])
+    turn = np.concatenate([np.arange(len(order)) // JOBS_OF_A_ROCK for order in orders])
     return np.concatenate(orders)[np.argsort(turn, kind="stable")]
 
 
@@ -114,7 +114,7 @@ def _cells(
     """For each job the place of its level and azimuth on its record's diagonal in its scene."""
     records, levels, azimuths = (int(codes.max()) + 1 for codes in (turn, level, azimuth))
     along = np.zeros((levels, azimuths), np.int64)
-    along[tuple(_diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
     starts = []
     for size, codes in ((levels, level), (azimuths, azimuth)):
         shuffled = random.permutation(size)[codes]
@@ -132,7 +132,7 @@ def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[n
 
 def _scene_places(random: np.random.Generator, sizes: tuple[int, ...]) -> NDArray[np.int64]:
     """For each scene its place in the round of scenes: along a diagonal of its axes, whose values are shuffled."""
-    cells = _diagonal(*sizes)
+    cells = diagonal(*sizes)
     shuffled = [random.permutation(size)[cells[:, axis]] for axis, size in enumerate(sizes)]
     place = np.empty(len(cells), np.int64)
     place[np.ravel_multi_index(shuffled, sizes)] = np.arange(len(cells))

@@ -63,7 +63,7 @@ def statics_of(scene: Scene) -> Statics:
     return Statics(least_m_s2, azimuth_deg)
 
 
-def _spread_records(ensemble: Ensemble, count: int) -> list[str]:
+def spread_records(ensemble: Ensemble, count: int) -> list[str]:
     """So many records, evenly over the ranks of PGV/PGA: from the shortest pulses to the longest."""
     table = ensemble.catalog.sort_by([("pgv_pga_s", "ascending"), ("record_id", "ascending")])
     ids = table["record_id"].to_pylist()
@@ -95,7 +95,7 @@ def try_out(
     advance: called after each job.
     """
     assets = Assets(scene, ensemble)
-    records = _spread_records(ensemble, RECORDS)
+    records = spread_records(ensemble, RECORDS)
     duration = dict(
         zip(*(ensemble.catalog[name].to_pylist() for name in ("record_id", "duration_s")), strict=True)
     )

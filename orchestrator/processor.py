@@ -20,7 +20,7 @@ KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 def processor() -> dict[str, str]:
     """Columns of a row that say what computed it: the processor's model, and the kernels of BLAS and LLVM."""
     llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
-    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
+    return {"cpu": _model(), "kernels": f"BLAS {blas_kernel()}, LLVM {llvm}"}
 
 
 def unlike(kernels: Collection[str]) -> str:
@@ -49,7 +49,7 @@ def one_blas_thread() -> None:
     threadpool_limits(1, user_api="blas")
 
 
-def _blas_kernel() -> str:
+def blas_kernel() -> str:
     """Kernel that NumPy's OpenBLAS has chosen; where NumPy has another library, that library's name."""
     loaded = [one for one in threadpool_info() if one["user_api"] == "blas"]
     for one in sorted(loaded, key=lambda one: "numpy.libs" not in one["filepath"]):

@@ -112,7 +112,7 @@ def watcher() -> Iterator[ProgressCallback]:
         task = shown.add_task("shaking", total=None, pace="starting workers")
 
         def watch(one: RunProgress) -> None:
-            pace = _pace_and_counts(one)
+            pace = pace_and_counts(one)
             shown.update(
                 task, total=one.total, completed=one.before + one.done, description=one.what, pace=pace
             )
@@ -131,12 +131,12 @@ def _lines(console: Console) -> ProgressCallback:
             ended = progress.what if complete else ended
             what = "" if progress.what == "shaking" else f"{progress.what}: "
             done = f"{progress.before + progress.done}/{progress.total} jobs"
-            console.print(f"{what}{done}  {_pace_and_counts(progress)}", soft_wrap=True)
+            console.print(f"{what}{done}  {pace_and_counts(progress)}", soft_wrap=True)
 
     return watch
 
 
-def _pace_and_counts(progress: RunProgress) -> str:
+def pace_and_counts(progress: RunProgress) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
     since = f"of {progress.done} now " if progress.before else ""
     parts = [pace(progress.rate), f"{since}{progress.toppled} toppled", f"{progress.failed} failed"]

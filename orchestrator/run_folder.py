@@ -54,12 +54,12 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     """
     if not (run.exists() or run.is_symlink()):
         with contextlib.suppress(FileExistsError):  # another session was first: its lock tells of it
-            _begin(run, plan, versions)
+            begin(run, plan, versions)
             return
     _check(run, plan, versions)
 
 
-def _begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+def begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     """Make the folder of a run."""
     settlings = settlings_of(plan)
     entries, sites, without_stand = scene_entries(plan, settlings), "", []

@@ -51,7 +51,7 @@ def few_draws():
     from toppling.models.hidden_base import from_scan
 
     with pytest.MonkeyPatch.context() as patched:
-        for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("_ENOUGH", 4.0)):
+        for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("ENOUGH", 4.0)):
             patched.setattr(from_scan, name, number)
         yield
 

@@ -59,7 +59,7 @@ def seen_from_tripods(truth: virtual.Truth, seed: int, stations: int = 4) -> vir
         at[2] = 0.55 * rock.height_m
         step_deg = np.rad2deg(0.008 * rock.height_m / (3.2 * size_m))
         seen.append(
-            virtual._scan_from(
+            virtual.scan_from(
                 truth.bodies, at, rock.com_m, 1.5 * size_m, step_deg, 0.001 * rock.height_m, random
             )
         )

@@ -19,7 +19,7 @@ from toppling.models.files.given import Refuse, bytes_given
 _LARGEST_JSON_BYTES = 100_000_000
 _CORRECT = "correct the file, or have it made anew"
 _LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
-_MOST_VALUES = 10_000_000
+MOST_VALUES = 10_000_000
 """Of a JSON or XML file, by its commas and brackets: each takes some 60 bytes in memory, 250 in XML."""
 _DEEPEST = 100
 """Of objects and lists in each other: a program that walks them calls itself as often."""
@@ -253,8 +253,8 @@ def _text(path: Path, refuse: Refuse, most_bytes: int) -> str:
 def _check_values(text: str, marks: str, where: object, refuse: Refuse) -> None:
     """Refuse a document whose values would take much more memory than its text, before it is parsed."""
     count = sum(text.count(mark) for mark in marks)
-    if count > _MOST_VALUES:
-        raise refuse(f"holds {count:,} values, more than {_MOST_VALUES:,}", where)
+    if count > MOST_VALUES:
+        raise refuse(f"holds {count:,} values, more than {MOST_VALUES:,}", where)
 
 
 def _is_deep(content: Any) -> bool:

@@ -92,7 +92,7 @@ class _EndedError(Exception):
 
 
 _LOCK = threading.Lock()
-_READERS: list[_Reader] = []
+READERS: list[_Reader] = []
 
 
 def _ask(request: dict[str, Any]) -> _Read:
@@ -105,11 +105,11 @@ def _ask(request: dict[str, Any]) -> _Read:
             return _answer(process, request)
         except (BrokenPipeError, EOFError):
             code = process.wait()
-            _READERS.clear()
+            READERS.clear()
             if code != 0:
                 break
         except BaseException:  # half an answer is no beginning of the next
-            _stop()
+            stop()
             raise
     raise _EndedError(_how_it_ended(code, request))
 
@@ -119,7 +119,7 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> _Read:
     with selectors.DefaultSelector() as ready:
         ready.register(process.stdout, selectors.EVENT_READ)  # type: ignore[arg-type]
         if not ready.select(patience_s):
-            _stop()
+            stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
     length = bytearray(_HEADER_BYTES)
     _fill(process, length)
@@ -143,10 +143,10 @@ def _how_it_ended(code: int, request: dict[str, Any]) -> str:
 
 
 def _running() -> subprocess.Popen:
-    if _READERS and _READERS[0].owner == os.getpid() and _READERS[0].process.poll() is None:
-        return _READERS[0].process
-    if _READERS and _READERS[0].owner == os.getpid():
-        _stop()
+    if READERS and READERS[0].owner == os.getpid() and READERS[0].process.poll() is None:
+        return READERS[0].process
+    if READERS and READERS[0].owner == os.getpid():
+        stop()
     process = subprocess.Popen(
         # -P: nothing is imported from the folder that the user happens to be in.
         [sys.executable, "-P", "-m", "toppling.models.files.guarded_process"],
@@ -158,15 +158,15 @@ def _running() -> subprocess.Popen:
         | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
         start_new_session=True,  # Ctrl-C is for the program, which stops this one
     )  # fmt: skip
-    _READERS[:] = [_Reader(process, os.getpid())]
+    READERS[:] = [_Reader(process, os.getpid())]
     return process
 
 
 @atexit.register
-def _stop() -> None:
+def stop() -> None:
     """End the process, if one of ours runs."""
-    mine = [reader.process for reader in _READERS if reader.owner == os.getpid()]
-    _READERS.clear()
+    mine = [reader.process for reader in READERS if reader.owner == os.getpid()]
+    READERS.clear()
     for process in mine:
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):

@@ -270,7 +270,7 @@ def _file_system(address: str) -> tuple[Any, str]:
     kind, _, place = address.partition("://")
     if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(_AZURE)):
         try:
-            return AzureFileSystem(**_azure_arguments(connection)), place
+            return AzureFileSystem(**azure_arguments(connection)), place
         except pa.ArrowException as error:
             raise no_answer(address, error) from None
     # Google's store is otherwise asked for a quarter of an hour.
@@ -298,7 +298,7 @@ def _file_system(address: str) -> tuple[Any, str]:
     return PyFileSystem(FSSpecHandler(system)), root
 
 
-def _azure_arguments(connection: str) -> dict[str, str]:
+def azure_arguments(connection: str) -> dict[str, str]:
     """Arguments of Arrow's file system from a connection string, as Azure shows it for an account."""
     given = dict(one.partition("=")[::2] for one in connection.split(";") if one)
     endpoint = given.get("BlobEndpoint", "").split("/")  # https: // authority / account

@@ -47,7 +47,7 @@ DRAWS = 48
 """Kept in the scene."""
 CANDIDATES = 162
 """Draws of each kind, shared by its priors, of which the likelier are kept."""
-_MORE_ROUNDS, _ENOUGH = 3, 16.0
+MORE_ROUNDS, ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn;
 if they are too few still, the pulls count less."""
 LEVEL = 0.9
@@ -88,11 +88,11 @@ class DrawnBases:
 
     def interval_m_s2(self) -> tuple[Array, Array, Array]:
         """Low, median and high (azimuths,) of the toppling acceleration, other errors included."""
-        return _interval_of(self.toppling_m_s2, self.hinted)
+        return interval_of(self.toppling_m_s2, self.hinted)
 
     def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
         """The same of the acceleration at which contacts begin to open."""
-        return None if self.lift_off_m_s2 is None else _interval_of(self.lift_off_m_s2, self.hinted)
+        return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2, self.hinted)
 
     def apart(self, toppling_m_s2: Array) -> Array:
         """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
@@ -112,7 +112,8 @@ class DrawnBases:
         return np.array([low, median, high]).T
 
 
-def _interval_of(acceleration_m_s2: Array, hinted: bool) -> tuple[Array, Array, Array]:
+def interval_of(acceleration_m_s2: Array, hinted: bool) -> tuple[Array, Array, Array]:
+    """Low, median and high of draws (n, azimuths), with what no draw shows; hinted: whether touches narrow them."""
     tail = 0.5 * (1.0 - LEVEL)
     median = np.median(acceleration_m_s2, axis=0)
     low, high = np.quantile(acceleration_m_s2, [tail, 1.0 - tail], axis=0)
@@ -209,14 +210,14 @@ def _weighed(
     ratios = borne(found)
     check_spanned(pulls, ratios, weight)
     likelihood = pulls_log_likelihood(pulls, ratios)
-    for _ in range(_MORE_ROUNDS):
-        if effective_number(weight * np.exp(likelihood)) >= _ENOUGH:
+    for _ in range(MORE_ROUNDS):
+        if effective_number(weight * np.exp(likelihood)) >= ENOUGH:
             break
         more = candidates()
         found, ratios = found + more, np.vstack([ratios, borne(more)])
         weight = mixed_weights([gap for gap, _ in found], shares)
         likelihood = pulls_log_likelihood(pulls, ratios)
-    return found, shares, conditioned(weight, likelihood, _ENOUGH)
+    return found, shares, conditioned(weight, likelihood, ENOUGH)
 
 
 def _standing_draws(

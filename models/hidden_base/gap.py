@@ -67,7 +67,7 @@ class Relief:
         paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
-            bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array(self.bowl_powers)
+            bowls = self.bowl_m * way_out(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
@@ -112,7 +112,7 @@ class GapDraw:
     log_likelihood: float = 0.0  # of the seen rim alone, given the places known to touch
 
 
-def _way_out(places_m: Array) -> Array:
+def way_out(places_m: Array) -> Array:
     """Share (n,) of the way from the middle of places to their convex outline: 0 in the middle, 1 on the outline."""
     outline, middle = ConvexHull(places_m).equations, places_m.mean(axis=0)
     reach = -(outline[:, :2] @ middle + outline[:, 2])
@@ -166,7 +166,7 @@ def weights(log_weight: Array) -> Array:
     return np.asarray(weight)
 
 
-def _facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Indices | None:
+def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Indices | None:
     """The three places on which a body with these gaps rests under a line through a point of the plane, if any."""
     try:
         hull = ConvexHull(np.column_stack([places_m, gap_m]))
@@ -309,7 +309,7 @@ def _made_to_stand(
         return gap, cost
     # It is brought to touch where that costs least: in the middle rather than at a rim that was seen to hang.
     cost_of_touching = gap / np.sqrt(np.diag(covariance))
-    corners = _facet_below(observed.places_m[can_touch], cost_of_touching[can_touch], projected_com)
+    corners = facet_below(observed.places_m[can_touch], cost_of_touching[can_touch], projected_com)
     if corners is None:
         return None
     feet = np.union1d(can_touch[corners], observed.touching)

@@ -116,7 +116,7 @@ _FLAT_MARGIN = 0.1
 otherwise: on flat bases, to which it is true, the draws topple too easily."""
 
 
-def _nominal_draw(
+def nominal_draw(
     drawn: DrawnBases,
     unseen: UnseenBase,
     rock: Rock,
@@ -146,7 +146,7 @@ def _nominal_draw(
         standing = unseen.on_feet_of(rock, plane, number)
         if not at_rest(standing):
             continue
-        if _within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
+        if within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
             pulls, _borne_ratios(standing, interface, pulls)
         ):
             return number, True
@@ -157,10 +157,10 @@ def _nominal_draw(
 def _is_likely(drawn: DrawnBases, smooth_m_s2: Array, agrees: bool | None) -> bool:
     """Whether a smooth closing's toppling acceleration is one that the draws give too, as inspection tells of it."""
     near = bool(drawn.apart(smooth_m_s2) < _SMOOTH_IS_LIKELY)
-    return near and _within_interval(drawn, smooth_m_s2, _FLAT_MARGIN if agrees is None else 0.0)
+    return near and within_interval(drawn, smooth_m_s2, _FLAT_MARGIN if agrees is None else 0.0)
 
 
-def _within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
+def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
     """Whether toppling accelerations (azimuths,) lie within the draws' interval nearly everywhere.
 
     At the azimuth at which least topples, of the draws and of what is asked, they must; elsewhere they may exceed it by
@@ -179,7 +179,7 @@ def _borne_ratios(rock: Rock, interface: Interface, pulls: Pulls) -> Array:
     return toppling(rock, interface, toward) / STANDARD_GRAVITY_M_S2 if len(toward) else toward
 
 
-def _smooth_fits_inspection(
+def smooth_fits_inspection(
     rock: Rock, base: Base, interface: Interface, inspection: Inspection, height_m: float
 ) -> bool:
     """Whether a smooth closing touches where rock and pedestal do, is open where light passes, and bears the pulls."""
@@ -230,12 +230,12 @@ def base_unseen(
     rock, outlined_alone, agrees = closed.rock, outlined and inspection.says_nothing, None
     if interface.is_plane and not inspection.says_nothing:
         known = drawn.part.inspection
-        agrees = _smooth_fits_inspection(rock, smooth, interface, known, observed.height_m)
+        agrees = smooth_fits_inspection(rock, smooth, interface, known, observed.height_m)
     if interface.sheet is None:
         unseen = unseen_base(drawn, rock, interface, observed.height_m)
         number, at_rest = None, True  # as the user says where it rests: flat, within the outline
         if not outlined_alone:
-            number, at_rest = _nominal_draw(drawn, unseen, rock, interface, central, agrees, inspection.pulls)
+            number, at_rest = nominal_draw(drawn, unseen, rock, interface, central, agrees, inspection.pulls)
         unseen = dataclasses.replace(unseen, nominal=number)
         return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": at_rest}
     # Over the plane as a surface it may stand as it was closed.

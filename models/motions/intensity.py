@@ -47,7 +47,7 @@ def displacement_m(motion: Motion) -> NDArray[np.float64]:
     return displacement
 
 
-def _oscillator_response_m_s2(
+def oscillator_response_m_s2(
     acceleration: ArrayLike, time_step_s: float, period_s: float
 ) -> NDArray[np.float64]:
     """Pseudo-acceleration of a damped oscillator on a shaking base: omega squared times its displacement.
@@ -71,7 +71,7 @@ def _oscillator(time_step_s: float, period_s: float) -> tuple[NDArray[np.float64
     return numerator.ravel(), denominator
 
 
-def _rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
+def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
     """Largest absolute value of a horizontal pair along every whole degree from 0 to 179 (Boore 2010).
 
     horizontal: (n, 2).
@@ -100,7 +100,7 @@ def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.abs(points[:, :1] * np.cos(angle) + points[:, 1:] * np.sin(angle)).max(axis=0)
 
 
-def _spectral_acceleration_m_s2(motion: Motion, periods_s: Sequence[float]) -> dict[str, NDArray[np.float64]]:
+def spectral_acceleration_m_s2(motion: Motion, periods_s: Sequence[float]) -> dict[str, NDArray[np.float64]]:
     """Response spectra (pseudo-acceleration) of a motion's horizontal pair.
 
     Returns dict: `x`, `y` (the components), `rotd50`, `rotd100`, each as long as `periods_s`.
@@ -109,8 +109,8 @@ def _spectral_acceleration_m_s2(motion: Motion, periods_s: Sequence[float]) -> d
     for period in periods_s:
         finer = min(math.ceil(_SAMPLES_A_PERIOD * motion.time_step_s / period), _FINEST)
         ground = _between_samples(motion.acceleration_m_s2[:, :2], finer)
-        response = _oscillator_response_m_s2(ground, motion.time_step_s / finer, period)
-        rotated = _rotated_peaks(response)
+        response = oscillator_response_m_s2(ground, motion.time_step_s / finer, period)
+        rotated = rotated_peaks(response)
         rows.append((rotated[0], rotated[90], np.median(rotated), np.hypot(*response.T).max()))
     return dict(zip(("x", "y", "rotd50", "rotd100"), np.array(rows).T, strict=True))
 
@@ -130,7 +130,7 @@ def arias_m_s(acceleration: NDArray[np.float64], time_step_s: float) -> float:
     return float(np.pi / (2 * STANDARD_G_M_S2) * np.trapezoid(squared, dx=time_step_s))
 
 
-def _duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float) -> float:
+def duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float) -> float:
     """Time from 5 to 95 % of the integral of a squared history (n,)."""
     build_up = np.zeros(len(squared))
     np.cumsum(0.5 * (squared[1:] + squared[:-1]), out=build_up[1:])
@@ -140,7 +140,7 @@ def _duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float)
     return float((end - start) * time_step_s)
 
 
-def _directionality(horizontal: NDArray[np.float64]) -> float:
+def directionality(horizontal: NDArray[np.float64]) -> float:
     """Share of the vector PGA that is reached more than 22.5 degrees away from the PGA's direction, 0 to 1.
 
     The study counts a record above 0.9 as one without strong directionality.
@@ -180,9 +180,9 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     component_velocity = _along_components(velocity, component_azimuths_deg)
     component_pgv = np.abs(component_velocity).max(axis=0).tolist()
     strong = int(np.argmax(component_pga))
-    vector = _spectral_acceleration_m_s2(motion, SPECTRUM_PERIODS_S)
+    vector = spectral_acceleration_m_s2(motion, SPECTRUM_PERIODS_S)
     sa = dict(zip(SPECTRUM_PERIODS_S, vector["rotd100"], strict=True))
-    rotated_pga, rotated_pgv = _rotated_peaks(a[:, :2]), _rotated_peaks(velocity[:, :2])
+    rotated_pga, rotated_pgv = rotated_peaks(a[:, :2]), rotated_peaks(velocity[:, :2])
     result = {
         "pga_m_s2": peak,
         "pgv_m_s": peak_speed,
@@ -192,13 +192,13 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
         "pga_vertical_m_s2": float(np.abs(a[:, 2]).max()),
         "arias_m_s": arias_m_s(a[:, :2], step),
         "cav_m_s": float(np.trapezoid(length, dx=step)),
-        "duration_energy_s": _duration_between_shares_s(component_velocity[:, strong] ** 2, step),
-        "duration_arias_s": _duration_between_shares_s(length**2, step),
+        "duration_energy_s": duration_between_shares_s(component_velocity[:, strong] ** 2, step),
+        "duration_arias_s": duration_between_shares_s(length**2, step),
         "sa_1s_m_s2": float(sa[1.0]),
         "sa_2s_m_s2": float(sa[2.0]),
-        "directionality": _directionality(a[:, :2]),
+        "directionality": directionality(a[:, :2]),
         "strong_azimuth_deg": float(component_azimuths_deg[strong] % 360),
-        "duration_energy_vector_s": _duration_between_shares_s(speed**2, step),
+        "duration_energy_vector_s": duration_between_shares_s(speed**2, step),
         "pga_h1_m_s2": component_pga[0],
         "pga_h2_m_s2": component_pga[1],
         "pgv_h1_m_s": component_pgv[0],

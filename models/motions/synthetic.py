@@ -81,7 +81,7 @@ def synthetic_ensemble(
             duration=float(np.exp(0.35 * rng.standard_normal())),
             pulse=pulse,
         )
-        motion, history = _synthetic_motion(scenario, rng)
+        motion, history = synthetic_motion(scenario, rng)
         advance()
         records.append(
             Record.of(
@@ -98,14 +98,14 @@ def synthetic_ensemble(
     return records
 
 
-def _synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Motion, tuple[str, ...]]:
+def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Motion, tuple[str, ...]]:
     """Three components of one scenario: independent noise under one window, the vertical's spectrum its own."""
     duration = scenario.duration * _median_duration_s(scenario.magnitude, scenario.distance_km)
     window = _saragoni_hart_window(duration)
     lead = round(2.0 / _TIME_STEP_S)
     samples = lead + len(window) + round(5.0 / _TIME_STEP_S)
     frequency = np.fft.rfftfreq(samples, _TIME_STEP_S).astype(float)
-    horizontal = scenario.amplitude * _acceleration_spectrum_m_s(frequency, scenario)
+    horizontal = scenario.amplitude * acceleration_spectrum_m_s(frequency, scenario)
     vertical = horizontal / _horizontal_to_vertical(frequency)
     noise = np.zeros((3, samples))
     noise[:, lead : lead + len(window)] = rng.standard_normal((3, len(window))) * window
@@ -137,7 +137,7 @@ def _median_duration_s(magnitude: float, distance_km: float) -> float:
     return float(0.5 / _corner_frequencies_hz(magnitude)[0] + path)
 
 
-def _acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
+def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
     """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003)."""
     lower, upper, weight = _corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
@@ -171,7 +171,7 @@ def _saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
     return (np.e / peak) ** b * share**b * np.exp(-b / peak * share)
 
 
-def _velocity_pulse_m_s(
+def velocity_pulse_m_s(
     time_s: NDArray[np.float64], velocity_m_s: float, period_s: float, cycles: float, phase_rad: float
 ) -> NDArray[np.float64]:
     """Near-fault pulse of velocity centred on time 0 (Mavroeidis and Papageorgiou 2003, equation 3).
@@ -199,7 +199,7 @@ def _add_pulse(
     time: NDArray[np.float64] = (np.arange(samples, dtype=np.float64) - speed.argmax()) * _TIME_STEP_S
     reach = cycles * period / 2  # kept inside of the record
     time += max(0.0, reach - time[-1]) - max(0.0, reach + time[0])
-    pulse = np.gradient(_velocity_pulse_m_s(time, velocity, period, cycles, phase), _TIME_STEP_S)
+    pulse = np.gradient(velocity_pulse_m_s(time, velocity, period, cycles, phase), _TIME_STEP_S)
     pulse_spectrum = np.fft.rfft(pulse)
     rest = np.abs(np.abs(spectra[0]) - np.abs(pulse_spectrum))
     spectra[0] = rest * np.exp(1j * np.angle(spectra[0])) + pulse_spectrum
@@ -208,7 +208,7 @@ def _add_pulse(
 
 _TARGET_PGV_PGA_S = (0.04, 0.25)
 """5th and 95th percentile of PGV/PGA that an ensemble for toppling should span."""
-_BOORE_1997: Mapping[str, tuple[float, ...]] = {
+BOORE_1997: Mapping[str, tuple[float, ...]] = {
     "pga_rotd50_m_s2": (-0.242, 0.527, 0.0, -0.778, -0.371, 1396.0, 5.57),
     "sa_rotd50_0.2s_m_s2": (1.089, 0.711, -0.207, -0.924, -0.292, 2118.0, 7.02),
     "sa_rotd50_1s_m_s2": (-1.080, 1.036, -0.032, -0.798, -0.698, 1406.0, 2.90),
@@ -218,16 +218,16 @@ _BOORE_1997: Mapping[str, tuple[float, ...]] = {
 _ROCK_VELOCITY_M_S = 620.0
 
 
-def _median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:
+def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:
     """Median of a measure on generic rock (Boore, Joyner and Fumal 1997; up to M 7.5 and 80 km)."""
-    b1, b2, b3, b5, slope, reference, depth = _BOORE_1997[measure]
+    b1, b2, b3, b5, slope, reference, depth = BOORE_1997[measure]
     distance = np.hypot(distance_km, depth)
     shift = magnitude - 6
     ln_g = b1 + b2 * shift + b3 * shift**2 + b5 * np.log(distance)
     return float(STANDARD_G_M_S2 * np.exp(ln_g + slope * np.log(_ROCK_VELOCITY_M_S / reference)))
 
 
-def _median_arias_duration_s(magnitude: float, distance_km: float) -> float:
+def median_arias_duration_s(magnitude: float, distance_km: float) -> float:
     """Median 5 to 95 % Arias duration on rock by an empirical equation (Abrahamson and Silva 1996, PEER)."""
     stress_drop = np.exp(5.204 + 0.851 * (magnitude - 6))
     source = (stress_drop / 10 ** (1.5 * magnitude + 16.05)) ** (-1 / 3) / (4.9e6 * 3.2)
@@ -256,9 +256,9 @@ def against_targets(records: Sequence[Record]) -> list[str]:
     ]
     if not plain:
         return lines
-    duration = np.median([i["duration_arias_s"] / _median_arias_duration_s(m, d) for m, d, i in plain])
+    duration = np.median([i["duration_arias_s"] / median_arias_duration_s(m, d) for m, d, i in plain])
     lines.append(f"{'5-95 % duration over Abrahamson-Silva 1996':<44}{duration:.2f}   target 1")
-    for name in _BOORE_1997:
-        share = np.median([i[name] / _median_spectrum_m_s2(name, m, d) for m, d, i in plain])
+    for name in BOORE_1997:
+        share = np.median([i[name] / median_spectrum_m_s2(name, m, d) for m, d, i in plain])
         lines.append(f"{name + ' over Boore et al. 1997':<44}{share:.2f}   target 1")
     return lines

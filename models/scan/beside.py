@@ -78,7 +78,7 @@ class Beside:
         )
 
 
-def _in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
+def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
     """Patches (n,) of the pedestal above the ground's relief that the rock meets as it tilts; few are none.
 
     rock, pedestal: (n,), which are theirs.
@@ -128,7 +128,7 @@ def stands_beside(
     """
     beside = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
     pedestal = pedestal & (beside | ~in_plants(surfels.points_m, surfels.roughness))
-    reached = _in_reach(surfels, rock, pedestal, interface, height_m)
+    reached = in_reach(surfels, rock, pedestal, interface, height_m)
     if not reached.any():
         return reached
     flat = interface.over(surfels.points_m)

@@ -69,7 +69,7 @@ def carried_surface(
         return None
     below = _inside(ring, surfels.voxel_m)
     narrow = away < _NARROW_PER_HEIGHT * height_m
-    found = _faceted(flat, flat_normals, height_m)
+    found = faceted(flat, flat_normals, height_m)
     if found is None and narrow.sum() > _LEAST_PATCHES:
         found = _curved(flat[narrow], below, height_m)
     if found is None:
@@ -170,7 +170,7 @@ def _inside(ring: Array, cell_m: float) -> Array:
     return nodes[(nodes @ hull.equations[:, :2].T + hull.equations[:, 2] <= 0.0).all(axis=1)]
 
 
-def _faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
+def faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
     """Facets that explain the ring; None where one does, or none do."""
     area = _areas(flat)
     planes = _facets(flat, normals, area, height_m)

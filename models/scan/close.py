@@ -31,7 +31,7 @@ _LEAST_PATCHES = 40
 _NEIGHBOURS = 9
 
 
-def _side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float) -> tuple[Array, Array]:
+def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float) -> tuple[Array, Array]:
     """Places (k, 3) of the side above an unseen rim, u, v, h, and their outward normals, about a step apart.
 
     base: over whose unseen range the side is closed.
@@ -137,11 +137,11 @@ def close_rock(
     height = float(np.ptp(flat[:, 2]))
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
     if base.side is not None:
-        unseen, outward = _side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
+        unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
     body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     edges = flat + _EDGE_VOXELS * surfels.voxel_m * flat_normals
-    body ^= _about_hull(np.vstack([edges, sunk, unseen]), interface.axes[2])
+    body ^= about_hull(np.vstack([edges, sunk, unseen]), interface.axes[2])
     if interface.sheet is None:
         room = _above(base, flat, height)
         if interface.edge is not None:
@@ -165,7 +165,7 @@ def close_rock(
     )
 
 
-def _about_hull(places_m: Array, up: Array) -> manifold3d.Manifold:
+def about_hull(places_m: Array, up: Array) -> manifold3d.Manifold:
     """The convex hull of places (n, 3), its crown as it is and the rest moved out by a share of its width."""
     planes = ConvexHull(places_m).equations
     bulge_m = _BULGES_PER_WIDTH * np.ptp(places_m[:, :2], axis=0).mean()
@@ -207,7 +207,7 @@ def _above(base: Base, flat: Array, height_m: float) -> manifold3d.Manifold:
     floor = np.pad(base.height_m, 1)
     floor[[0, 1, -2, -1]] = 0.0
     floor[:, [0, 1, -2, -1]] = 0.0
-    return _body_over(u, v, floor, top_m)
+    return body_over(u, v, floor, top_m)
 
 
 def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> manifold3d.Manifold:
@@ -223,7 +223,7 @@ def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> ma
         for each in (nodes[:, 0, 0], nodes[0, :, 1])
     )
     across, along = np.meshgrid(u, v, indexing="ij")
-    return _body_over(across, along, np.pad(floor, 2, constant_values=low), high)
+    return body_over(across, along, np.pad(floor, 2, constant_values=low), high)
 
 
 def _beyond(base: Base, edge: Edge, flat: Array, height_m: float) -> manifold3d.Manifold:
@@ -235,7 +235,7 @@ def _beyond(base: Base, edge: Edge, flat: Array, height_m: float) -> manifold3d.
         for each in (nodes[:, 0, 0], nodes[0, :, 1])
     )
     across, along = np.meshgrid(u, v, indexing="ij")
-    above = _body_over(across, along, np.pad(base.below_m, 1, constant_values=low), reach)
+    above = body_over(across, along, np.pad(base.below_m, 1, constant_values=low), reach)
     outside = edge.outside_m(np.stack([across, along], axis=-1))
     filled = contourpy.contour_generator(u, v, outside.T, fill_type="OuterOffset").filled(
         edge.clear_m, np.inf
@@ -249,7 +249,7 @@ def _beyond(base: Base, edge: Edge, flat: Array, height_m: float) -> manifold3d.
     return above ^ section.extrude(reach - low).translate([0.0, 0.0, low])
 
 
-def _body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Manifold:
+def body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Manifold:
     """Body between a floor, given at the nodes of a grid, and a level top."""
     count = u.size
     vertices = np.vstack(

@@ -51,7 +51,7 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
         what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
         if share < _ATTACHED_SHARE:
             expected = f"a crease along at least {_ATTACHED_SHARE:.0%} of the rim"
-    elif (rounded := _rounded_share(observed, interface)) >= _ROUNDED_TOLD:
+    elif (rounded := rounded_share(observed, interface)) >= _ROUNDED_TOLD:
         what = (
             f"the rock curves outward into its pedestal along {rounded:.0%} of the seen rim, without a crease"
         )
@@ -87,7 +87,7 @@ def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     return float((steepest > _CREASE_DEG).mean())
 
 
-def _rounded_share(observed: ObservedRock, interface: Interface) -> float:
+def rounded_share(observed: ObservedRock, interface: Interface) -> float:
     """Share of the directions in which the rock's foot bends outward like a fillet; 0 where too little was seen."""
     (below, foot_deg), (above, side_deg) = (
         _dips_deg(observed, interface, band, about=_FOOT) for band in (_FOOT, _SIDE)

@@ -56,7 +56,7 @@ def checked_doubts(
 
     Raises InputError as of each check, and as of `doubts`.
     """
-    _check_seen_enough(observed, interface, closed)
+    check_seen_enough(observed, interface, closed)
     check_not_sunk(observed, interface)
     _check_can_stand(closed.rock, interface)
     of_block = doubts(observed, interface, cloud.points_m, label, cloud.label is not None, closed.rock)
@@ -85,14 +85,14 @@ def _check_can_stand(rock: Rock, interface: Interface) -> None:
         )
 
 
-def _check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
+def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
     """Refuse a rock most of whose surface no station saw.
 
     Raises InputError: that one side is not enough, that points are too few, or that the rock is hidden or embedded.
     """
     if closed.invented_share <= _MOST_INVENTED:
         return
-    blind_deg, toward_deg = _unseen_range(observed, interface)
+    blind_deg, toward_deg = unseen_range(observed, interface)
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
     if blind_deg >= _ONE_SIDE_DEG:
         what = (
@@ -120,7 +120,7 @@ def _check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clo
     )
 
 
-def _unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
+def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
     normals = observed.surfels.normals[observed.patches]
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
@@ -153,7 +153,7 @@ def doubts(
         side_by_side(observed, interface, separated),
         stacked(observed, interface, points_m[at_most(np.flatnonzero(label == ROCK), OF_JOINT)]),
         _hemmed_in(observed, points_m[at_most(np.flatnonzero(label == PEDESTAL), _OTHERS)], closed),
-        _tilted_frame(observed.surfels, observed.patches),
+        tilted_frame(observed.surfels, observed.patches),
     ]
     return [each for each in found if each is not None]
 
@@ -224,7 +224,7 @@ _EVEN_SHARE = 0.8
 """Of the patches about a plane that lie on it, where it was made: ground is uneven."""
 
 
-def _tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
+def tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
     """A doubt where planes beside a rock at different heights dip alike: paving, steps and plinths are made level."""
     level = ~rock & (surfels.normals[:, 2] > np.cos(np.deg2rad(_MOST_DIP_DEG)))
     about = surfels.only(level)

@@ -102,12 +102,12 @@ def read_hints(path: Path) -> dict[str, Any]:
     return said
 
 
-def _hints_text(said: Mapping[str, Any]) -> str:
+def hints_text(said: Mapping[str, Any]) -> str:
     """The file's content: TOML's strings, numbers and arrays of these are those of JSON.
 
     Examples
     --------
-    >>> print(_hints_text({"near": (1.5, 2.0), "units": None, "point": [(1, 2, 3.5)]}), end="")
+    >>> print(hints_text({"near": (1.5, 2.0), "units": None, "point": [(1, 2, 3.5)]}), end="")
     # Repeat the scan: toppling scan FILES --hints hints.toml --out FOLDER
     near = [1.5, 2.0]
     point = ["1.0,2.0,3.5"]
@@ -120,7 +120,7 @@ def _hints_text(said: Mapping[str, Any]) -> str:
 def write_hints(path: Path, said: Mapping[str, Any]) -> None:
     """Write what was said, complete or not at all."""
     with new_file(path) as staging:
-        staging.write_text(_hints_text(said), encoding="utf-8")
+        staging.write_text(hints_text(said), encoding="utf-8")
 
 
 def plain(key: str, value: Any) -> Any:

@@ -80,13 +80,11 @@ def upright_split(
     found = leaning(parts.surfels, _TALL * float(np.ptp(rock[:, 2])), of_rock)
     if near_m is None:
         touching_m = _TOUCH_VOXELS * parts.surfels.voxel_m
-        _refuse(
-            [each for each in found if cKDTree(rock).query(each.places_m)[0].min() < touching_m], origin_m
-        )
+        refuse([each for each in found if cKDTree(rock).query(each.places_m)[0].min() < touching_m], origin_m)
     elif not _covers(rock, near_m):
         _refuse_near(points_m, near_m, origin_m)
     else:
-        _refuse([each for each in found if _covers(each.places_m, near_m)], origin_m)
+        refuse([each for each in found if _covers(each.places_m, near_m)], origin_m)
     return parts
 
 
@@ -94,7 +92,7 @@ def check_upright(parts: Segmentation, origin_m: Array) -> None:
     """Refuse a rock that was separated before, as points, and leans on its pedestal."""
     rock = parts.surfel_label == ROCK
     found = _lean(parts.surfels, rock, np.ones(len(rock), bool), ~rock)
-    _refuse([] if found is None else [found], origin_m)
+    refuse([] if found is None else [found], origin_m)
 
 
 def _refuse_near(points_m: Array, near_m: Array | None, origin_m: Array) -> None:
@@ -103,10 +101,10 @@ def _refuse_near(points_m: Array, near_m: Array | None, origin_m: Array) -> None
     if near_m is None:
         finer_m = _FINER * coarse.voxel_m
         patches = orient(thin(points_m, finer_m)[0], finer_m)
-        _refuse(leaning(patches, _TALL * float(np.ptp(coarse.points_m[:, 2]))), origin_m)
+        refuse(leaning(patches, _TALL * float(np.ptp(coarse.points_m[:, 2]))), origin_m)
         return
     for around in circles_around(points_m, near_m, coarse, _CIRCLES):
-        _refuse([each for each in leaning(surfels_of(around)) if _covers(each.places_m, near_m)], origin_m)
+        refuse([each for each in leaning(surfels_of(around)) if _covers(each.places_m, near_m)], origin_m)
 
 
 def _covers(places_m: Array, place_m: Array) -> bool:
@@ -115,7 +113,7 @@ def _covers(places_m: Array, place_m: Array) -> bool:
     return bool(((place_m >= low) & (place_m <= high)).all())
 
 
-def _refuse(found: Iterable[Lean], origin_m: Array) -> None:
+def refuse(found: Iterable[Lean], origin_m: Array) -> None:
     """Refuse the highest of some bodies that lean: say on what, where, and what to do."""
     body = max(found, key=lambda each: each.height_m, default=None)
     if body is None:

@@ -269,7 +269,7 @@ def _half_samples(
     """Half samples that closed, and how many were tried: fewer where more would tell nothing."""
     closed: list[_HalfSample] = []
     for number in range(realisations):
-        if len(closed) >= _ENOUGH and _adds_nothing(spreads(closed)):
+        if len(closed) >= _ENOUGH and adds_nothing(spreads(closed)):
             for _ in range(number, realisations):
                 each()
             return closed, number
@@ -280,7 +280,7 @@ def _half_samples(
     return closed, realisations
 
 
-def _adds_nothing(spreads: Spreads) -> bool:
+def adds_nothing(spreads: Spreads) -> bool:
     """Whether each number's spread over half samples, rms of its parts, is small beside its floor."""
     norms = ((np.linalg.norm(spread), np.linalg.norm(floor)) for spread, floor in spreads.values())
     return all(bool(spread <= _ADDS_NOTHING * floor) for spread, floor in norms)

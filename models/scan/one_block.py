@@ -39,7 +39,7 @@ class _Joint:
     way: Array  # (2,): toward its middle from that of the other, along the interface's u and v
 
 
-def _weakest_joint(observed: ObservedRock, interface: Interface) -> _Joint | None:
+def weakest_joint(observed: ObservedRock, interface: Interface) -> _Joint | None:
     """The cut between two sides of a rock that runs through creases most; None where nothing comes apart.
 
     Wider patches show a crease across a gap into which few points fall.
@@ -318,7 +318,7 @@ def side_by_side(observed: ObservedRock, interface: Interface, separated: bool) 
 
     separated: whether the user has said which points are the rock's.
     """
-    joint = _weakest_joint(observed, interface)
+    joint = weakest_joint(observed, interface)
     told = _TWO_SPARSE if observed.patches_apart > SPARSE else _TWO_TOLD
     if joint is None or joint.creased_share < told:
         return None

@@ -68,7 +68,7 @@ class Fit:
         )
 
 
-def _similarity(model: Array, surveyed: Array, mirrored: bool = False) -> tuple[float, Array, Array]:
+def similarity(model: Array, surveyed: Array, mirrored: bool = False) -> tuple[float, Array, Array]:
     """Scale, rotation and shift from (n, 3) to (n, 3) with the least squared residuals (Umeyama 1991).
 
     `mirrored`: a rotation with a reflection, which no model needs but an exchange of axes makes.
@@ -83,7 +83,7 @@ def _similarity(model: Array, surveyed: Array, mirrored: bool = False) -> tuple[
     return scale, turn, centre - scale * turn @ middle
 
 
-def _fit_control_points(given: str | Path | Sequence[str], metres_per_unit: object = (1.0, 1.0)) -> Fit:
+def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: object = (1.0, 1.0)) -> Fit:
     """Fit control points.
 
     given: a file, or its lines.
@@ -100,7 +100,7 @@ def _fit_control_points(given: str | Path | Sequence[str], metres_per_unit: obje
             raise _unusable(
                 f"the points lie on one line in the {side}, about which the model could turn", path
             )
-    scale, turn, shift = _similarity(model, surveyed)
+    scale, turn, shift = similarity(model, surveyed)
     residuals = np.linalg.norm(scale * model @ turn.T + shift - surveyed, axis=1)
     _check_fit(model, surveyed, residuals, names, path)
     free = 3 * len(rows) - 7
@@ -109,7 +109,7 @@ def _fit_control_points(given: str | Path | Sequence[str], metres_per_unit: obje
 
 
 def _squares(model: Array, surveyed: Array, mirrored: bool = False) -> float:
-    scale, turn, shift = _similarity(model, surveyed, mirrored)
+    scale, turn, shift = similarity(model, surveyed, mirrored)
     return float(((scale * model @ turn.T + shift - surveyed) ** 2).sum())
 
 
@@ -269,7 +269,7 @@ def placement_of(
                 expected="control points alone: they say scale and attitude",
                 remedy="leave out the other option",
             )
-        fit = _fit_control_points(gcp, metres_per_unit)
+        fit = fit_control_points(gcp, metres_per_unit)
         return Placement(
             fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.told}", says_up=True, says_scale=True
         )

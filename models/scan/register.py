@@ -149,7 +149,7 @@ def registered(cloud: Cloud) -> Registered:
             remedy="check that the export was complete, with all decimals of the coordinates",
         )
     fitted, report = register(cloud)
-    _check_fit(fitted, report)
+    check_fit(fitted, report)
     return Registered(without(fitted, again), report, cloud.bounds_m)
 
 
@@ -193,7 +193,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     return dataclasses.replace(cloud, points_m=points), report
 
 
-def _check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
+def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
     registration: what `register` says.

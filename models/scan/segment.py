@@ -56,7 +56,7 @@ _WITHIN = 0.13
 """Its foot must lie this share of the height of both above theirs: a statue's lies .21, on 48 rocks .04 at most."""
 
 
-def _find_carried(surfels: Surfels) -> list[Candidate]:
+def find_carried(surfels: Surfels) -> list[Candidate]:
     """What the planes of a cloud carry, the highest first; of what stands upon another, the upper one.
 
     surfels: of the whole cloud.
@@ -86,13 +86,13 @@ def _carried_instead(surfels: Surfels, standing: list[Candidate]) -> Candidate |
     highest = standing[0].height_m if standing else 0.0
     if _TALLER * highest > relief or (len(standing) == 1 and highest > _OF_THE_RELIEF * relief):
         return None
-    for each in _find_carried(surfels):
+    for each in find_carried(surfels):
         if each.height_m > _TALLER * highest:
             return each
     return None
 
 
-def _upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
+def upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
     """What a level top within a thing carries, where that is most of its height: a statue, and not its plinth with it.
 
     surfels: of the whole cloud.
@@ -103,7 +103,7 @@ def _upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
     own = cKDTree(chosen.surfels.points_m[chosen.rock])
     reach_m = _BESIDE_VOXELS * max(surfels.voxel_m, chosen.surfels.voxel_m)
     foot_m = np.median(chosen.loop_m[:, 2]) + _WITHIN * chosen.height_m
-    for each in _find_carried(surfels):
+    for each in find_carried(surfels):
         upper = each.height_m > _OF_A_STACK * chosen.height_m and np.median(each.loop_m[:, 2]) > foot_m
         if upper and (own.query(surfels.points_m[each.rock])[0] < reach_m).all():
             return each
@@ -231,7 +231,7 @@ def segment(
         carried = None
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
     whole = carried or choose(candidates, near_m, origin_m, coarse)
-    chosen = carried or _upper_of(coarse, whole) or whole
+    chosen = carried or upper_of(coarse, whole) or whole
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not whole])
 
 

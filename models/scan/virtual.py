@@ -181,7 +181,7 @@ class Truth:
         )
 
 
-def _scan_from(
+def scan_from(
     bodies: Sequence[Body],
     position_m: Array,
     target_m: Array,
@@ -271,7 +271,7 @@ def scan_around(
         position = target + (2.6 + 0.8 * rng.random()) * size * way + raised
         distance = float(np.linalg.norm(target - position))
         step = np.rad2deg(resolution_per_height * height / distance)
-        station = _scan_from(truth.bodies, position, target, 1.5 * size, step, noise_per_height * height, rng)
+        station = scan_from(truth.bodies, position, target, 1.5 * size, step, noise_per_height * height, rng)
         shift = rng.normal(0.0, misregistration_per_height * height, 3)
         points, label = station.points_m + shift, station.label
         if clutter:

@@ -15,13 +15,13 @@ from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
 from toppling.orchestrator.pick.page import UserHints, numbers
 from toppling.orchestrator.pick.picking import Picking
 
-_LARGEST_BODY = 1 << 18
+LARGEST_BODY = 1 << 18
 """Bytes; hints of a thousand places take a fifth."""
 _LONGEST_STAGE_S = 60.0
 _POLL_S = 20.0
 """An answer to who asks for news comes after this time at the latest."""
 _SCRIPT, _STYLE, _BYTES, _JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
-_FILES = {
+FILES = {
     "": ("pick/page.html", HTML),
     "pick.css": ("pick/pick.css", _STYLE),
     "pick.js": ("pick/pick.js", _SCRIPT),
@@ -43,7 +43,7 @@ class PickServer(Loopback):
     def __init__(self, picking: Picking, port: int = 0) -> None:
         self.picking = picking
         room = files("toppling.results.drawing")
-        self.files = {name: (room.joinpath(path).read_bytes(), kind) for name, (path, kind) in _FILES.items()}
+        self.files = {name: (room.joinpath(path).read_bytes(), kind) for name, (path, kind) in FILES.items()}
         super().__init__(_Answers, port)
         self._worker = threading.Thread(target=picking.work, daemon=True)
         self._worker.start()
@@ -117,9 +117,9 @@ class _Answers(Answers):
         length = self.headers.get("Content-Length", "")
         if self.headers.get("Content-Type") != _JSON or not (length.isascii() and length.isdigit()):
             raise _refused("is no JSON of a stated length")
-        if len(length) > 9 or int(length) > _LARGEST_BODY:
+        if len(length) > 9 or int(length) > LARGEST_BODY:
             self.close_connection = True
-            raise _refused(f"is longer than {_LARGEST_BODY} bytes")
+            raise _refused(f"is longer than {LARGEST_BODY} bytes")
         try:
             return json.loads(self.rfile.read(int(length)))
         except (ValueError, RecursionError) as error:

@@ -94,7 +94,7 @@ def scan(
     try:
         result = make() if meshes is None else meshes.surveyed(make, hinted=not inspection.says_nothing)
     except InputError as error:
-        raise _in_files(error, [name for name, _ in cloud.files], contact) from None
+        raise in_files(error, [name for name, _ in cloud.files], contact) from None
     advance(1, "letting the rock stand")
     return Scanned(result.scene, folder, written(result, folder, hints_said(hints, inspection), advance))
 
@@ -121,7 +121,7 @@ def written(
     return [*notes, *result.notes, *([warning] if warning else [])]
 
 
-def _in_files(error: InputError, files: list[str], contact: str | Path | None) -> InputError:
+def in_files(error: InputError, files: list[str], contact: str | Path | None) -> InputError:
     """Name the files in an error that concerns all of them."""
     of_contact = contact is not None and error.where.startswith(f"{Path(contact)}, ")
     if of_contact or error.where in files:

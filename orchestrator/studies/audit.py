@@ -61,7 +61,7 @@ class _Auditor:
         return part.with_ids()
 
 
-_AUDITORS = (
+AUDITORS = (
     _Auditor(run_integrity.REFERENCE, DEFAULT, "reference"),
     *(_Auditor(name, name, "standard") for name in ENGINES if name != DEFAULT),
 )
@@ -69,7 +69,7 @@ _AUDITORS = (
 
 def _auditors(campaign: Campaign) -> list[_Auditor]:
     """Those that are installed here and can say something about a run of this campaign."""
-    return [one for one in _AUDITORS if one.fits(campaign)]
+    return [one for one in AUDITORS if one.fits(campaign)]
 
 
 def affordable(campaign: Campaign, rows: pa.Table) -> int:

@@ -103,7 +103,7 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
         )
         shake(plan_of(one), ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
-    return _by_evidence(_weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
+    return by_evidence(weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 
 
 def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
     }
 
 
-def _by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
+def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
     """Weights, with what a person reads of the motions that they rest on (`_evidence`)."""
     motions, unknown = _and(evidence["records"]), evidence["azimuths_unknown"]
     remarks = [f"Where the components of {_and(unknown)} pointed is not known: it shook from all sides"]
@@ -153,10 +153,10 @@ def joined(own: Weights, also: Weights) -> Weights:
         name: own.evidence[name] + value if isinstance(value, list) else value
         for name, value in also.evidence.items()
     }
-    return _by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
+    return by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
 
 
-def _weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
+def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
     """Weights of draws by the shakes of them.
 
     rows: rows of results; a shake without an answer tells nothing.

@@ -114,7 +114,7 @@ class Seismogram:
         return load(self.source[0]).record(self.source[1])
 
 
-def _of_ensemble(folder: Path) -> list[Seismogram]:
+def of_ensemble(folder: Path) -> list[Seismogram]:
     """Seismograms of an ensemble, by its catalogue alone."""
     rows = Ensemble.load(folder).catalog.select(["record_id", "station", "event", "files"]).to_pylist()
     return [
@@ -156,7 +156,7 @@ def read_seismograms(
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
     from toppling.models.motions.metadata import read_table
 
-    found = [one for path in paths if (path / CATALOG).is_file() for one in _of_ensemble(path)]
+    found = [one for path in paths if (path / CATALOG).is_file() for one in of_ensemble(path)]
     given = [path for path in paths if not (path / CATALOG).is_file()]
     if metadata and not given:
         raise UsageError(
@@ -271,7 +271,7 @@ def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:
     own = site.ensemble or site.seismograms
     if own is None:
         return []
-    return _of_ensemble(own) if (own / CATALOG).is_file() else of_records(seismograms_in(own))
+    return of_ensemble(own) if (own / CATALOG).is_file() else of_records(seismograms_in(own))
 
 
 def check_sites(

@@ -71,7 +71,7 @@ def init(
     with bar("shaking on trial", most) as advance:
         friction = contact.friction_static, contact.friction_kinetic
         pilot = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
-    spaced = _levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
+    spaced = levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
     jobs = len(motions.record_ids) * len(spaced) * len(turned) * len(frictions)
     workers = workers or os.cpu_count() or 1
     time = f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
@@ -110,12 +110,12 @@ class _Levels:
         return round((self.stop_m_s2 - self.start_m_s2) / self.step_m_s2) + 1
 
 
-def _levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
+def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
     """About so many levels at round numbers, from below the first acceleration to the second one or above.
 
     Examples
     --------
-    >>> _levels_between(2.17, 18.3, 12)
+    >>> levels_between(2.17, 18.3, 12)
     _Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
     """
     low = _BELOW_LEAST * least_m_s2

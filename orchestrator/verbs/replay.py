@@ -49,7 +49,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     toppling query runs/first "select job_id, max_tilt_deg from results where toppled limit 3"
     toppling replay runs/first 3dea16b1
     """
-    spec, job_id = _specification(run, job)
+    spec, job_id = specification(run, job)
     of_rock = _rock_of(open_run(run), spec.scene_id)
     assets = Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder))
     scene, imposed = prepared(spec, assets)
@@ -123,7 +123,7 @@ def _rock_of(opened: Run, scene_id: str | None) -> Run:
     return next((one for one in opened.rocks if one.entry["scene_id"] == scene_id), opened)
 
 
-def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
+def specification(run: Path, job: str) -> tuple[JobSpec, str]:
     """Specification of the job whose id begins with the given text, and its full id."""
     opened = open_run(run)  # refuses what is no run
     run = opened.root

@@ -31,7 +31,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
-_OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over")
+OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over")
 """Options that a resuming call does not repeat."""
 
 
@@ -132,7 +132,7 @@ def run(
             cluster = _announced(cluster, folder, where["workers"])
         elif words := _time_words(chosen, where["workers"]):
             click.echo(words, err=True)
-    command = _command(click.get_current_context())
+    command = command_to_go_on(click.get_current_context())
     limits = Limits(job_limit, tries)
     asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
     shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
@@ -236,17 +236,17 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
         sys.exit(FAILED_JOBS)
 
 
-def _command(context: click.Context) -> str:
+def command_to_go_on(context: click.Context) -> str:
     """The command that resumes this run, without the options of this call alone."""
     words = ["toppling", "run", str(context.params["campaign"])]
     for one in context.command.params:
         given = context.get_parameter_source(str(one.name)) is ParameterSource.COMMANDLINE
-        if given and isinstance(one, click.Option) and one.name not in _OF_ONE_CALL:
-            words += _as_given(one, context.params[str(one.name)])
+        if given and isinstance(one, click.Option) and one.name not in OF_ONE_CALL:
+            words += as_given(one, context.params[str(one.name)])
     return shlex.join(words)
 
 
-def _as_given(option: click.Option, value: Any) -> list[str]:
+def as_given(option: click.Option, value: Any) -> list[str]:
     """An option and its value as words of a command."""
     if option.is_flag:
         return [option.opts[0] if value else option.secondary_opts[0]]

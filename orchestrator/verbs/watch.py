@@ -43,7 +43,7 @@ _OF_A_REPLAY = (
 )
 
 
-def _shown(run: Path) -> dict[str, Any]:
+def shown(run: Path) -> dict[str, Any]:
     """What the page shows of a run, in plain values.
 
     Raises InputError if the folder is no run, or a file of it is damaged.
@@ -175,7 +175,7 @@ class _Watching(Loopback):
         with self._lock:
             if time.monotonic() - self._answered > _KEPT_S:
                 try:
-                    state_shown = _shown(self.run)
+                    state_shown = shown(self.run)
                 except (InputError, OSError) as error:
                     state_shown = {"error": str(error)}
                 self._answer = json.dumps(state_shown).encode()
@@ -212,7 +212,7 @@ class _Answers(Answers):
         self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 
-def _watching(run: Path, folder: Path, port: int = 0) -> _Watching:
+def watching(run: Path, folder: Path, port: int = 0) -> _Watching:
     """Make the server of a run, whose replays go to a folder outside of it.
 
     Raises InputError if the folder is no run.
@@ -235,7 +235,7 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
     toppling watch runs/first
     """
     # Replays go with the server.
-    with TemporaryDirectory(prefix="toppling-watch-") as folder, _watching(run, Path(folder), port) as server:
+    with TemporaryDirectory(prefix="toppling-watch-") as folder, watching(run, Path(folder), port) as server:
         try:
             served(server, str(run), opens, "ended; a run in progress continues")
         finally:

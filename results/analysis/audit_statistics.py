@@ -38,7 +38,7 @@ from toppling.results.run_integrity import (
 )
 from toppling.results.store import newest_rows, read_steady, result_files
 
-_JOB = [
+JOB_COLUMNS = [
     "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "restitution",
     "realisation",
 ]  # fmt: skip
@@ -143,7 +143,7 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_audit(run.path, place)
         repeated = _repeated(place)
-        audit = _compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
+        audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
@@ -167,7 +167,7 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
     return {**reference, "engines": others}
 
 
-def _compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
+def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
     """Compare answers with those to a random sample of the same jobs done again.
 
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
@@ -176,8 +176,8 @@ def _compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str =
     Returns Audit or None: None for fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
-    again = repeated[[*_JOB, "toppled", "max_tilt_deg"]].assign(drawn=True)
-    both = known.merge(again, on=_JOB, how="left", suffixes=("", "_again"), validate="one_to_one")
+    again = repeated[[*JOB_COLUMNS, "toppled", "max_tilt_deg"]].assign(drawn=True)
+    both = known.merge(again, on=JOB_COLUMNS, how="left", suffixes=("", "_again"), validate="one_to_one")
     # A sample is random as far as it goes without a gap in the order of the hashes.
     drawn = both["drawn"].notna().to_numpy()
     sample = both[: len(drawn) if drawn.all() else int(drawn.argmin())]

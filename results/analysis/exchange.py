@@ -57,13 +57,13 @@ _curve_error = refusals(
 )
 
 
-def _moments(curve: Lognormal) -> tuple[float, float]:
+def moments(curve: Lognormal) -> tuple[float, float]:
     """Mean and standard deviation of the lognormal variable with a curve's median and beta."""
     mean = curve.median * math.exp(curve.beta**2 / 2)
     return mean, mean * math.sqrt(math.expm1(curve.beta**2))
 
 
-def _of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
+def of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
     """Curve of a lognormal variable's mean and standard deviation: OpenQuake's own inversion."""
     beta = math.sqrt(math.log1p((deviation / mean) ** 2))
     return Lognormal(measure, mean**2 / math.hypot(deviation, mean), beta)
@@ -184,7 +184,7 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
         )
         limits = {"imt": imt, "noDamageLimit": repr(least), "minIML": repr(least), "maxIML": repr(most)}
         ET.SubElement(function, f"{{{_SPACE}}}imls", limits)
-        mean, deviation = (value * factor for value in _moments(curve))
+        mean, deviation = (value * factor for value in moments(curve))
         ET.SubElement(function, f"{{{_SPACE}}}params", ls="toppled", mean=repr(mean), stddev=repr(deviation))
         function.append(ET.Comment(f"{_MARK}{json.dumps(_row(curve))}"))
     ET.indent(root)
@@ -209,7 +209,7 @@ def _from_nrml(text: str, path: Path) -> list[Lognormal]:
         measure, si = known
         for params in function.findall(f"{{{_SPACE}}}params"):
             mean, deviation = (float(str(params.get(key))) * si for key in ("mean", "stddev"))
-            curves.append(_with_row(_of_moments(measure, mean, deviation), _kept_row(function)))
+            curves.append(_with_row(of_moments(measure, mean, deviation), _kept_row(function)))
     return curves
 
 

@@ -97,7 +97,7 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     return planes
 
 
-def _direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> Array:
+def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> Array:
     """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
 
     azimuth_deg: (n,), degrees counter-clockwise from x.
@@ -204,7 +204,7 @@ class DirectionCells:
     def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = DIRECTION_BINS) -> "DirectionCells":
         """Count the jobs of a run."""
         known = frame[frame["pga_azimuth_deg"].notna()]
-        by_bin = dict(list(known.groupby(_direction_bin_deg(known["pga_azimuth_deg"], bins))))
+        by_bin = dict(list(known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))))
         tables = [cells(jobs, plane).assign(direction_deg=centre) for centre, jobs in by_bin.items()]
         table = pd.concat(tables or [cells(known, plane).assign(direction_deg=np.nan)], ignore_index=True)
         table = table[["direction_deg", *table.columns.drop("direction_deg")]]

@@ -25,7 +25,7 @@ from toppling.results.analysis.regression import Fit, fit, softened
 
 _log = logging.getLogger(__name__)
 
-_TIME_STEP_S = 0.005
+TIME_STEP_S = 0.005
 _SETTLING_S = 10.0
 """Still ground after the record, in which a rocking body falls or comes to rest."""
 
@@ -47,7 +47,7 @@ class _Section:
     beside_m: float = 0.0  # how far a contact point lies beside the section's plane, into which it is brought
 
 
-def _section(scene: Scene, azimuth_deg: float) -> _Section | None:
+def section_along(scene: Scene, azimuth_deg: float) -> _Section | None:
     """Cut a scene through the centre of mass.
 
     The contact points are where the section's plane cuts the edge of the support. Where it leaves the support on one
@@ -86,7 +86,7 @@ def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
     return place if place[0, 0] < 0 < place[1, 0] else None
 
 
-def _topples(
+def topples(
     arms_m: Array, inertia: Array, unit: Array, record: NDArray[np.intp], pga_m_s2: Array, gravity_m_s2: float
 ) -> NDArray[np.bool_]:
     """Rock plane bodies, each under its own motion.
@@ -94,7 +94,7 @@ def _topples(
     arms_m: (n, 2, 2), `_Section.arms_m` of each body.
     inertia: (n,), `_Section.inertia_per_mass_m2` of each body.
     unit: (k, 2, m), ground acceleration along the section and up over PGA, of m records at k steps of
-    `_TIME_STEP_S`.
+    `TIME_STEP_S`.
     record: (n,), which record shakes each body.
     pga_m_s2: (n,), what it is scaled to.
     Returns (n,) bool array: whether the body has turned by a right angle.
@@ -117,13 +117,13 @@ def _topples(
         turned_x, turned_z = x * cosine + z * sine, z * cosine - x * sine
         torque = turned_x * down - turned_z * push
         torque[rests & (starts == 0)] = 0.0
-        rate += _TIME_STEP_S * torque / inertia_at[pick, about]
-        new = angle + _TIME_STEP_S * rate
+        rate += TIME_STEP_S * torque / inertia_at[pick, about]
+        new = angle + TIME_STEP_S * rate
         lands = angle * new < 0
         # The step that crosses zero ends on the other corner; a rate that one step of gravity undoes is rest.
         rate[lands] *= kept[pick, 1 - about][lands]
         weak = lands & (
-            np.abs(rate) < _TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
+            np.abs(rate) < TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
         )
         rate[weak] = 0.0
         angle = np.where(lands, 0.0, new)
@@ -144,23 +144,23 @@ def simulate(
     Returns DataFrame: one row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2,
     pgv_pga_s, toppled.
     """
-    found = {azimuth: _section(scene, azimuth) for azimuth in azimuths_deg}
+    found = {azimuth: section_along(scene, azimuth) for azimuth in azimuths_deg}
     cuts = [cut for cut in found.values() if cut is not None]
-    for sentence in _notes(found):
+    for sentence in notes(found):
         _log.warning("%s", sentence)
     levels = np.asarray(list(levels_m_s2), float)
     motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda motion: len(motion[2]))
     tables = []
     for first in range(0, len(motions), _RECORDS_AT_ONCE) if cuts else ():
         batch = motions[first : first + _RECORDS_AT_ONCE]
-        steps = len(batch[-1][2]) + round(_SETTLING_S / _TIME_STEP_S)
+        steps = len(batch[-1][2]) + round(_SETTLING_S / TIME_STEP_S)
         unit = np.zeros((steps, 2, len(batch)))
         for number, (_, _, components) in enumerate(batch):
             unit[: len(components), :, number] = components
         cut, record, level = (grid.ravel() for grid in np.indices((len(cuts), len(batch), len(levels))))
         arms = np.array([each.arms_m for each in cuts])[cut]
         inertia = np.array([each.inertia_per_mass_m2 for each in cuts])[cut]
-        toppled = _topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
+        toppled = topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
         tables.append(pd.DataFrame({
             "azimuth_deg": np.array([each.azimuth_deg for each in cuts])[cut],
             "record_id": np.array([name for name, _, _ in batch])[record],
@@ -172,7 +172,7 @@ def simulate(
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
 
 
-def _notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
+def notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
     """What a reader should know of the sections along some azimuths."""
     without = [f"{azimuth:g}" for azimuth, cut in found.items() if cut is None]
     if without:
@@ -210,7 +210,7 @@ def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
 
 
 def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
-    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `_TIME_STEP_S`."""
+    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `TIME_STEP_S`."""
     record = ensemble.record(record_id)
     acceleration, step = record.motion.acceleration_m_s2, record.motion.time_step_s
     size = np.hypot(acceleration[:, 0], acceleration[:, 1])
@@ -219,7 +219,7 @@ def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
     unit = np.column_stack([along, acceleration[:, 2]]) / size[peak]
     strong = np.flatnonzero(np.abs(unit[:, 0]) > _QUIET_SHARE)
     unit = unit[max(0, strong[0] - 1) : strong[-1] + 2]
-    time = np.arange(0.0, (len(unit) - 1) * step, _TIME_STEP_S)
+    time = np.arange(0.0, (len(unit) - 1) * step, TIME_STEP_S)
     at = np.arange(len(unit)) * step
     resampled = np.column_stack([np.interp(time, at, part) for part in unit.T])
     return record_id, float(record.intensity["pgv_pga_s"]), resampled

@@ -45,7 +45,7 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     return predicted
 
 
-def _scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
+def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
     """Brier score, log loss and area under the ROC curve of predictions; null where they cannot be had."""
     truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
     if np.isnan(guess).any() or truth.all() or not truth.any():
@@ -73,7 +73,7 @@ def compare_measures(
     predictions = {names: out_of_fold(frame, names) for names in usable}
     truth = frame["toppled"].to_numpy(bool)
     lines = [
-        {"measures": " + ".join(names), **_scores(truth, guessed)} for names, guessed in predictions.items()
+        {"measures": " + ".join(names), **scores(truth, guessed)} for names, guessed in predictions.items()
     ]
     table = pd.DataFrame(lines, columns=["measures", "brier", "log_loss", "auc"])
     losses = {" + ".join(names): _loss(truth, guessed.to_numpy()) for names, guessed in predictions.items()}

@@ -52,7 +52,7 @@ def bootstrap(
         for _ in fitted_again
     ]).reshape(-1, len(codes))  # fmt: skip
     share, trials = groups["share"].to_numpy(float), groups["trials"].to_numpy(float)
-    quick = _refitted(design, share, trials, fitted.link, fitted.coefficients, drawn)
+    quick = refitted(design, share, trials, fitted.link, fitted.coefficients, drawn)
     found = []
     for number, again in enumerate(quick):
         advance()
@@ -141,7 +141,7 @@ _AT_ONCE = 200_000
 """Numbers of one table of jobs and samples: more only take memory."""
 
 
-def _refitted(
+def refitted(
     design: Array, share: Array, trials: Array, link: str, start: Sequence[float], weights: NDArray[np.int64]
 ) -> Iterator[Array]:
     """Coefficients at maximum likelihood of each row of weights; nan where the search does not end.

@@ -18,7 +18,7 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
 
-_ARROW_M = 100.0
+ARROW_M = 100.0
 """Length of the line toward which all of a rock's topplings went."""
 
 
@@ -159,12 +159,12 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
             curve = curve_over(jobs, measure, samples, run.completeness())
         why_not = "" if curve else why_not
     azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
-    found = _on_earth(run)
+    found = on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
     return Beside(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
 
 
-def _on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
+def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     """Longitude and latitude (n, 2) of places beside a rock; None where its place is not known.
 
     run: of the rock: its atlas, or the coordinate system of its scan, says where it stands.
@@ -212,7 +212,7 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
 def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
     """Lines from each rock whose place is known toward where it toppled, as long as the share of its topplings.
 
-    `length_m` of a line is `_ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
+    `length_m` of a line is `ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
     """
     found = []
     for rock in rocks:
@@ -220,9 +220,9 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
         if rose is None:
             continue
         rose = rose[rose["toppled"] > 0]
-        ends = _on_earth(
+        ends = on_earth(
             rock.run,
-            _ARROW_M
+            ARROW_M
             * rose["share_of_toppled"].to_numpy()[:, None]
             * horizontal_unit_vector(rose["azimuth_deg"])[:, :2],
         )
@@ -232,7 +232,7 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
                 **row,
                 "toppled": int(row["toppled"]),
                 "compass_deg": float(compass_deg(row["azimuth_deg"])),
-                "length_m": _ARROW_M * row["share_of_toppled"],
+                "length_m": ARROW_M * row["share_of_toppled"],
             }
             found.append(_feature("LineString", [rock.place, end], properties))
     return _collection(found)

@@ -91,9 +91,9 @@ def _spread(level: float, jobs: pd.DataFrame) -> dict[str, float] | None:
     draws_in_effect = 1.0 / (1.0 - free_draws)
     error = left, (records - 1) * (draws_in_effect - 1.0)
     of_record = draws_in_effect * of_records + left, records - 1
-    of_draws_ends = _component_interval((records * of_draws + left, draws_in_effect - 1.0), error, records)
+    of_draws_ends = component_interval((records * of_draws + left, draws_in_effect - 1.0), error, records)
     ends = {
-        "records": _component_interval(of_record, error, draws_in_effect),
+        "records": component_interval(of_record, error, draws_in_effect),
         "base": of_draws_ends * (1.0 - share),
         "friction": of_draws_ends * share,
     }
@@ -112,7 +112,7 @@ _Mean = tuple[float, float]
 """A mean square of an analysis of variance, with its degrees of freedom."""
 
 
-def _component_interval(of_cause: _Mean, error: _Mean, times: float) -> Array:
+def component_interval(of_cause: _Mean, error: _Mean, times: float) -> Array:
     """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
 
     of_cause: its expectation is the error's and `times` the component.

@@ -26,7 +26,7 @@ from toppling.results.replayed_job import Replay
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
-_WIDTH, _STRIP = 480, 92
+WIDTH, STRIP = 480, 92
 """Pixels: width of picture and view, height of the strip below with the seismogram."""
 
 _ROW = 19
@@ -62,10 +62,10 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     heading = _heading(title, speed)
     frames = []
     for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
-        picture = Image.new("RGB", (_WIDTH, heading.height + _WIDTH + _STRIP), "white")
+        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
         picture.paste(heading, (0, 0))
         picture.paste(_pose(replay, view, ground, centre_m, attitude, time), (0, heading.height))
-        picture.paste(below, (0, heading.height + _WIDTH))
+        picture.paste(below, (0, heading.height + WIDTH))
         draw = ImageDraw.Draw(picture)
         past = replay.topple_time_s is not None and time >= replay.topple_time_s
         draw.text(
@@ -74,7 +74,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
         )  # fmt: skip
         x = _across(time, times)
         draw.line(
-            [(x, heading.height + _WIDTH + 4), (x, heading.height + _WIDTH + _STRIP - 18)],
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)],
             fill="black",
             width=2,
         )
@@ -84,7 +84,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
 
 
-def _speed_words(speed: float) -> str:
+def speed_words(speed: float) -> str:
     """Say how much faster or slower than the shake the picture moves."""
     if abs(speed - 1.0) < 0.05:
         return "real time"
@@ -115,7 +115,7 @@ def _drawn(view: _View, triangles: Array, colours: Array) -> tuple[NDArray[np.ui
 
     A pixel of none is infinitely far.
     """
-    size = _OVERSAMPLING * _WIDTH
+    size = _OVERSAMPLING * WIDTH
     image = Image.new("I", (size, size))
     draw = ImageDraw.Draw(image)
     for number, outline in enumerate(view.pixels(triangles, size).reshape(-1, 6).tolist(), 1):
@@ -143,7 +143,7 @@ def _pose(
     colour, depth = _drawn(view, triangles, colours)
     image = Image.fromarray(np.where((depth > ground[1])[:, :, None], colour, ground[0]))
     _draw_arrow(ImageDraw.Draw(image), replay, view, time_s, image.width)
-    return image.resize((_WIDTH, _WIDTH), Image.Resampling.BOX)
+    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
 
 
 def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
@@ -167,8 +167,8 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 
 def _heading(title: str, speed: float) -> Image.Image:
-    lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
-    image = Image.new("RGB", (_WIDTH, _ROW * len(lines) + 8), "white")
+    lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
+    image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):
         fill = "black" if number < len(lines) - 1 else "#555555"
@@ -180,13 +180,13 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     """The stronger horizontal component over the time shown, with the point of no return."""
     motion = replay.motion
     column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
-    at = np.linspace(times[0], times[-1], 4 * _WIDTH)
+    at = np.linspace(times[0], times[-1], 4 * WIDTH)
     values = replay.ground_m_s2(at)[:, column]
     peak = max(float(np.abs(values).max()), 1e-9)
-    image = Image.new("RGB", (_WIDTH, _STRIP), "white")
+    image = Image.new("RGB", (WIDTH, STRIP), "white")
     draw = ImageDraw.Draw(image)
-    middle, reach = (_STRIP - 18) / 2 + 2, (_STRIP - 26) / 2
-    draw.line([(8, middle), (_WIDTH - 8, middle)], fill="#cccccc")
+    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
+    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
     draw.line(
         [
             (_across(time, times), middle - reach * value / peak)
@@ -196,11 +196,11 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
     )
     if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
         x = _across(replay.topple_time_s, times)
-        for y in range(4, _STRIP - 18, 7):
+        for y in range(4, STRIP - 18, 7):
             draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
     component = ("east", "north")[column]
     draw.text(
-        (8, _STRIP - 17),
+        (8, STRIP - 17),
         f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
         fill="#444444",
         font=_font(12),
@@ -209,7 +209,7 @@ def _seismogram(replay: Replay, times: Array) -> Image.Image:
 
 
 def _across(time: float, times: Array) -> float:
-    return 8 + (time - times[0]) / (times[-1] - times[0]) * (_WIDTH - 16)
+    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont:

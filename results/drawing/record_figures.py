@@ -49,7 +49,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         figure = Figure(figsize=(width_in, 2.7) if beside else (width_in, 7.6), layout="constrained")
         spectra, ratio, source = figure.subplots(*((1, 3) if beside else (3, 1)))
         _draw_spectra(ensemble, spectra)
-        _scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
+        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
         ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")
         plain_log(ratio.yaxis)
         known = np.isfinite(value["distance_km"]) & np.isfinite(value["magnitude"])
@@ -68,7 +68,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
     return figure
 
 
-def _upper_limit(values: Array) -> float:
+def upper_limit(values: Array) -> float:
     """End of an axis from 0 that no outlier stretches: the largest value within the fence, and a margin."""
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -89,9 +89,9 @@ def _log_limits(values: Array) -> tuple[float, float]:
     return float(np.exp(inside.min() - margin)), float(np.exp(inside.max() + margin))
 
 
-def _scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
+def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
     """Points over a logarithmic y; outliers in x and y are triangles inside the edge, named above the panel."""
-    end = _upper_limit(x)
+    end = upper_limit(x)
     bottom, top = _log_limits(y)
     inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)

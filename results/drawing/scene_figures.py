@@ -20,12 +20,12 @@ from toppling.results.drawing.painted_mesh import faces_eye, hidden, painted, su
 from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
-_VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
+VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of the eye."""
 _VIEW_REACH = 0.66
 """From the middle of the rock to the edge of a view, as share of the rock's largest side."""
 _STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
-_BAND_TITLE = "brown band: one standard deviation"
+BAND_TITLE = "brown band: one standard deviation"
 _LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
 _PRINTED_WIDTH = 45
 """Letters in a line of a third of a printed page."""
@@ -63,7 +63,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             grid = figure.add_gridspec(6, 1, height_ratios=heights)
         places = [grid[k] for k in range(6)]
         FigureCanvasAgg(figure)
-        for place, (elevation, azimuth) in zip(places[:3], _VIEWS_DEG, strict=True):
+        for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
             compass = float(compass_deg(azimuth))
@@ -201,25 +201,25 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     """Least constant acceleration that topples, round the azimuths, with its band."""
-    azimuth_deg, value, spread = _toppling_band(scene)
+    azimuth_deg, value, spread = toppling_band(scene)
     azimuth = np.deg2rad(azimuth_deg)
     axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
-    axes.set_ylim(0, _polar_reach_m_s2(value))
-    around, low, high, level = _base_interval(scene)
+    axes.set_ylim(0, polar_reach_m_s2(value))
+    around, low, high, level = base_interval(scene)
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
     labels = [
         _STATICS_TITLE,
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
-        *([_BAND_TITLE] if spread.any() else []),
-        *_beyond_frame(value),
+        *([BAND_TITLE] if spread.any() else []),
+        *beyond_frame(value),
     ]
     axes.set_title("\n".join(labels))
     mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
 
 
-def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
+def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
     """Azimuths (a closed round), and the toppling accelerations between which the unseen bases leave the rock.
 
     And the share of the bases that these hold; empty for a scene whose base was not drawn.
@@ -235,19 +235,19 @@ def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
     return azimuth, low, high, float(found["level"])
 
 
-def _polar_reach_m_s2(value: Array) -> float:
+def polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
     positive = value[np.isfinite(value) & (value > 0.0)]
     return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
 
 
-def _beyond_frame(value: Array) -> list[str]:
+def beyond_frame(value: Array) -> list[str]:
     """Say what the azimuths need whose curve leaves the frame, if there are any."""
-    reach = _polar_reach_m_s2(value)
+    reach = polar_reach_m_s2(value)
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
-def _toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
+def toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
     """Azimuth of the ground's acceleration (a closed round), what topples (m/s2), and its standard deviation.
 
     The latter comes from the scan's report, which has it every ten degrees; 0 without one.

@@ -104,7 +104,7 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
     with style():
         figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
         axes = figure.subplots()
-        points = _side_by_side(np.array([rock.place for rock in placed], float).reshape(-1, 2))
+        points = across_date_line(np.array([rock.place for rock in placed], float).reshape(-1, 2))
         medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
         _frame_map(axes, points)
         bare = np.isnan(medians)
@@ -134,7 +134,7 @@ def _ring_sizes(points: np.ndarray) -> np.ndarray:
     return np.array(sizes)
 
 
-def _side_by_side(points: np.ndarray) -> np.ndarray:
+def across_date_line(points: np.ndarray) -> np.ndarray:
     """Longitudes and latitudes (n, 2), those of neighbours across the date line beyond 180 degrees."""
     if len(points) < 2:
         return points
@@ -215,7 +215,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         above, below = figure.subplots(2, 1, height_ratios=(height, 4.4))
         _draw_matrix(above, matrix, figure)
         places = [group[["longitude", "latitude"]].iloc[0] for _, group in placed]
-        points = _side_by_side(np.array(places, float))
+        points = across_date_line(np.array(places, float))
         shares = np.array([_share_as_they_are(group) for _, group in placed])
         _frame_map(below, points)
         sizes, bare = _ring_sizes(points), np.isnan(shares)

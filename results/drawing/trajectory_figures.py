@@ -18,11 +18,11 @@ from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN,
 from toppling.results.replayed_job import Replay, trajectory_table
 
 _COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
-_AFTER_FALL_S = 1.0
+AFTER_FALL_S = 1.0
 """Of the ground motion, shown after the rock's fall is over."""
 
 
-def _trajectory_figure(
+def trajectory_figure(
     table: pd.DataFrame,
     motion: Motion,
     title: str,
@@ -38,7 +38,7 @@ def _trajectory_figure(
     last_s = float(table["time_s"].iloc[-1])
     end_s = max(motion.duration_s, last_s)  # a rock may rock on, or fall, after the motion
     if topple_time_s is not None:
-        end_s = min(end_s, last_s + _AFTER_FALL_S)
+        end_s = min(end_s, last_s + AFTER_FALL_S)
     shown = motion.time_s <= end_s
     times, velocity = motion.time_s[shown], motion.velocity_at(motion.time_s[shown])
     with style():
@@ -93,7 +93,7 @@ def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
         pq.write_table(table, hidden, compression="zstd")
     yield folder / "trajectory.parquet"
     yield write_csv(frame, folder / "trajectory.csv", digits=7)
-    figure = _trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
+    figure = trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
     yield from save(figure, folder / "trajectory")
     yield write_text(replay_page(replay, title), folder / "replay.html")
     with new_file(folder / "replay.gif") as hidden:

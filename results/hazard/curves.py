@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 
-_NODES_PER_E_FOLD = 400
+NODES_PER_E_FOLD = 400
 """Points of the integration in an interval where intensity grows by e.
 
 Under a power law of exponent k the rate comes out too large by (k / 400)^2 / 24 of it: 1e-6 for k = 2, 2.3e-6 for
@@ -234,7 +234,7 @@ def events_by_intensity(
         return np.empty(0), np.empty(0)
     low, high = hazard.intensity[[0, -1]]
     corners = np.unique(np.log([*hazard.intensity, *(x for x in thresholds if low < x < high)]))
-    x = np.exp(nodes_between(corners, _NODES_PER_E_FOLD))
+    x = np.exp(nodes_between(corners, NODES_PER_E_FOLD))
     rate = hazard.rate(x)
     return np.append(np.sqrt(x[1:] * x[:-1]), x[-1]), np.append(-np.diff(rate), rate[-1])
 

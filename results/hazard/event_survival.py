@@ -4,7 +4,7 @@ An event e of annual rate r_e topples at least one of some rocks with 1 - prod(1
 at several sites feel the same events, and taking them as independent would be biased. Such events have the rate
 nu = sum r_e (1 - prod(1 - F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson.
 
-A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `_bootstrap` draws every
+A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `events_drawn_anew` draws every
 event a Poisson number of times.
 """
 
@@ -166,7 +166,7 @@ def toppling_probabilities(rocks: Sequence[FeltRock], branch: EventBranch) -> Ar
     return any_topples(standing_shares(rocks, branch), together)[0]
 
 
-def _bootstrap(
+def events_drawn_anew(
     rocks: Sequence[FeltRock],
     branch: EventBranch,
     exposure: Exposure,
@@ -201,9 +201,9 @@ def _bootstrap(
 
 
 def bootstrap_branches(rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure) -> list[Array]:
-    """`_bootstrap` of each branch: the same records and ages for all, and events of their own."""
+    """`events_drawn_anew` of each branch: the same records and ages for all, and events of their own."""
     return [
-        _bootstrap(
+        events_drawn_anew(
             rocks, branch, exposure, seed=number, sampled=events.sampled, readings=events.readings_of(number)
         )
         for number, branch in enumerate(events.branches)

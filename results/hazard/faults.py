@@ -96,7 +96,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
         points = np.empty((0, 2))
     if not (len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()):
         raise _fault_error(f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)
-    return _azimuthal_km(_straight(points), site)
+    return azimuthal_km(_straight(points), site)
 
 
 def _straight(points_deg: Array) -> Array:
@@ -108,7 +108,7 @@ def _straight(points_deg: Array) -> Array:
     return np.column_stack([np.interp(places, corners, points_deg[:, axis]) for axis in (0, 1)])
 
 
-def _azimuthal_km(points_deg: Array, site: tuple[float, float]) -> Array:
+def azimuthal_km(points_deg: Array, site: tuple[float, float]) -> Array:
     """Points (n, 2) of longitude and latitude in km east and north of a site: azimuthal equidistant.
 
     Snyder (1987, Map projections: a working manual, USGS Professional Paper 1395), equations 5-3, 22-4 and 22-5.

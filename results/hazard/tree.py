@@ -169,11 +169,11 @@ def statistics_of(
     values = rates if years is None else probability_of(rates, years)
     back = (lambda x: x) if years is None else (lambda x: annual_rate_of(np.minimum(x, 1.0), years))
     return Statistics(
-        levels, back(weights @ values), {q: back(_weighted_fractile(values, weights, q)) for q in fractiles}
+        levels, back(weights @ values), {q: back(weighted_fractile(values, weights, q)) for q in fractiles}
     )
 
 
-def _weighted_fractile(values: Array, weights: Array, probability: float) -> Array:
+def weighted_fractile(values: Array, weights: Array, probability: float) -> Array:
     """Fractile of each column of values (branches, n) by OpenQuake's rule.
 
     Branches are sorted, and values interpolated over their cumulated weights; below the first weight the least

@@ -21,7 +21,7 @@ from toppling.results.precision.target import Estimate, Target, estimate
 
 _Numbers = NDArray[np.int64]
 
-_FIRST_ROUND = 32
+FIRST_ROUND = 32
 _GROWTH = (0.3, 1.0)
 """Least and largest next round, as shares of the jobs so far: who looks often stops at a curve that looks steep by
 chance."""
@@ -77,7 +77,7 @@ def _best_measure(observed: Mapping[str, Answers]) -> str:
     return _USUAL if close else best
 
 
-def _judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
+def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
     """Say what the answers so far tell of the target, and whether another round is worth it.
 
     observed: answers by measure: jobs with an answer of all rounds so far.
@@ -145,12 +145,12 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
     needed: in all, as far as known.
     """
     if number == 0:
-        return _FIRST_ROUND
+        return FIRST_ROUND
     least, most = (math.ceil(share * jobs) for share in _GROWTH)
     return min(max(needed - jobs, least), most)
 
 
-def _choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> _Numbers:
+def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> _Numbers:
     """Rows of the plan to shake next; fewer than asked where the pool is exhausted.
 
     chosen: (n,), rows of the rounds before, in their order.
@@ -215,7 +215,7 @@ def _first_free(free: NDArray[np.bool_], cell: int, order: _Numbers) -> tuple[in
 class Rounds:
     """The rounds of one contact's jobs, one after the other.
 
-    precision: as `_judge` takes it.
+    precision: as `judge` takes it.
     seed: of the campaign.
     chosen: (n,), rows of the plan of all rounds so far.
     verdict: of the last round that was answered.
@@ -244,14 +244,14 @@ class Rounds:
             self.judged = len(self.chosen)
             self.verdict = Verdict("", ended=True, reason=f"none of {self.judged} jobs has an answer")
             if len(next(iter(observed.values())).toppled):
-                self.verdict = _judge(self.pool, observed, self.target, self.precision)
+                self.verdict = judge(self.pool, observed, self.target, self.precision)
             if self.verdict.curve and self.judged >= _MEASURE_JOBS:
                 self.target = replace(self.target, measure=self.verdict.measure)
             if self.ended:
                 return
         known = self.verdict or Verdict(self.target.measure or next(iter(self.pool.log_x)))
         size = _round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
-        new = _choose(self.pool, self.chosen, size, self.seed, known, self.target)
+        new = choose(self.pool, self.chosen, size, self.seed, known, self.target)
         if not len(new):
             self.verdict = replace(known, ended=True, reason="every job of the campaign is done")
             return

@@ -139,12 +139,12 @@ class Sample:
 def scratch(tmp_path_factory):
     """The only place for temporary files, of the guarded process too."""
     place = tmp_path_factory.mktemp("scratch")
-    guarded._stop()
+    guarded.stop()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", str(place))
         patch.setattr(tempfile, "tempdir", str(place))
         yield place
-    guarded._stop()
+    guarded.stop()
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def spent_s() -> float:
     """Processor time of this process and of those that read for it: another one's work on the machine is not theirs."""
     reading = [
         psutil.Process(each.process.pid).cpu_times()
-        for each in guarded._READERS
+        for each in guarded.READERS
         if each.process.poll() is None
     ]
     return sum(os.times()[:4]) + sum(each.user + each.system for each in reading)
@@ -279,7 +279,7 @@ def test_what_is_no_such_file_is_refused_at_once_in_little_memory(sample, bounde
 def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):
     sample.lay_out()
     assert outcome(sample)[0] == "read"
-    apart = bool(guarded._READERS)
+    apart = bool(guarded.READERS)
     outcomes = []
 
     @seed(27)
@@ -296,7 +296,7 @@ def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):
         content = sample.files[victim]
         for change in damages:
             content = changed(content, change)
-        if apart and not guarded._READERS:  # a library that crashed is loaded again before the clock starts
+        if apart and not guarded.READERS:  # a library that crashed is loaded again before the clock starts
             sample.lay_out()
             outcome(sample)
         sample.lay_out(victim, content)

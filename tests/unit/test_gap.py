@@ -6,9 +6,9 @@ import pytest
 from toppling.models.hidden_base.gap import (
     BaseObservation,
     Relief,
-    _facet_below,
     draw_gaps,
     encloses,
+    facet_below,
     flat_log_likelihood,
     resampled,
     weights,
@@ -99,8 +99,8 @@ def test_a_draw_that_must_bend_far_to_stand_weighs_less():
 def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
     legs = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     gap = np.array([0.0, 0.0, 0.0, 0.1])
-    assert set(_facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
-    assert _facet_below(legs, gap, np.array([1.3, 0.3])) is None
+    assert set(facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
+    assert facet_below(legs, gap, np.array([1.3, 0.3])) is None
 
 
 def test_resampling_takes_each_draw_as_often_as_its_weight_says():

@@ -40,9 +40,9 @@ def reads(tmp_path, monkeypatch):
     file = tmp_path / "file.dat"
     file.write_text("small")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    guarded._stop()
+    guarded.stop()
     yield lambda name: read_guarded(f"hostile_readers:{name}", file)
-    guarded._stop()
+    guarded.stop()
 
 
 def test_what_is_read_comes_back_bit_for_bit_whatever_is_printed_meanwhile(reads):
@@ -73,12 +73,12 @@ def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
     monkeypatch.setattr(guarded, "_PATIENCE", 0.33)
     with pytest.raises(InputError, match="no answer for 1 s"):
         reads("asleep")
-    assert not guarded._READERS
+    assert not guarded.READERS
 
 
 def test_one_process_is_kept_and_replaced_when_it_is_gone(reads):
     def process():
-        return guarded._READERS[0].process.pid
+        return guarded.READERS[0].process.pid
 
     reads("good")
     first = process()

@@ -32,6 +32,7 @@ ONLY_UNDER = {
 }
 DOOR = "toppling.orchestrator.door"
 """Is `toppling` itself: what the orchestrator names as public is for it."""
+PRIVATE_NAMES = 20
 UNPICKLERS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal"}
 
 
@@ -183,10 +184,10 @@ def test_imports_go_round_in_no_circle():
 
 
 def test_a_function_that_only_its_own_module_uses_begins_with_an_underscore():
-    """A test is no other module: it may name what is private."""
+    """What has tests of its own is used by them: they take it by a public name."""
     anywhere = [
         path
-        for folder in (*ROOMS, "benchmarks", "docs")
+        for folder in (*ROOMS, "benchmarks", "docs", "tests")
         for path in (ROOT / folder).rglob("*.*")
         if path.suffix in (".py", ".md")
     ]
@@ -199,6 +200,19 @@ def test_a_function_that_only_its_own_module_uses_begins_with_an_underscore():
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and words[node.name] == 1
     }
     assert not offences
+
+
+def test_tests_name_little_that_is_private():
+    """Twenty at most, of modules whose state decides what is tested."""
+    private = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("toppling")
+        for name in (alias.name for alias in node.names)
+        if name.startswith("_")
+    ]
+    assert len(private) <= PRIVATE_NAMES, private
 
 
 def named_in_face(path):

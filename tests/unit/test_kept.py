@@ -6,7 +6,7 @@ import weakref
 
 import numpy as np
 
-from toppling.models.kept import _MOST, kept
+from toppling.models.kept import MOST, kept
 from toppling.models.scene import Scene
 from toppling.workers.contact.contact_points import contact_of
 
@@ -26,7 +26,7 @@ def test_an_answer_is_worked_out_once_for_an_object_and_anew_for_its_equal():
 def test_of_each_function_the_answers_that_were_asked_for_last_are_kept():
     scene = Scene.block(0.1, 0.1, 0.3)
     first, second = scaled(scene, 0), scaled(scene, 1)
-    for factor in range(2, _MOST + 1):
+    for factor in range(2, MOST + 1):
         assert scaled(scene, 0) is first
         scaled(scene, factor)
     assert scaled(scene, 0) is first

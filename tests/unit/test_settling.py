@@ -29,7 +29,7 @@ from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import roses as drawing
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.sections import _scene_section
+from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
@@ -123,7 +123,7 @@ def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campai
     campaign = Campaign.read(campaigns / f"{name}.toml")
     planned = plan_of(campaign)
     prepare(tmp_path / "run", planned, {})
-    assert (f">{TOLD}</td>" in _scene_section(Content(open_run(tmp_path / "run")), Document())) == said
+    assert (f">{TOLD}</td>" in SECTIONS["Scene"](Content(open_run(tmp_path / "run")), Document())) == said
 
 
 @pytest.mark.thorough

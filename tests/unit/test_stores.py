@@ -7,8 +7,8 @@ import threading
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.files.store_access import Store, _azure_arguments
-from toppling.models.files.stores import Copy, _address_of, at_hand, is_store
+from toppling.models.files.store_access import Store, azure_arguments
+from toppling.models.files.stores import Copy, address_of, at_hand, is_store
 
 
 @pytest.fixture
@@ -182,7 +182,7 @@ def test_a_connection_string_of_azure_names_account_key_and_server():
     said = "DefaultEndpointsProtocol=http;AccountName=a;AccountKey=k==;BlobEndpoint=http://127.0.0.1:10000/a;"
     server = {f"{kind}_storage_authority": "127.0.0.1:10000" for kind in ("blob", "dfs")}
     schemes = {f"{kind}_storage_scheme": "http" for kind in ("blob", "dfs")}
-    assert _azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
+    assert azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
 
 
 @pytest.mark.parametrize("said", ["nonsense", "AccountName=;AccountKey=k"])
@@ -215,7 +215,7 @@ def test_a_kind_of_store_without_its_package_is_told(tmp_path):
 @pytest.mark.parametrize("path", ["s3://b/run", "s3:/b/run", "S3://b/run/", "gs://b/r", "abfs://c@a/r"])
 def test_addresses_of_stores_are_told_from_paths(path):
     assert is_store(path)
-    assert _address_of(path).startswith(path.partition(":")[0].lower() + "://")
+    assert address_of(path).startswith(path.partition(":")[0].lower() + "://")
     assert not is_store("runs/" + path)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.files.csv_text import plain_frame
-from toppling.models.files.documents import _MOST_VALUES, read_json
+from toppling.models.files.documents import MOST_VALUES, read_json
 from toppling.models.files.tables import read_table, write_table
 
 
@@ -55,7 +55,7 @@ def test_tables_as_the_program_writes_them_are_read(tmp_path):
 
 def test_json_of_too_many_values_is_refused_before_it_is_parsed(tmp_path):
     path = tmp_path / "scene.json"
-    path.write_text('{"a": [' + "[]," * (_MOST_VALUES // 2) + "[]]}")
+    path.write_text('{"a": [' + "[]," * (MOST_VALUES // 2) + "[]]}")
     with pytest.raises(InputError, match=r"holds [\d,]+ values"):
         read_json(path)
 

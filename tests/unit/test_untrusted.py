@@ -76,8 +76,8 @@ def test_no_verb_runs_what_a_record_says(trap, tmp_path):
 
 
 def test_only_formats_that_are_parsed_are_read():
-    assert "PICKLE" not in seismic._FORMATS
-    assert all(callable(seismic._recogniser(name)) for name in seismic._FORMATS)
+    assert "PICKLE" not in seismic.FORMATS
+    assert all(callable(seismic.recogniser(name)) for name in seismic.FORMATS)
 
 
 def test_station_xml_names_no_other_file(tmp_path):

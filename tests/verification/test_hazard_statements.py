@@ -17,9 +17,9 @@ from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
 from toppling.results.hazard.event_survival import EventBranch, FeltRock
-from toppling.results.hazard.event_survival import _bootstrap as events_anew
+from toppling.results.hazard.event_survival import events_drawn_anew as events_anew
 from toppling.results.hazard.event_survival import survival as survival_of_events
-from toppling.results.hazard.tree import _weighted_fractile, branch_weights
+from toppling.results.hazard.tree import branch_weights, weighted_fractile
 
 SITES = 500
 BRANCHES = 201
@@ -59,7 +59,7 @@ def a_site(random):
 
 
 def covered(values, weights, truth):
-    low, high = (_weighted_fractile(values[:, None], weights, q)[0] for q in (0.025, 0.975))
+    low, high = (weighted_fractile(values[:, None], weights, q)[0] for q in (0.025, 0.975))
     return low <= truth <= high
 
 

@@ -29,7 +29,7 @@ from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name
 
 _NAME = "ObsPy"
-_FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
+FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
 _KNET_DURATION_AT = 11
@@ -75,8 +75,8 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         try:
             text = text_of(content)
             plain = content if text is None else text.encode()
-            of = {name: io.BytesIO(plain if name == "KNET" else content) for name in _FORMATS}
-            file_format = next((name for name in _FORMATS if _recogniser(name)(of[name])), None)
+            of = {name: io.BytesIO(plain if name == "KNET" else content) for name in FORMATS}
+            file_format = next((name for name in FORMATS if recogniser(name)(of[name])), None)
             if file_format is None:
                 return None, []
             of[file_format].seek(0)
@@ -137,7 +137,7 @@ def _plain(value: Any) -> str | float:
 
 
 @cache
-def _recogniser(file_format: str) -> Any:
+def recogniser(file_format: str) -> Any:
     """ObsPy's function that tells by its content whether a file is of a format."""
     (found,) = entry_points(group=f"obspy.plugin.waveform.{file_format}", name="isFormat")
     return found.load()

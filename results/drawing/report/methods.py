@@ -27,10 +27,10 @@ def methods_section(content: Content, document: Document) -> str:  # noqa: ARG00
     engine = content.run.provenance().get("engine")
     references = sorted((*_REFERENCES, engine["reference"]) if engine else _REFERENCES)
     cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *references))
-    return f'<div class="methods">{paragraph(_methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
+    return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
 
 
-def _methods(content: Content) -> str:
+def methods(content: Content) -> str:
     """What was done, in the past tense, with the run's own numbers."""
     remark = content.completeness.remark
     parts = [f"The ensemble was not completed: {remark}."] if remark else []

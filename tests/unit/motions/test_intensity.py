@@ -7,13 +7,13 @@ import pytest
 from reference.idealised import full_sine
 
 from toppling.models.motions.intensity import (
-    _directionality,
-    _duration_between_shares_s,
-    _oscillator_response_m_s2,
-    _rotated_peaks,
-    _spectral_acceleration_m_s2,
     arias_m_s,
+    directionality,
+    duration_between_shares_s,
     measure,
+    oscillator_response_m_s2,
+    rotated_peaks,
+    spectral_acceleration_m_s2,
 )
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.synthetic import synthetic_ensemble
@@ -51,14 +51,14 @@ def test_energy_duration_of_a_single_pulse_of_velocity():
 
 def test_a_resonant_oscillator_reaches_one_over_twice_the_damping():
     period = 0.5
-    response = _oscillator_response_m_s2(sine_cycles(1.0, period, 60).acceleration_m_s2[:, 0], STEP_S, period)
+    response = oscillator_response_m_s2(sine_cycles(1.0, period, 60).acceleration_m_s2[:, 0], STEP_S, period)
     # steady state 1 / (2 xi) after 60 cycles; linear samples lose (2 pi h / T)^2 / 12
     assert np.abs(response).max() == pytest.approx(10.0, rel=5e-4)
 
 
 def test_a_stiff_oscillator_follows_the_ground_and_a_soft_one_stays_behind():
     motion = synthetic_ensemble(1, 2)[0].motion
-    spectrum = _spectral_acceleration_m_s2(motion, (0.001, 1000.0))
+    spectrum = spectral_acceleration_m_s2(motion, (0.001, 1000.0))
     measures = measure(motion)
     assert spectrum["rotd100"][0] == pytest.approx(measures["pga_m_s2"], rel=1e-3)
     assert spectrum["rotd100"][1] / (2 * np.pi / 1000) ** 2 == pytest.approx(measures["pgd_m"], rel=0.02)
@@ -69,8 +69,8 @@ def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_sample
     period_s = 3.3 * coarse.time_step_s
     time = np.linspace(0.0, coarse.duration_s, 64 * (len(coarse.acceleration_m_s2) - 1) + 1)
     ground = np.column_stack([np.interp(time, coarse.time_s, axis) for axis in coarse.acceleration_m_s2.T])
-    response = _oscillator_response_m_s2(ground[:, :2], coarse.time_step_s / 64, period_s)
-    told = _spectral_acceleration_m_s2(coarse, [period_s])
+    response = oscillator_response_m_s2(ground[:, :2], coarse.time_step_s / 64, period_s)
+    told = spectral_acceleration_m_s2(coarse, [period_s])
     assert told["rotd100"][0] == pytest.approx(np.hypot(*response.T).max(), rel=3e-3)
     assert told["x"][0] == pytest.approx(np.abs(response[:, 0]).max(), rel=3e-3)
 
@@ -78,7 +78,7 @@ def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_sample
 def test_rotd_of_motion_along_one_line_is_the_cosine():
     pga, azimuth = 3.0, np.deg2rad(20)
     horizontal = sine_cycles(pga, 0.5, 200, azimuth).acceleration_m_s2[:, :2]
-    peaks = _rotated_peaks(horizontal)
+    peaks = rotated_peaks(horizontal)
     assert peaks == pytest.approx(
         np.abs(pga * np.cos(np.deg2rad(np.arange(180)) - azimuth)), rel=1e-9, abs=1e-9
     )
@@ -89,14 +89,14 @@ def test_rotd_by_the_hull_is_rotd_by_every_sample():
     horizontal = np.random.default_rng(3).normal(size=(3000, 2))
     angle = np.deg2rad(np.arange(180))
     every = np.abs(horizontal @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0)
-    assert _rotated_peaks(horizontal) == pytest.approx(every, rel=1e-12)
+    assert rotated_peaks(horizontal) == pytest.approx(every, rel=1e-12)
 
 
 @pytest.mark.parametrize(("apart_deg", "share"), [(22.0, 0.0), (23.0, 0.9), (180.0, 0.9)])
 def test_directionality_counts_only_distinct_directions(apart_deg, share):
     angle = np.deg2rad(apart_deg)
     horizontal = np.array([[2.0, 0.0], [1.8 * np.cos(angle), 1.8 * np.sin(angle)], [0.0, 0.0]])
-    assert _directionality(horizontal) == pytest.approx(share)
+    assert directionality(horizontal) == pytest.approx(share)
 
 
 def test_turning_a_motion_turns_the_azimuth_of_its_peak_and_no_vector_measure():
@@ -117,7 +117,7 @@ def test_turning_a_motion_turns_the_azimuth_of_its_peak_and_no_vector_measure():
 def against_eqsig(acceleration, step):
     signal = eqsig.AccSignal(acceleration, step)
     periods = np.array([0.1, 0.3, 1.0, 2.0])
-    ours = np.array([np.abs(_oscillator_response_m_s2(acceleration, step, one)).max() for one in periods])
+    ours = np.array([np.abs(oscillator_response_m_s2(acceleration, step, one)).max() for one in periods])
     theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step, periods, 0.05)[2]
     # eqsig writes 2 pi with eight digits, and begins at rest: half a step of the first sample is an impulse
     impulse_m_s = 0.5 * abs(acceleration[0]) * step
@@ -130,7 +130,7 @@ def against_eqsig(acceleration, step):
     assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)
     assert measures["pgv_m_s"] == pytest.approx(np.abs(signal.velocity).max(), rel=1e-3)
     start, end = eqsig.im.calc_sig_dur_vals(acceleration, step, se=True)
-    assert _duration_between_shares_s(acceleration**2, step) == pytest.approx(end - start, abs=2 * step)
+    assert duration_between_shares_s(acceleration**2, step) == pytest.approx(end - start, abs=2 * step)
 
 
 def test_measures_agree_with_eqsig_on_a_synthetic_record():

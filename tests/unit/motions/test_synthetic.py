@@ -5,14 +5,14 @@ import pytest
 
 from toppling.models.motions.intensity import measure, velocity_m_s
 from toppling.models.motions.synthetic import (
-    _BOORE_1997,
+    BOORE_1997,
     Scenario,
-    _acceleration_spectrum_m_s,
-    _median_arias_duration_s,
-    _median_spectrum_m_s2,
-    _synthetic_motion,
-    _velocity_pulse_m_s,
+    acceleration_spectrum_m_s,
+    median_arias_duration_s,
+    median_spectrum_m_s2,
     synthetic_ensemble,
+    synthetic_motion,
+    velocity_pulse_m_s,
 )
 
 
@@ -34,7 +34,7 @@ def test_the_mean_power_spectrum_is_the_scenarios():
     scenario = Scenario(magnitude=7.0, distance_km=20.0)
     spectra = []
     for seed in range(40):
-        motion, _ = _synthetic_motion(scenario, np.random.default_rng(seed))
+        motion, _ = synthetic_motion(scenario, np.random.default_rng(seed))
         series = motion.acceleration_m_s2[:, :2].T
         spectra.append(np.abs(np.fft.rfft(series, axis=1)) * motion.time_step_s)
     frequency = np.fft.rfftfreq(len(motion.acceleration_m_s2), motion.time_step_s)
@@ -42,7 +42,7 @@ def test_the_mean_power_spectrum_is_the_scenarios():
     for low, high in ((0.5, 1), (1, 3), (3, 10), (10, 20)):
         band = (frequency >= low) & (frequency < high)
         ratio = np.sqrt(
-            np.mean(mean[band] ** 2) / np.mean(_acceleration_spectrum_m_s(frequency, scenario)[band] ** 2)
+            np.mean(mean[band] ** 2) / np.mean(acceleration_spectrum_m_s(frequency, scenario)[band] ** 2)
         )
         # 80 series of some 15 independent frequencies or more: the mean power scatters by 3 %
         assert ratio == pytest.approx(1.0, abs=0.06)
@@ -55,7 +55,7 @@ def test_the_ground_ends_at_rest():
 
 def test_pulse_has_its_amplitude_period_and_length():
     time_s = np.linspace(-5, 5, 4001)
-    pulse = _velocity_pulse_m_s(time_s, 1.2, 2.0, 2.0, 0.0)
+    pulse = velocity_pulse_m_s(time_s, 1.2, 2.0, 2.0, 0.0)
     assert pulse.max() == pytest.approx(1.2)
     assert np.all(pulse[np.abs(time_s) > 2.0] == 0)
     zero = time_s[(time_s > 0)][np.argmax(pulse[time_s > 0] < 0)]
@@ -67,10 +67,10 @@ def test_durations_and_spectra_are_near_the_published_medians():
     for index in range(30):
         rng = np.random.default_rng(index)
         magnitude, distance_km = 6 + 1.5 * (index % 6) / 5, 10.0 * 6 ** (index / 30)
-        motion, _ = _synthetic_motion(Scenario(magnitude, distance_km), rng)
+        motion, _ = synthetic_motion(Scenario(magnitude, distance_km), rng)
         measures = measure(motion)
-        row = [measures["duration_arias_s"] / _median_arias_duration_s(magnitude, distance_km)]
-        row += [measures[name] / _median_spectrum_m_s2(name, magnitude, distance_km) for name in _BOORE_1997]
+        row = [measures["duration_arias_s"] / median_arias_duration_s(magnitude, distance_km)]
+        row += [measures[name] / median_spectrum_m_s2(name, magnitude, distance_km) for name in BOORE_1997]
         rows.append(row)
     ratios = np.median(rows, axis=0)
     # two published models of one median differ by a fifth or so, most at 2 s

@@ -14,8 +14,8 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.advice import (
-    _HARDLY_SHARE,
-    _MOSTLY_SHARE,
+    HARDLY_SHARE,
+    MOSTLY_SHARE,
     Share,
     scaling_warnings,
     shaking_warnings,
@@ -171,5 +171,5 @@ def test_a_rise_between_two_levels_asks_for_levels_between_them():
 def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_where_they_are_open(drawn):
     shares = [Share(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
     told = suggestions(shares)
-    assert any("levels above" in sentence for sentence in told) == (shares[-1].share < _MOSTLY_SHARE)
-    assert any("levels below" in sentence for sentence in told) == (shares[0].share > _HARDLY_SHARE)
+    assert any("levels above" in sentence for sentence in told) == (shares[-1].share < MOSTLY_SHARE)
+    assert any("levels below" in sentence for sentence in told) == (shares[0].share > HARDLY_SHARE)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.campaign import KEYS, Campaign
-from toppling.orchestrator.keys import _REQUIRED
+from toppling.orchestrator.keys import REQUIRED
 
 GOOD = {
     "scene": "scenes/echo",
@@ -216,7 +216,7 @@ def test_an_engine_without_restitution_refuses_to_draw_it():
 
 def in_docs(key):
     """An entry of the documentation's list of keys."""
-    default = "required" if key.default is _REQUIRED else f"default: {key.otherwise}"
+    default = "required" if key.default is REQUIRED else f"default: {key.otherwise}"
     more = f" ([more]({key.page}))" if key.page else ""
     text = f"- `{key.name}` ({default}): {key.help}: {key.values}{more}."
     return textwrap.fill(text, 118, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
@@ -228,8 +228,8 @@ def test_every_key_is_a_field_with_its_default_and_stands_in_the_documentation_a
     for key in KEYS:
         if key.name == "scenes":
             continue
-        assert (key.default is _REQUIRED) == (fields[key.name] is dataclasses.MISSING)
-        assert key.default is _REQUIRED or key.default == fields[key.name]
+        assert (key.default is REQUIRED) == (fields[key.name] is dataclasses.MISSING)
+        assert key.default is REQUIRED or key.default == fields[key.name]
     docs = Path(__file__).parents[3] / "docs"
     assert "\n".join(map(in_docs, KEYS)) in (docs / "campaign_keys.md").read_text()
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from toppling.orchestrator import cli as command
 from toppling.orchestrator import verbs
-from toppling.orchestrator.cli import VERBS, _first_line, cli, main
+from toppling.orchestrator.cli import VERBS, cli, first_line, main
 from toppling.orchestrator.verbs import run as run_verb
 
 
@@ -22,7 +22,7 @@ from toppling.orchestrator.verbs import run as run_verb
 def test_every_verb_is_there_and_begins_its_help_as_the_list_does(verb):
     command = cli.get_command(click.Context(cli), verb)
     assert command.name == verb
-    assert command.help.splitlines()[0] == _first_line(verb)
+    assert command.help.splitlines()[0] == first_line(verb)
     assert f"toppling {verb}" in command.help or isinstance(command, click.Group), "an example is missing"
 
 
@@ -32,7 +32,7 @@ def test_the_list_of_verbs_imports_none():
         "assert not [name for name in sys.modules if name.startswith('toppling.orchestrator.verbs.')]"
     )
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert all(line in " ".join(told.split()) for line in map(_first_line, VERBS))
+    assert all(line in " ".join(told.split()) for line in map(first_line, VERBS))
 
 
 def test_verbs_are_imported_without_docstrings_and_then_have_no_words():
@@ -151,7 +151,7 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
         "choice": "slurm",
     }
     for option in command.params:
-        if isinstance(option, click.Option) and option.name not in (*run_verb._OF_ONE_CALL, "folder"):
+        if isinstance(option, click.Option) and option.name not in (*run_verb.OF_ONE_CALL, "folder"):
             kind = (
                 option.type.name
                 if isinstance(option.type, click.Choice)
@@ -160,7 +160,7 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
             value = next((samples[name] for name in samples if name.lower() in kind.lower()), "1")
             words += [option.opts[0]] if option.is_flag else [option.opts[0], value]
     given = command.make_context("run", list(words))
-    told = shlex.split(run_verb._command(given))
+    told = shlex.split(run_verb.command_to_go_on(given))
     assert told[:2] == ["toppling", "run"]
     assert command.make_context("run", told[2:]).params == given.params
     assert given.params["no_estimate"] is True
@@ -169,17 +169,17 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
 @pytest.mark.parametrize("value", [True, False])
 def test_a_flag_of_two_names_goes_on_by_the_one_that_was_given(value):
     option = click.Option(["--open/--no-open"])
-    assert run_verb._as_given(option, value) == ["--open" if value else "--no-open"]
+    assert run_verb.as_given(option, value) == ["--open" if value else "--no-open"]
 
 
 def test_an_option_that_is_given_often_goes_on_as_often():
-    assert run_verb._as_given(click.Option(["--stood"], multiple=True), ("a", "b")) == [
+    assert run_verb.as_given(click.Option(["--stood"], multiple=True), ("a", "b")) == [
         "--stood",
         "a",
         "--stood",
         "b",
     ]
-    assert run_verb._as_given(click.Option(["--site"], nargs=2), (1.5, 2.0)) == ["--site", "1.5", "2.0"]
+    assert run_verb.as_given(click.Option(["--site"], nargs=2), (1.5, 2.0)) == ["--site", "1.5", "2.0"]
 
 
 def test_the_help_lists_every_verb_in_one_group():

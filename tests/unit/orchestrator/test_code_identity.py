@@ -13,13 +13,13 @@ import pytest
 
 import toppling.models
 from toppling.orchestrator import code_identity
-from toppling.orchestrator.code_identity import _parsed, _without_words, code
+from toppling.orchestrator.code_identity import code, parsed, without_words
 
 
 def _decisive(source):
     """A module's syntax without comments, layout and strings that stand alone, as docstrings do."""
-    tree = _parsed(source)
-    return _without_words(tree, ast.walk(tree))
+    tree = parsed(source)
+    return without_words(tree, ast.walk(tree))
 
 
 MODULE = b'''"""What it knows."""
@@ -70,8 +70,8 @@ def test_a_function_of_a_docstring_alone_is_read_too():
 def few(tmp_path, monkeypatch):
     """A program of few modules, of which nothing is kept yet."""
     names = ("shake.py", "options.py")
-    sources = {path: source for path, source in code_identity._SOURCES.items() if path.name in names}
-    monkeypatch.setattr(code_identity, "_SOURCES", sources)
+    sources = {path: source for path, source in code_identity.SOURCES.items() if path.name in names}
+    monkeypatch.setattr(code_identity, "SOURCES", sources)
     monkeypatch.setattr(code_identity, "FOLDER", tmp_path)
     return sources
 
@@ -85,7 +85,7 @@ def test_the_identity_of_the_code_is_quickly_told_where_none_is_kept(monkeypatch
 
 def test_code_that_was_read_once_is_not_read_again(few, monkeypatch):
     before = code.__wrapped__()
-    monkeypatch.setattr(code_identity, "_deciding", lambda: pytest.fail("read again"))
+    monkeypatch.setattr(code_identity, "deciding", lambda: pytest.fail("read again"))
     assert code.__wrapped__() == before
 
 
@@ -117,7 +117,7 @@ def test_code_that_was_edited_by_hand_is_not_taken_for_what_is_kept(few, monkeyp
 
 def test_threads_may_read_code_at_once_whatever_the_collection_of_garbage_calls():
     """A worker is asked whether it is fit while its tasks run, and Dask listens to the collection."""
-    sources, interval = list(code_identity._SOURCES.values())[:40], sys.getswitchinterval()
+    sources, interval = list(code_identity.SOURCES.values())[:40], sys.getswitchinterval()
 
     def takes_a_while(phase, info):
         sum(range(200))
@@ -148,7 +148,7 @@ def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
     loaded = json.loads(
         subprocess.run([sys.executable, "-c", LOADED], check=True, capture_output=True).stdout
     )
-    missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in code_identity._deciding()}
+    missing = {Path(one).resolve() for one in loaded} - {path.resolve() for path in code_identity.deciding()}
     assert {path.name for path in missing if path.name != "__init__.py"} <= {
         "hints_file.py",
         "spelling.py",
@@ -160,7 +160,7 @@ def test_no_module_that_only_scans_and_readers_of_records_use_is_part_of_it():
     """A run goes on when one of them has changed."""
     decides = {
         path.relative_to(Path(toppling.models.__path__[0]).parent).as_posix()
-        for path in code_identity._deciding()
+        for path in code_identity.deciding()
     }
     assert {"models/hidden_base/draws.py", "models/motions/ensemble.py", "workers/shake.py"} <= decides
     assert not decides & {

@@ -23,7 +23,7 @@ from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
-from toppling.orchestrator.verbs.replay import _specification
+from toppling.orchestrator.verbs.replay import specification
 from toppling.results.reader import open_run
 from toppling.results.run_integrity import NEEDED
 from toppling.results.store import compact, write_part
@@ -95,7 +95,7 @@ def answers_of_ensemble(run):
 
 def answers_of_run(run):
     rows = open_run(run).table()
-    job = _specification(run, read_table(run / "jobs.parquet")["job_id"][0].as_py())
+    job = specification(run, read_table(run / "jobs.parquet")["job_id"][0].as_py())
     return repr((state_of(run), rows.to_pylist(), open_run(run).provenance(), last(run, "rows stored"), job))
 
 
@@ -188,12 +188,12 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
 def test_a_folder_that_another_session_began_meanwhile_is_gone_on_with(runs, tmp_path, monkeypatch):
     campaign = Campaign.read(runs / "campaign.toml")
     planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
-    begin = run_folder._begin
+    begin = run_folder.begin
 
     def late(run, *arguments):
         begin(run, *arguments)  # by the other session, between this one's look and its own beginning
         begin(run, *arguments)
 
-    monkeypatch.setattr(run_folder, "_begin", late)
+    monkeypatch.setattr(run_folder, "begin", late)
     prepare(tmp_path / "run", planned, dict(versions()))
     assert state_of(tmp_path / "run")["jobs"] == len(planned)

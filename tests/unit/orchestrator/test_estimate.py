@@ -12,10 +12,10 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.estimate import (
     TimeEstimate,
-    _sampled_rows,
-    _spread,
-    _timed_jobs,
     estimate,
+    sampled_rows,
+    spread,
+    timed_jobs,
     words_of,
 )
 from toppling.orchestrator.plan import plan
@@ -34,14 +34,14 @@ def planned(tmp_path_factory):
 
 
 def test_every_beginning_of_the_order_is_spread():
-    order = _spread(1000, 64)
+    order = spread(1000, 64)
     assert len(set(order)) == 64
     for count in (8, 16, 64):
         assert np.diff(np.sort(order[:count])).max() <= 3 * 1000 / count
 
 
 def test_timed_jobs_are_of_all_levels_and_records(planned):
-    rows = _sampled_rows(planned)
+    rows = sampled_rows(planned)
     jobs = planned.jobs.take(rows).to_pandas()
     assert jobs["pga_m_s2"].nunique() >= 17
     assert jobs["record_id"].nunique() >= 9
@@ -59,14 +59,14 @@ def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned
             level < starts, 0.002, random.gamma(2.0, 0.1, len(level)) * random.lognormal(0, 0.5, 12)[record]
         )
         cost = np.where(level > falls, 0.3 * cost, cost)
-        told = cost[_sampled_rows(planned)].mean()
+        told = cost[sampled_rows(planned)].mean()
         near.append(1 / 1.5 < told / cost.mean() < 1.5)
     assert np.mean(near) > 0.95
 
 
 @pytest.mark.parametrize(("jobs", "timed"), [(3, 3), (20, 6), (165, 20), (21280, 48)])
 def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
-    assert _timed_jobs(jobs) == timed
+    assert timed_jobs(jobs) == timed
 
 
 def test_a_small_plan_is_timed_too(planned):

@@ -18,9 +18,9 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
-from toppling.orchestrator.studies.audit import _AUDITORS
+from toppling.orchestrator.studies.audit import AUDITORS
 from toppling.orchestrator.task import versions
-from toppling.orchestrator.verbs.watch import _shown
+from toppling.orchestrator.verbs.watch import shown
 from toppling.results.reader import open_run
 from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, NEEDED, REFERENCE, write_jobs
 from toppling.results.store import compact, finished_ids, write_part
@@ -67,7 +67,7 @@ def finished_run(folder, width_m):
     compact(run)
     place = run / AUDIT
     (place / "parts").mkdir(parents=True)
-    part = _AUDITORS[0].plan(planned, list(range(len(planned))))
+    part = AUDITORS[0].plan(planned, list(range(len(planned))))
     write_json(place / DRAWN_FILE, {"plan_id": planned.id, "until": None, "of_jobs": len(planned)})
     write_jobs(place, part.jobs, planned.id)
     write_part(place, [run_job(part.spec(job), assets) | {"attempt": 1} for job in range(len(part))])
@@ -127,7 +127,7 @@ def test_a_file_of_another_run_is_refused_by_name(swap, runs, name, verb):
 @pytest.mark.parametrize("name", [*ALWAYS_READ, "run.json", "results.parquet", *IN_AUDITS])
 def test_watching_refuses_a_file_of_another_run(swap, name):
     with pytest.raises(InputError, match="another"):
-        _shown(swap(name))
+        shown(swap(name))
 
 
 def test_a_part_of_another_run_is_refused_and_stays_where_it_is(runs, tmp_path):

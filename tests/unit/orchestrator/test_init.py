@@ -14,8 +14,8 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.advice import warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.pilot import Pilot, _spread_records, levels_to_try, try_out
-from toppling.orchestrator.verbs.init import _levels_between
+from toppling.orchestrator.pilot import Pilot, levels_to_try, spread_records, try_out
+from toppling.orchestrator.verbs.init import levels_between
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_a_campaign_that_is_there_is_not_written_over(written):
 
 @given(st.floats(0.05, 50.0), st.floats(1.05, 30.0), st.integers(2, 40))
 def test_levels_begin_above_zero_and_below_the_least_and_reach_the_most(least, ratio, count):
-    levels = _levels_between(least, least * ratio, count)
+    levels = levels_between(least, least * ratio, count)
     assert 0.0 < levels.start_m_s2 < least
     assert levels.stop_m_s2 >= least * ratio * (1.0 - 1e-9)
     assert len(levels) >= 2
@@ -97,5 +97,5 @@ def test_where_most_topple_is_where_four_in_five_do_or_the_highest_level_tried()
 
 def test_records_on_trial_range_from_short_pulses_to_long_ones(inputs):
     ensemble = Ensemble.load(inputs / "quakes")
-    assert _spread_records(ensemble, 2) == ["P1", "P3"]
-    assert sorted(_spread_records(ensemble, 99)) == ensemble.record_ids
+    assert spread_records(ensemble, 2) == ["P1", "P3"]
+    assert sorted(spread_records(ensemble, 99)) == ensemble.record_ids

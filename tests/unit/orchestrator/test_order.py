@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.orchestrator.order import (
-    _JOBS_OF_A_SCENE,
-    _block_jobs,
-    _diagonal,
+    JOBS_OF_A_SCENE,
     balanced_order,
+    block_jobs,
+    diagonal,
 )
 
 RECORD, SCENE, LEVEL, AZIMUTH = range(4)
@@ -36,12 +36,12 @@ def largest_deviation(values):
 
 @given(sizes=st.lists(st.integers(1, 7), min_size=1, max_size=3))
 def test_a_diagonal_visits_each_cell_of_its_grid_once(sizes):
-    assert set(map(tuple, _diagonal(*sizes).tolist())) == set(product(*map(range, sizes)))
+    assert set(map(tuple, diagonal(*sizes).tolist())) == set(product(*map(range, sizes)))
 
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9))
 def test_every_stretch_of_a_diagonal_holds_each_value_equally_often_but_for_one_or_two(first, second):
-    for axis in _diagonal(first, second).T:
+    for axis in diagonal(first, second).T:
         for begin in range(len(axis)):
             counts = np.cumsum(axis[begin:, None] == np.arange(axis.max() + 1), axis=0)
             assert np.ptp(counts, axis=1).max() <= 2
@@ -51,7 +51,7 @@ def test_every_stretch_of_a_diagonal_holds_each_value_equally_often_but_for_one_
 @given(records=st.integers(1, 80), levels=st.integers(1, 12), azimuths=st.integers(1, 12))
 def test_in_every_beginning_records_levels_and_azimuths_are_balanced_up_to_a_block(records, levels, azimuths):
     jobs = ordered(records, levels, azimuths)
-    of_a_record = _block_jobs(records, levels, azimuths, 1)[1]
+    of_a_record = block_jobs(records, levels, azimuths, 1)[1]
     assert largest_deviation(jobs[:, RECORD]) < of_a_record
     for axis, size in ((LEVEL, levels), (AZIMUTH, azimuths)):
         assert largest_deviation(jobs[:, axis]) <= of_a_record + size / 4 + 2
@@ -71,8 +71,8 @@ def test_scenes_change_seldom_and_come_round_evenly():
     scenes, records = (2, 1, 10), 30
     jobs = ordered(records, 12, 12, scenes)
     changes = 1 + sum(one != other for one, other in pairwise(jobs[:, SCENE].tolist()))
-    assert len(jobs) / changes >= _JOBS_OF_A_SCENE * 0.9
-    of_block = records * _block_jobs(records, 12, 12, 20)[1]
+    assert len(jobs) / changes >= JOBS_OF_A_SCENE * 0.9
+    of_block = records * block_jobs(records, 12, 12, 20)[1]
     assert largest_deviation(jobs[:, SCENE]) <= of_block
     friction = jobs[:, SCENE] // 10
     assert largest_deviation(friction) <= of_block

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from toppling.orchestrator.pick.page import UserHints, View
-from toppling.orchestrator.pick.server import _FILES, _LARGEST_BODY, PickServer
+from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
 
 POLL_S = 0.01
 """How soon the server sees that it is to end."""
@@ -72,7 +72,7 @@ def told(server, path, content, **headers):
 
 
 def test_the_page_has_its_files_the_state_and_the_points(server):
-    for name in _FILES:
+    for name in FILES:
         assert asked(server, f"/{server.secret}/{name}")[0] == 200
     assert asked(server, f"/{server.secret}/state/1") == (200, '{"number": 2}')
     assert asked(server, f"/{server.secret}/cloud/3") == (200, "points")
@@ -156,7 +156,7 @@ def test_hints_arrive_as_they_were_said(server):
 
 
 def test_what_is_too_long_or_has_no_length_is_not_read(server):
-    assert told(server, "hints", '{"near": null' + " " * _LARGEST_BODY + "}")[0] == 400
+    assert told(server, "hints", '{"near": null' + " " * LARGEST_BODY + "}")[0] == 400
     for length in ("-1", "x", "1e3", "9" * 40):
         assert told(server, "hints", "{}", **{"Content-Length": length})[0] == 400
     assert told(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400

@@ -16,18 +16,18 @@ from toppling.models.scene import Scene
 from toppling.orchestrator import progress as progress_module
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.context import RunProgress
-from toppling.orchestrator.progress import _pace_and_counts, bar, duration, each, pace, watcher
+from toppling.orchestrator.progress import bar, duration, each, pace, pace_and_counts, watcher
 from toppling.results.store import write_part
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
 def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
     progress = RunProgress(total=4320, before=320, began=0.0, ended=elapsed_s)
-    assert "left" not in _pace_and_counts(progress)
+    assert "left" not in pace_and_counts(progress)
     progress.count([{"status": "ok"}] * done)
     rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
     assert rate == pytest.approx(done / elapsed_s)
-    assert _pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")
+    assert pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_a_rate_is_told_in_the_unit_that_shows_its_digits(rate, words):
 def test_a_session_that_is_complete_has_no_time_left():
     progress = RunProgress(total=1, before=0)
     progress.count([{"status": "ok"}])
-    assert "left" not in _pace_and_counts(progress)
+    assert "left" not in pace_and_counts(progress)
 
 
 def test_a_session_that_is_complete_says_so_once(capsys):

@@ -22,7 +22,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
-from toppling.results.drawing.animation import _STRIP, _WIDTH, _speed_words
+from toppling.results.drawing.animation import STRIP, WIDTH, speed_words
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -109,8 +109,8 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"), int)
     assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.05  # the rock has left its place
-    view = first[-_STRIP - _WIDTH : -_STRIP]
-    ground = view[-_WIDTH // 5 :].reshape(-1, 3)
+    view = first[-STRIP - WIDTH : -STRIP]
+    ground = view[-WIDTH // 5 :].reshape(-1, 3)
     assert np.ptp(ground, axis=1).max() < 60  # grey, not the paper's white
     assert ground.max() < 230
     assert (out / "trajectory.svg").read_text().rstrip().endswith("</svg>")
@@ -120,7 +120,7 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
     ("speed", "words"), [(1.02, "real time"), (2.2, "2.2 times real time"), (0.25, "1/4.0 of real time")]
 )
 def test_a_moving_picture_says_how_fast_it_is(speed, words):
-    assert _speed_words(speed) == words
+    assert speed_words(speed) == words
 
 
 @needs_browser

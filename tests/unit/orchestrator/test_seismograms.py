@@ -15,9 +15,9 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.site_table import Site
 from toppling.orchestrator.studies import seismograms
 from toppling.orchestrator.studies.seismograms import (
-    _of_ensemble,
     check_sites,
     matrix_of,
+    of_ensemble,
     of_records,
     read_seismograms,
     seismograms_of,
@@ -92,7 +92,7 @@ def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_f
 def test_rows_do_not_depend_on_the_number_of_processes_nor_on_where_the_records_lie(sites, records, tmp_path):
     Ensemble.write(tmp_path, records)
     one = check_sites(sites, of_records(records), [1.0], "fast", workers=1)
-    two = check_sites(sites, _of_ensemble(tmp_path), [1.0], "fast", workers=2)
+    two = check_sites(sites, of_ensemble(tmp_path), [1.0], "fast", workers=2)
     pd.testing.assert_frame_equal(one, two)
 
 

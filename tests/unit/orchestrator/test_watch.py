@@ -25,7 +25,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.task import lost_row, versions
-from toppling.orchestrator.verbs.watch import _shown, _watching
+from toppling.orchestrator.verbs.watch import shown, watching
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -62,7 +62,7 @@ def content(run):
 @pytest.fixture(scope="module")
 def server(run, tmp_path_factory):
     before = content(run)
-    with _watching(run, tmp_path_factory.mktemp("replays")) as server:
+    with watching(run, tmp_path_factory.mktemp("replays")) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield server
         server.shutdown()
@@ -95,7 +95,7 @@ def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(serve
 def test_a_run_that_goes_on_is_called_running(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
     with session(tmp_path / "run"):
-        assert _shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
+        assert shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
 
 
 def test_only_who_knows_the_secret_and_asks_this_host_is_answered(server):
@@ -158,14 +158,14 @@ def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_pa
 
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a run's folder"):
-        _watching(tmp_path, tmp_path)
+        watching(tmp_path, tmp_path)
     done = CliRunner().invoke(cli, ["watch", str(tmp_path / "absent"), "--no-open"])
     assert isinstance(done.exception, InputError)
 
 
 def test_a_run_that_vanishes_is_told_and_not_the_end(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
-    with _watching(tmp_path / "run", tmp_path / "replays") as server:
+    with watching(tmp_path / "run", tmp_path / "replays") as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         shutil.rmtree(tmp_path / "run")
         with urllib.request.urlopen(f"{server.address}state.json", timeout=10) as answer:

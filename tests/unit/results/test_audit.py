@@ -9,7 +9,7 @@ import pytest
 import statsmodels.api as sm
 from seeded import row
 
-from toppling.results.analysis.audit_statistics import _JOB, Audit, _compare, audits_json, audits_of
+from toppling.results.analysis.audit_statistics import JOB_COLUMNS, Audit, audits_json, audits_of, compare
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -50,7 +50,7 @@ def drawn_anew(jobs, again, random):
 
 def test_an_audit_of_fewer_than_40_jobs_says_that_it_tells_nothing_of_a_shift():
     jobs, again = population(1)
-    few, enough = (_compare("reference", jobs, again.sort_values("job_id").head(count)) for count in (39, 40))
+    few, enough = (compare("reference", jobs, again.sort_values("job_id").head(count)) for count in (39, 40))
     assert "fewer than 40 can tell nothing of a shift" in few.sentence
     assert "shifted" not in few.sentence
     assert "agree" not in few.sentence
@@ -87,7 +87,7 @@ def test_on_200_resampled_campaigns_the_stated_interval_holds_the_true_shift_in_
         campaign, finer = (
             part.loc[rows].reset_index(drop=True).assign(record_id=names) for part in (jobs, again)
         )
-        audit = _compare("reference", *drawn_anew(campaign, finer, random))
+        audit = compare("reference", *drawn_anew(campaign, finer, random))
         assert audit.jobs == SAMPLE
         held_median += audit.median_shift_percent.holds(true_shift_percent(campaign, finer))
         share = campaign["toppled"].mean() - finer["toppled"].mean()
@@ -98,7 +98,7 @@ def test_on_200_resampled_campaigns_the_stated_interval_holds_the_true_shift_in_
 
 def test_an_audit_of_every_job_states_the_shift_itself():
     jobs, again = population(2, records=12)
-    audit = _compare("reference", jobs, again)
+    audit = compare("reference", jobs, again)
     assert audit.median_shift_percent.value == pytest.approx(true_shift_percent(jobs, again), rel=1e-6)
     assert audit.median_shift_percent.high - audit.median_shift_percent.low < 1e-9
     assert audit.share_shift.value == pytest.approx(jobs["toppled"].mean() - again["toppled"].mean())
@@ -116,7 +116,7 @@ def test_answers_that_contradict_what_is_certain_shift_the_median_as_a_fit_of_th
     ours = np.log(pga / 8.0) + 0.1 * random.normal(size=len(pga)) > 0
     theirs = np.where((pga < 3.0) & (random.random(len(pga)) < 0.5), True, ours)
     jobs, again = (jobs.assign(toppled=pd.array(told, "boolean")) for told in (ours, theirs))
-    stated = _compare("reference", jobs, again).median_shift_percent
+    stated = compare("reference", jobs, again).median_shift_percent
     assert stated.value == pytest.approx(true_shift_percent(jobs, again), rel=1e-4)
 
 
@@ -124,12 +124,12 @@ def test_a_sample_with_gaps_in_the_order_of_the_hashes_counts_only_up_to_the_fir
     jobs, again = population(4, records=12)
     ordered = again.sort_values("job_id")
     gap = pd.concat([ordered.iloc[:150], ordered.iloc[151:400]])
-    assert _compare("reference", jobs, gap).jobs == 150
+    assert compare("reference", jobs, gap).jobs == 150
 
 
 def test_no_flip_in_a_sample_leaves_an_interval_and_no_shift():
     jobs, _ = population(5, records=12)
-    audit = _compare("reference", jobs, first(jobs))
+    audit = compare("reference", jobs, first(jobs))
     assert audit.median_shift_percent.value == pytest.approx(0.0, abs=1e-6)
     assert audit.median_shift_percent.low < -0.1
     assert audit.share_shift.high > 0.001
@@ -139,7 +139,7 @@ def test_no_flip_in_a_sample_leaves_an_interval_and_no_shift():
 def test_a_second_answer_of_always_toppled_is_told_as_a_lean_to_standing():
     jobs, _ = population(6, records=12)
     again = jobs.assign(toppled=pd.array(jobs["toppled"] | (jobs["pga_m_s2"] > 5), "boolean"))
-    audit = _compare("mujoco", jobs, first(again))
+    audit = compare("mujoco", jobs, first(again))
     assert audit.flips_to_toppled == 0
     assert audit.flips_to_standing > 10
     assert audit.median_shift_percent.low > 0
@@ -156,13 +156,13 @@ def test_contacts_of_a_run_are_not_pooled_into_one_fragility():
         pd.concat([part, part.assign(job_id="f" + part["job_id"], **other)], ignore_index=True)
         for part in (jobs, again)
     ]
-    one, two = _compare("reference", jobs, again), _compare("reference", *both)
+    one, two = compare("reference", jobs, again), compare("reference", *both)
     assert two.median_shift_percent.value == pytest.approx(one.median_shift_percent.value, rel=1e-6)
 
 
 def saved(folder, jobs, again):
     """A run's folder with an audit by the reference and by another engine."""
-    keep = [*_JOB, "toppled", "job_id", "pga_m_s2", "preset", "max_tilt_deg"]
+    keep = [*JOB_COLUMNS, "toppled", "job_id", "pga_m_s2", "preset", "max_tilt_deg"]
 
     def as_rows(frame):
         return [row(**told) for told in frame[keep].astype({"toppled": object}).to_dict("records")]

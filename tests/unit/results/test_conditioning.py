@@ -10,10 +10,10 @@ from toppling.models.errors import InputError
 from toppling.models.motions.record import Record
 from toppling.orchestrator.recorded import Recorded
 from toppling.orchestrator.studies.conditioning import (
-    _by_evidence,
-    _weights_by_contact,
+    by_evidence,
     joined,
     refuse_counted,
+    weights_by_contact,
 )
 
 CONTACT = (1.0, 1.0, 0.0)
@@ -25,7 +25,7 @@ def weights_by(*records):
         "records": [one.record_id for one in records], "shas": [one.sha for one in records],
         "azimuths_unknown": ["other"] if OTHER in records else [], "shakes": 8,
     }  # fmt: skip
-    return _by_evidence({CONTACT: np.array([1.5, 0.5])}, evidence)
+    return by_evidence({CONTACT: np.array([1.5, 0.5])}, evidence)
 
 
 def shakes(stands, record="quake"):
@@ -41,7 +41,7 @@ def shakes(stands, record="quake"):
 
 
 def test_a_weight_is_the_jeffreys_mean_of_standing_over_its_mean():
-    weights = _weights_by_contact(shakes([[True] * 3 + [False], [False] * 4]), 2)[CONTACT]
+    weights = weights_by_contact(shakes([[True] * 3 + [False], [False] * 4]), 2)[CONTACT]
     chance = np.array([3.5 / 5.0, 0.5 / 5.0])
     assert weights == pytest.approx(chance / chance.mean())
 
@@ -50,17 +50,17 @@ def test_over_motions_chances_are_multiplied_and_no_weight_becomes_0():
     one, many = shakes([[True] * 8, [False] * 8]), []
     for number in range(400):
         many.append(one.assign(record_id=f"quake {number}"))
-    twice = _weights_by_contact(pd.concat(many[:2]), 2)[CONTACT]
+    twice = weights_by_contact(pd.concat(many[:2]), 2)[CONTACT]
     assert twice[0] / twice[1] == pytest.approx(17.0**2)
-    assert (_weights_by_contact(pd.concat(many), 2)[CONTACT] > 0.0).all()
+    assert (weights_by_contact(pd.concat(many), 2)[CONTACT] > 0.0).all()
 
 
 def test_a_base_without_an_answer_is_told_nothing_and_a_motion_without_any_is_refused():
-    weights = _weights_by_contact(shakes([[True] * 4, [None] * 4, [True] * 4]), 3)[CONTACT]
+    weights = weights_by_contact(shakes([[True] * 4, [None] * 4, [True] * 4]), 3)[CONTACT]
     assert weights == pytest.approx([1.0, 1.0, 1.0])
     failed = shakes([[None] * 2]).assign(message="InputError: mujoco knows no such pedestal")
     with pytest.raises(InputError, match=r"none of 2 shakes with quake has an answer.*no such pedestal"):
-        _weights_by_contact(failed, 1)
+        weights_by_contact(failed, 1)
 
 
 def test_a_motion_that_the_run_counts_is_not_counted_again():

@@ -15,7 +15,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.verbs.hazard import years_of
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
-from toppling.results.drawing.constraint_words import _rock_lines
+from toppling.results.drawing.constraint_words import rock_lines
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.reader import open_run
@@ -467,8 +467,8 @@ def test_a_random_rocks_median_without_an_upper_end_is_said():
         "unexceeded": 0.5,
         "unexceeded_low": None,
     }
-    assert "median 1 m/s (0.5 or more, 95 %)" in "\n".join(_rock_lines({**told, "random_rock": site}))
+    assert "median 1 m/s (0.5 or more, 95 %)" in "\n".join(rock_lines({**told, "random_rock": site}))
     beyond = {**site, "beyond": 0.8}
     assert "median beyond 0.8 m/s (0.5 or more, 95 %)" in "\n".join(
-        _rock_lines({**told, "random_rock": beyond})
+        rock_lines({**told, "random_rock": beyond})
     )

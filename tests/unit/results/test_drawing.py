@@ -22,13 +22,13 @@ from toppling.results.analysis.fragility import contact_words
 from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
 from toppling.results.analysis.regression import fit
 from toppling.results.drawing.fit_figures import fit_figure
-from toppling.results.drawing.record_figures import _scatter, _upper_limit, records_figure
+from toppling.results.drawing.record_figures import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import _methods, methods_section
+from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
-from toppling.results.drawing.side_by_side_figures import _side_by_side
-from toppling.results.drawing.trajectory_figures import _AFTER_FALL_S, _trajectory_figure
+from toppling.results.drawing.side_by_side_figures import across_date_line
+from toppling.results.drawing.trajectory_figures import AFTER_FALL_S, trajectory_figure
 from toppling.results.reader import open_run
 from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA
@@ -38,9 +38,9 @@ from toppling.workers.engines import ENGINES
 
 def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     x, names = np.append(np.linspace(0.05, 0.25, 20), 9.0), [f"record{k}" for k in range(21)]
-    assert _upper_limit(x) < 0.3
+    assert upper_limit(x) < 0.3
     axes = Figure().add_subplot()
-    _scatter(axes, x, np.ones(21), names, "k")
+    scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
     assert axes.get_title("right") == "▶ record20: 9"
 
@@ -48,7 +48,7 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
 def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
     y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
     axes = Figure().add_subplot()
-    _scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
+    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
     bottom, top = axes.get_ylim()
     assert 0.2 < bottom < 0.5
     assert 8.0 < top < 20.0
@@ -60,7 +60,7 @@ def test_names_of_outliers_cover_no_point_and_their_triangles_are_whole():
     y = np.append(np.linspace(1.0, 2.0, 20), [1.0, 1.5, 2.0, 2.0])
     figure = Figure(figsize=(2.3, 2.7), layout="constrained")
     axes = figure.add_subplot()
-    _scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
+    scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
     FigureCanvasAgg(figure).draw()
     assert not axes.texts
     assert len(axes.get_title("right").splitlines()) == 4
@@ -91,7 +91,7 @@ def test_a_figure_of_records_without_magnitudes_states_no_numbers_for_them(tmp_p
 
 def test_without_outliers_the_axis_holds_every_value():
     x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
-    assert x.max() < _upper_limit(x) < 1.1 * x.max()
+    assert x.max() < upper_limit(x) < 1.1 * x.max()
 
 
 def trajectory(end_s):
@@ -104,11 +104,11 @@ def trajectory(end_s):
 
 def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fall():
     motion = full_sine(4.0, 8.0)
-    fallen = _trajectory_figure(trajectory(3.0), motion, "", topple_time_s=2.0).axes
-    standing = _trajectory_figure(trajectory(3.0), motion, "").axes
+    fallen = trajectory_figure(trajectory(3.0), motion, "", topple_time_s=2.0).axes
+    standing = trajectory_figure(trajectory(3.0), motion, "").axes
     assert [axes.get_ylabel() for axes in fallen[:3]] == ["east", "north", "up"]
     assert len({axes.get_ylim() for axes in fallen[:3]}) == 1
-    assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + _AFTER_FALL_S)
+    assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + AFTER_FALL_S)
     assert standing[0].get_xlim()[1] == pytest.approx(motion.duration_s)
     assert "no return" in [text.get_text() for axes in fallen for text in axes.texts]
 
@@ -116,7 +116,7 @@ def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fal
 @pytest.mark.parametrize("topple_time_s", [None, 7.0])
 def test_a_rock_that_moves_on_after_the_motion_is_shown_to_its_last_pose(topple_time_s):
     motion = full_sine(1.0, 8.0)
-    drawn = _trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
+    drawn = trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
     assert motion.duration_s < 9.0
     assert drawn[0].get_xlim()[1] == pytest.approx(9.0)
 
@@ -177,7 +177,7 @@ def realised(tmp_path):
 
 
 def test_methods_state_what_the_realisations_drew(realised):
-    told = _methods(Content(open_run(realised)))
+    told = methods(Content(open_run(realised)))
     assert (
         "in 4 realisations. Contact followed Coulomb friction (coefficient 1) and Newtonian restitution (0). "
         "One realisation was the nominal scene, and each of the 3 others drew one of the possible unseen bases "
@@ -192,7 +192,7 @@ def test_methods_state_the_distributions_that_the_campaign_gives(realised):
         "unmeasured = { friction = [0.5, 1.0], restitution = [0.0, 0.3], yaw_deg = 5.0, either_sense = true, "
         "band_hz = 25.0, above_band = [0.0, 0.6] }\n"
     )
-    told = _methods(Content(open_run(realised)))
+    told = methods(Content(open_run(realised)))
     for drawn in (
         "friction (static and kinetic alike, uniform, 0.5 to 1)", "restitution (uniform, 0 to 0.3)",
         "at most 5° either way", "reversed in one half", "octave above 25 Hz, 0 to 0.6 times",
@@ -203,10 +203,10 @@ def test_methods_state_the_distributions_that_the_campaign_gives(realised):
 def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing_of_one_realisation(tmp_path):
     jobs = [one | {"friction_factor": 1.0} for one in rows(records=3, azimuths=(0.0,))]
     write_part(tmp_path, jobs)
-    assert "realisation" not in _methods(Content(open_run(tmp_path)))
+    assert "realisation" not in methods(Content(open_run(tmp_path)))
     drawn = {"realisation": 1, "friction_factor": 1.02}
     write_part(tmp_path, [one | drawn | {"job_id": one["job_id"] + "-1"} for one in jobs])
-    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in _methods(
+    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in methods(
         Content(open_run(tmp_path))
     )
 
@@ -258,4 +258,4 @@ def test_a_replay_of_a_rock_that_rests_shows_the_whole_motion():
 )
 def test_neighbours_across_the_date_line_are_neighbours_on_the_map(given, shown):
     points = np.column_stack([given, np.zeros(len(given))])
-    np.testing.assert_allclose(_side_by_side(points)[:, 0], shown)
+    np.testing.assert_allclose(across_date_line(points)[:, 0], shown)

@@ -14,8 +14,8 @@ from seeded import rows
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import COMPARED, MEASURES, OPENQUAKE
 from toppling.results.analysis.exchange import (
-    _moments,
-    _of_moments,
+    moments,
+    of_moments,
     read_curves,
     read_surface,
     write_curves,
@@ -129,10 +129,10 @@ def test_a_file_that_states_no_basis_is_read(tmp_path, name, text):
 
 @given(curve=CURVES)
 def test_moments_are_those_of_the_lognormal_variable(curve):
-    mean, deviation = _moments(curve)
+    mean, deviation = moments(curve)
     assert mean == pytest.approx(lognorm(curve.beta, scale=curve.median).mean())
     assert deviation == pytest.approx(lognorm(curve.beta, scale=curve.median).std())
-    assert _of_moments(curve.measure, mean, deviation).median == pytest.approx(curve.median)
+    assert of_moments(curve.measure, mean, deviation).median == pytest.approx(curve.median)
 
 
 def test_openquake_computes_the_same_probabilities_from_the_file(tmp_path):

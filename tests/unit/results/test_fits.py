@@ -12,11 +12,11 @@ from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import wilson
 from toppling.results.analysis.lognormal import Lognormal, lognormal_interval
 from toppling.results.analysis.ranking import (
-    _scores,
     calibration,
     compare_measures,
     observed_shares,
     out_of_fold,
+    scores,
 )
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
@@ -228,7 +228,7 @@ def test_a_ranking_over_fewer_than_five_records_has_no_intervals(jobs):
 
 
 def test_scores_agree_with_their_definitions():
-    told = _scores([True, False, True], [0.9, 0.2, 0.4])
+    told = scores([True, False, True], [0.9, 0.2, 0.4])
     assert told["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)
     assert told["log_loss"] == pytest.approx(-(math.log(0.9) + math.log(0.8) + math.log(0.4)) / 3)
     assert told["auc"] == 1.0

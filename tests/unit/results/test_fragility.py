@@ -17,9 +17,9 @@ from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     PLANES,
     DirectionCells,
-    _direction_bin_deg,
     by_contact,
     cells,
+    direction_bin_deg,
     planes_of,
     unplaced,
     wilson,
@@ -36,7 +36,7 @@ from toppling.results.store import write_part
 def test_centres_of_direction_bins_are_the_same_numbers_everywhere(bins):
     # The verb asks the plane reference for these azimuths, and the figure looks them up by equality.
     centres = {number * 360.0 / bins for number in range(bins)}
-    assert set(_direction_bin_deg(np.linspace(0.0, 360.0, 20001), bins)) == centres
+    assert set(direction_bin_deg(np.linspace(0.0, 360.0, 20001), bins)) == centres
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_direction_bins_are_centred_on_the_axes_of_the_study(hand_made):
 
 @given(st.floats(-720, 720), st.integers(1, 36))
 def test_a_direction_is_within_half_a_bin_of_its_centre(azimuth, bins):
-    centre = float(_direction_bin_deg([azimuth], bins)[0])
+    centre = float(direction_bin_deg([azimuth], bins)[0])
     off = (azimuth - centre + 180.0) % 360.0 - 180.0
     assert abs(off) <= 180.0 / bins + 1e-9
     assert 0.0 <= centre < 360.0

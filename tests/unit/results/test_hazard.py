@@ -14,7 +14,7 @@ from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.curves import (
-    _NODES_PER_E_FOLD,
+    NODES_PER_E_FOLD,
     HazardCurve,
     continued,
     toppling_rate,
@@ -41,7 +41,7 @@ def test_a_power_law_hazard_with_a_lognormal_fragility_has_its_closed_form(media
     # nu = lambda(median) exp(n^2 beta^2 / 2) (Cornell et al. 2002). The midpoint rule's error as it is claimed;
     # 1.1 for the next order, up to 1.05 at a beta of 0.1.
     exact = 1e-3 * median**-exponent * math.exp((exponent * beta) ** 2 / 2)
-    assert rate == pytest.approx(exact, rel=1.1 * (exponent / _NODES_PER_E_FOLD) ** 2 / 24)
+    assert rate == pytest.approx(exact, rel=1.1 * (exponent / NODES_PER_E_FOLD) ** 2 / 24)
 
 
 @given(st.floats(0.3, 3.0), st.floats(1.0, 4.0))
@@ -58,7 +58,7 @@ def test_a_nearly_sharp_threshold_keeps_to_the_error_that_is_claimed(beta):
     for median in np.linspace(0.7, 1.3, 21):
         rate = toppling_rate([Lognormal("pgv_m_s", median, beta)], power_law(exponent=exponent))
         exact = 1e-3 * median**-exponent * math.exp((exponent * beta) ** 2 / 2)
-        assert rate == pytest.approx(exact, rel=4.4e-5 * exponent + (exponent / _NODES_PER_E_FOLD) ** 2 / 24)
+        assert rate == pytest.approx(exact, rel=4.4e-5 * exponent + (exponent / NODES_PER_E_FOLD) ** 2 / 24)
 
 
 ROCK = Lognormal("pgv_m_s", 1.2, 0.4)

@@ -15,7 +15,7 @@ from toppling.results.hazard.event_survival import (
     EventSet,
     EventSite,
     FeltRock,
-    _bootstrap,
+    events_drawn_anew,
     leave_one_out,
     rank_branches,
     rank_models,
@@ -384,7 +384,7 @@ def test_events_drawn_anew_vary_as_poisson_counts_do():
     pga = np.full((400, 1), 0.5 * G)
     branch = EventBranch("many", np.full(400, 1e-4), {"pga_m_s2": pga})
     once = exposure(joint_ages([parse_age("50")]))
-    drawn = _bootstrap([ROCK], branch, once, draws=2000) / 50
+    drawn = events_drawn_anew([ROCK], branch, once, draws=2000) / 50
     assert drawn.mean() == pytest.approx(0.02, rel=0.01)
     assert drawn.std() / drawn.mean() == pytest.approx(1 / math.sqrt(400), rel=0.1)
 

@@ -14,7 +14,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
-from toppling.results.hazard.faults import _azimuthal_km, read_faults
+from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
     bins_words,
@@ -209,7 +209,7 @@ def test_a_fault_of_several_lines_and_one_without_a_name_are_read(tmp_path):
 @given(st.floats(-180, 180), st.floats(-80, 80), st.floats(-3, 3), st.floats(-3, 3))
 def test_the_map_keeps_distances_from_the_rock(longitude, latitude, east, north):
     point = np.array([[longitude + east, latitude + north]])
-    mapped = np.hypot(*_azimuthal_km(point, (longitude, latitude))[0])
+    mapped = np.hypot(*azimuthal_km(point, (longitude, latitude))[0])
     assert mapped == pytest.approx(float(distance_km(*point[0], (longitude, latitude))), abs=1e-4)
 
 

@@ -21,10 +21,10 @@ from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import (
     Branch,
     HazardTree,
-    _weighted_fractile,
     branch_weights,
     level_choices,
     statistics,
+    weighted_fractile,
 )
 from toppling.results.hazard.update import Update, updated_table
 
@@ -99,7 +99,7 @@ def test_a_branch_without_any_event_counts_with_a_rate_of_zero():
 def test_fractiles_are_read_off_the_cumulated_weights():
     values, weights = np.array([[3.0], [1.0], [2.0]]), np.array([0.2, 0.5, 0.3])
     for q, value in ((0.1, 1.0), (0.5, 1.0), (0.65, 1.5), (0.8, 2.0), (0.9, 2.5), (1.0, 3.0)):
-        assert _weighted_fractile(values, weights, q)[0] == pytest.approx(value)
+        assert weighted_fractile(values, weights, q)[0] == pytest.approx(value)
 
 
 def test_branches_at_other_levels_are_interpolated_where_all_have_rates():

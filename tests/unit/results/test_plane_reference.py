@@ -11,19 +11,19 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.results.analysis import plane_reference
 from toppling.results.analysis.plane_reference import (
-    _TIME_STEP_S,
-    _section,
-    _topples,
+    TIME_STEP_S,
     reference_lines,
+    section_along,
     simulate,
+    topples,
 )
 
 
 def test_the_section_of_a_block_is_the_block():
-    cut = _section(Scene.block(0.2, 0.3, 0.6), 0.0)
+    cut = section_along(Scene.block(0.2, 0.3, 0.6), 0.0)
     np.testing.assert_allclose(cut.arms_m, [[-0.2, 0.6], [0.2, 0.6]], atol=1e-9)
     assert cut.inertia_per_mass_m2 == pytest.approx((0.2**2 + 0.6**2) / 3)
-    across = _section(Scene.block(0.2, 0.3, 0.6), 45.0)
+    across = section_along(Scene.block(0.2, 0.3, 0.6), 45.0)
     # Along the diagonal the cut leaves a face of half width 0.2 at 0.2 sqrt(2).
     np.testing.assert_allclose(np.abs(across.arms_m[:, 0]), 0.2 * np.sqrt(2), atol=1e-9)
 
@@ -34,26 +34,26 @@ def test_a_rock_that_is_not_at_rest_stands_on_its_outermost_contact_points_in_ev
     com = scene.rock.com_m
     support = com + np.array([[-0.2, 0.05, -0.6], [0.2, 0.05, -0.6], [0.2, 0.2, -0.6], [-0.2, 0.2, -0.6]])
     monkeypatch.setattr(plane_reference, "support_polygon_m", lambda rock, pedestal: support)
-    cut = _section(scene, 0.0)
+    cut = section_along(scene, 0.0)
     np.testing.assert_allclose(cut.arms_m, [[-0.2, 0.6], [0.2, 0.6]], atol=1e-9)
     assert 0.05 - 1e-9 <= cut.beside_m <= 0.2 + 1e-9
-    assert _section(scene, 90.0) is None  # all contact points lie on one side
-    assert "0 degrees" in next(iter(plane_reference._notes({0.0: cut})))
-    assert "beyond all contact points along 90 degrees" in next(iter(plane_reference._notes({90.0: None})))
+    assert section_along(scene, 90.0) is None  # all contact points lie on one side
+    assert "0 degrees" in next(iter(plane_reference.notes({0.0: cut})))
+    assert "beyond all contact points along 90 degrees" in next(iter(plane_reference.notes({90.0: None})))
 
 
 def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():
     scene = Scene.block(0.2, 0.2, 0.6)
-    cut = _section(scene, 0.0)
+    cut = section_along(scene, 0.0)
     body = PlaneBody.rectangle(0.2, 0.6)
     amplitudes, periods = np.linspace(3.5, 14.0, 8), np.array([0.4, 0.8, 1.6])
-    time = (np.arange(2400) + 0.5) * _TIME_STEP_S
+    time = (np.arange(2400) + 0.5) * TIME_STEP_S
     unit = np.zeros((len(time), 2, len(periods)))
     unit[:, 0, :] = np.where(time[:, None] < periods, np.sin(2 * np.pi * time[:, None] / periods), 0.0)
     record, level = (grid.ravel() for grid in np.indices((len(periods), len(amplitudes))))
     bodies = np.repeat(cut.arms_m[None], len(record), axis=0)
     inertia = np.full(len(record), cut.inertia_per_mass_m2)
-    ours = _topples(bodies, inertia, unit, record, amplitudes[level], 9.81)
+    ours = topples(bodies, inertia, unit, record, amplitudes[level], 9.81)
     exact = [
         overturns(body, Ground.sine(amplitude, periods[number])) != 0
         for number, amplitude in zip(record, amplitudes[level], strict=True)
@@ -64,10 +64,10 @@ def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():
 
 
 def test_below_the_slenderness_nothing_moves_and_a_long_push_above_topples_to_the_other_side():
-    cut = _section(Scene.block(0.2, 0.2, 0.6), 0.0)
+    cut = section_along(Scene.block(0.2, 0.2, 0.6), 0.0)
     unit = np.ones((1000, 2, 1)) * np.array([1.0, 0.0])[:, None]
     bodies, inertia = np.repeat(cut.arms_m[None], 2, axis=0), np.full(2, cut.inertia_per_mass_m2)
-    pushed = _topples(bodies, inertia, unit, np.zeros(2, int), np.array([0.99, 1.01]) * 9.81 / 3, 9.81)
+    pushed = topples(bodies, inertia, unit, np.zeros(2, int), np.array([0.99, 1.01]) * 9.81 / 3, 9.81)
     assert pushed.tolist() == [False, True]
 
 

@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from toppling.results.analysis.regression import fit
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.precision.design import _FIRST_ROUND, Pool, Rounds, Verdict, _choose, _judge
+from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
 from toppling.results.precision.probit import Answers, fit_curve
 from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
@@ -127,7 +127,7 @@ def test_a_probability_is_stated_to_a_precision_in_its_own_unit():
 
 def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(bench):
     pool, _ = bench.synthetic(1, records=20, azimuths=4)
-    chosen = _choose(pool, np.array([], np.int64), 3 * 20, 7, START, Target())
+    chosen = choose(pool, np.array([], np.int64), 3 * 20, 7, START, Target())
     record, cell, _ = np.unravel_index(chosen, pool.rows.shape)
     assert len(set(chosen)) == 60
     for turn in range(3):
@@ -142,10 +142,10 @@ def test_a_round_depends_on_the_answers_before_it_alone(bench):
     again = Rounds(pool, Target(), 0.1, 5)
     again.advance(None)
     first = again.chosen
-    assert len(first) == _FIRST_ROUND
-    assert first.tolist() == one.chosen[:_FIRST_ROUND].tolist()
+    assert len(first) == FIRST_ROUND
+    assert first.tolist() == one.chosen[:FIRST_ROUND].tolist()
     different = bench.play(pool, ask, Target(), 0.1, 6)
-    assert different.chosen[:_FIRST_ROUND].tolist() != first.tolist()
+    assert different.chosen[:FIRST_ROUND].tolist() != first.tolist()
 
 
 def test_levels_lie_where_the_curve_is_uncertain_and_some_at_random(bench):
@@ -245,7 +245,7 @@ def test_an_exhausted_campaign_says_so(bench):
 def test_few_jobs_end_no_run_however_narrow_their_interval():
     answers = independent(20, spread=0.05, beta=0.01)
     pool = Pool(np.arange(400).reshape(20, 4, 5), {"pgv_m_s": np.tile(np.linspace(-1.0, 2.0, 5), (20, 1))})
-    assert not _judge(pool, {"pgv_m_s": answers}, Target(), 0.5).ended
+    assert not judge(pool, {"pgv_m_s": answers}, Target(), 0.5).ended
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from seeded import row
 
 from toppling.models.files.tables import write_table
-from toppling.orchestrator.processor import _blas_kernel, processor, unlike
+from toppling.orchestrator.processor import blas_kernel, processor, unlike
 from toppling.results.reader import open_run
 from toppling.results.schema import ADDED_LATER, SCHEMA, describe
 from toppling.results.store import compact, write_part
@@ -35,7 +35,7 @@ def test_another_kernel_of_blas_is_seen():
 
 def test_a_blas_whose_kernel_nobody_knows_is_named_as_numpy_names_it(monkeypatch):
     monkeypatch.setattr("toppling.orchestrator.processor.threadpool_info", list)
-    assert _blas_kernel() == np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"]
+    assert blas_kernel() == np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"]
 
 
 def test_the_processor_that_code_is_made_for_is_told_rather_than_the_one_here(monkeypatch):

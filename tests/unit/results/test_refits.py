@@ -9,7 +9,7 @@ from statsmodels.genmod.families.links import Logit, Probit
 from statsmodels.genmod.generalized_linear_model import GLM
 
 from toppling.results.analysis.regression import design_of, fit, grouped
-from toppling.results.analysis.resampling import _refitted
+from toppling.results.analysis.resampling import refitted
 
 
 def by_statsmodels(design, share, trials, link):
@@ -31,7 +31,7 @@ def test_fits_of_resampled_records_are_those_of_statsmodels(link, measures):
     drawn = np.random.default_rng(2).multinomial(12, np.full(12, 1 / 12), 20)[:, codes]
     start = fit(frame, measures, link).coefficients
     assert start == pytest.approx(by_statsmodels(design, share, trials, link), rel=1e-6, abs=1e-6)
-    found = list(_refitted(design, share, trials, link, start, drawn))
+    found = list(refitted(design, share, trials, link, start, drawn))
     for once, weight in zip(found, drawn, strict=True):
         assert once == pytest.approx(by_statsmodels(design, share, trials * weight, link), rel=1e-6, abs=1e-6)
 
@@ -40,7 +40,7 @@ def test_separated_answers_and_too_few_jobs_have_no_end_of_the_search_and_hold_u
     design = np.column_stack([np.ones(6), np.arange(6.0)])
     share = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 1.0])
     weights = np.array([[1, 1, 1, 1, 1, 1], [1, 1, 0, 0, 1, 1], [0, 0, 0, 1, 0, 0]])
-    whole, separated, single = _refitted(design, share, np.ones(6), "probit", (0.0, 0.5), weights)
+    whole, separated, single = refitted(design, share, np.ones(6), "probit", (0.0, 0.5), weights)
     assert np.isfinite(whole).all()
     assert np.isnan(separated).all()
     assert np.isnan(single).all()

@@ -23,15 +23,9 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.constraint_words import fragility_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.headline import _what_standing_says, _what_topples
-from toppling.results.drawing.report.methods import _methods
-from toppling.results.drawing.report.sections import (
-    SECTIONS,
-    _accuracy_section,
-    _constraint_section,
-    _fits_section,
-    fit_table,
-)
+from toppling.results.drawing.report.headline import first_screen
+from toppling.results.drawing.report.methods import methods
+from toppling.results.drawing.report.sections import SECTIONS, fit_table
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.tree import Branch, HazardTree
@@ -123,7 +117,7 @@ def test_the_first_screen_says_what_topples_with_what_probability_and_what_stand
 
 @pytest.mark.slow
 def test_the_methods_name_the_runs_own_numbers(run):
-    told = _methods(Content(run))
+    told = methods(Content(run))
     for number in ("(12)", "4 levels", "between 1 and 12 m/s²", "2 azimuths", "preset standard"):
         assert number in told
 
@@ -156,18 +150,10 @@ def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
 
 
 def test_time_steps_that_differ_in_no_digit_shown_are_told_once(tmp_path):
-    write_part(tmp_path, [row("a")])
-    steps = [0.009787641, 0.009787642, 0.0049]
-    frame = pd.DataFrame(
-        {
-            "preset": "fast",
-            "engine": "pybullet",
-            "physics_version": None,
-            "penetration_m": None,
-            "time_step_s": steps,
-        }
-    )
-    assert "time step 0.0049, 0.00978764 s" in _accuracy_section(open_run(tmp_path), frame, Document())
+    steps_s = (0.009787641, 0.009787642, 0.0049)
+    jobs = [row(f"{n}", toppled=False, time_step_s=step_s) for n, step_s in enumerate(steps_s)]
+    write_part(tmp_path, jobs)
+    assert "time step 0.0049, 0.00978764 s" in SECTIONS["Accuracy"](Content(open_run(tmp_path)), Document())
 
 
 def test_a_table_of_measures_without_any_fit_says_why():
@@ -203,8 +189,8 @@ def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolati
     strongest = max(job["pgv_m_s"] for job in jobs)
     assert (content.statement["unexceeded"] > strongest) == is_extrapolated
     words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
-    assert (words in _what_standing_says(content)) == is_extrapolated
-    assert (words in _constraint_section(content, Document())) == is_extrapolated
+    assert (words in first_screen(content, Document())) == is_extrapolated
+    assert (words in SECTIONS["Constraint"](content, Document())) == is_extrapolated
 
 
 def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
@@ -214,7 +200,7 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     ]
     write_part(tmp_path, jobs)
     content, document = Content(open_run(tmp_path), 5), Document()
-    told = _fits_section(content, document)
+    told = SECTIONS["Fits"](content, document)
     assert "Too few topplings: 9 of 24 jobs" in told
     assert (document.figures, document.tables) == (0, 0)
     assert content.statement is None
@@ -284,7 +270,7 @@ def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path
     write_part(tmp_path, [one for one in told if one["pgv_m_s"] < share * THETA_M_S])
     content = Content(open_run(tmp_path), samples=5)
     curve = content.chief.headline
-    said = _what_topples(content)
+    said = first_screen(content, Document())
     assert (curve.median > curve.strongest_shaken) == beyond
     assert ("beyond what was run" in said) == beyond
     assert (f"{curve.median:.2g}" in said) != beyond

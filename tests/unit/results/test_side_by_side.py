@@ -26,11 +26,11 @@ from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.side_by_side import (
-    _ARROW_M,
-    _on_earth,
+    ARROW_M,
     beside_each_other,
     directions_geojson,
     geojson,
+    on_earth,
 )
 from toppling.results.drawing.report.gallery_page import summary
 from toppling.results.drawing.side_by_side_figures import fragilities_figure
@@ -215,12 +215,12 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
         # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
         off = (forward - told["compass_deg"] + 180.0) % 360.0 - 180.0
         assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)
-        assert away_m <= _ARROW_M * 1.01
+        assert away_m <= ARROW_M * 1.01
 
 
 def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(compared, monkeypatch):
     (run,) = (rock.run for rock in compared[0] if rock.name == "weak")
-    there = _on_earth(run)
+    there = on_earth(run)
     for code in (26911, 2229):  # UTM zone 11 in metres, California zone 5 in US survey feet
         forward = Transformer.from_crs(4326, code, always_xy=True)
         metres = (
@@ -228,7 +228,7 @@ def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(com
         )
         monkeypatch.setattr(type(run), "rock_m", lambda _, at=metres: (*at, 0.0))
         monkeypatch.setattr(type(run), "scene_report", lambda _, code=code: {"files": [{"epsg": code}]})
-        np.testing.assert_allclose(_on_earth(run), there, atol=2e-5)  # NAD83 and WGS 84 differ by a metre
+        np.testing.assert_allclose(on_earth(run), there, atol=2e-5)  # NAD83 and WGS 84 differ by a metre
 
 
 @pytest.mark.parametrize("verb", [("atlas", "atlas/atlas.html"), ("report", "report.html")])

@@ -12,7 +12,7 @@ from seeded import row
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.analysis.spread import _component_interval, spreads
+from toppling.results.analysis.spread import component_interval, spreads
 from toppling.results.store import write_part
 
 RECORDS, DRAWS, AZIMUTHS = 30, 40, 6
@@ -55,7 +55,7 @@ def test_the_interval_of_a_component_holds_it_in_93_to_98_percent(draws, compone
     free = (repeats - 1) * (draws - 1)
     errors = random.chisquare(free, campaigns) / free
     for mean, error in zip(repeats * means.var(axis=1, ddof=1), errors, strict=True):
-        low, high = _component_interval((mean, draws - 1), (error, free), repeats)
+        low, high = component_interval((mean, draws - 1), (error, free), repeats)
         held += low <= component <= high
     assert 0.93 <= held / campaigns <= 0.98
 

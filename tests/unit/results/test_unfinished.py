@@ -27,9 +27,9 @@ from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_figures import few_records, fit_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.headline import _unfinished_sentence, first_screen
-from toppling.results.drawing.report.methods import _methods
-from toppling.results.drawing.report.sections import _fits_section
+from toppling.results.drawing.report.headline import first_screen
+from toppling.results.drawing.report.methods import methods
+from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.drawing.style import png_bytes, save
 from toppling.results.reader import open_run
@@ -68,8 +68,7 @@ def test_what_is_left_is_told_and_nothing_of_a_finished_run_or_one_of_no_plan():
 
 def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
     content = Content(open_run(unfinished), samples=2)
-    assert _unfinished_sentence(content).startswith(f"This run is unfinished: {REMARK}.")
-    assert _methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
+    assert methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
     first = first_screen(content, Document(content.completeness.remark))
     assert first.index(REMARK) < first.index("topple")
 
@@ -155,7 +154,7 @@ def test_a_report_of_few_records_says_that_they_are_few(tmp_path, records):
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
     content = Content(open_run(tmp_path / "run"), samples=2)
-    assert few_records(records) in _fits_section(content, Document())
+    assert few_records(records) in SECTIONS["Fits"](content, Document())
 
 
 @pytest.mark.slow

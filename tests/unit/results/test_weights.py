@@ -20,7 +20,7 @@ from toppling.results.analysis.resampling import bootstrap
 from toppling.results.analysis.spread import spreads
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
-from toppling.results.weights import _EARLIER_FILE, WEIGHTS_FILE, Weights, unweighed, weighed
+from toppling.results.weights import EARLIER_FILE, WEIGHTS_FILE, Weights, unweighed, weighed
 
 CONTACT = (1.0, 1.0, 0.0)
 
@@ -162,7 +162,7 @@ def test_every_reader_of_shares_refuses_weights_that_are_missing_or_damaged(weig
         error = CliRunner().invoke(cli, verb).exception
         assert isinstance(error, InputError), verb
         assert "is not there" in str(error)
-    (weighted_run / _EARLIER_FILE).write_text("{}")
+    (weighted_run / EARLIER_FILE).write_text("{}")
     with pytest.raises(InputError, match=r"is not there, but stood/weights\.json of an earlier version"):
         open_run(weighted_run).weights()
     path = weighted_run / WEIGHTS_FILE

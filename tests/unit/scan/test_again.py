@@ -14,7 +14,7 @@ from toppling.models.files.digest import read_json, seal_archive, stated, write_
 from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan import virtual
-from toppling.models.scan.hints_file import HINTS, KEYS, _hints_text, read_hints, write_hints
+from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
@@ -163,7 +163,7 @@ def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(clouds, tmp_pat
 
 def test_hints_survive_their_file(tmp_path):
     said = {"units": "mm", "near": [1.5, 2.0], "plane": [1.0, 2.0, 3.0, 5.0, 50.0], "pull": [[40.0, 0.21]]}
-    (tmp_path / HINTS).write_text(_hints_text(said))
+    (tmp_path / HINTS).write_text(hints_text(said))
     assert read_hints(tmp_path / HINTS) == said
     (tmp_path / HINTS).write_text("neer = [1, 2]\n")
     with pytest.raises(InputError, match="did you mean 'near'"):
@@ -225,7 +225,7 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
 )
 def test_an_option_beside_hints_takes_the_place_of_its_rivals(monkeypatch, tmp_path, option, beaten):
     said = {**SAID, "gcp": ["1,2,3,4,5,6"]}
-    (tmp_path / HINTS).write_text(_hints_text(said))
+    (tmp_path / HINTS).write_text(hints_text(said))
     found = asked(monkeypatch, "--hints", tmp_path / HINTS, *option.split())
     assert said.keys() - found.keys() == beaten
 

@@ -12,8 +12,8 @@ from toppling.models.scan import virtual
 from toppling.models.scan.beside import (
     CELL_PER_HEIGHT,
     TILTS_DEG,
-    _in_reach,
     few_triangles,
+    in_reach,
     mesh_beside,
     stands_beside,
 )
@@ -69,7 +69,7 @@ def patches(gap_m, *, hidden_from_m=None):
 def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(gap_m):
     """The block's side, tilted by t about its foot, is at the wall gap / tan(t) above the ground."""
     surfels, rock = patches(gap_m)
-    reached = _in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M)
+    reached = in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M)
     height = surfels.points_m[reached & (np.abs(surfels.points_m[:, 0] - HALF_WIDTH_M - gap_m) < 0.01), 2]
     cell = CELL_PER_HEIGHT * HEIGHT_M
     assert height.max() > WALL_M - 2.0 * VOXEL_M
@@ -80,7 +80,7 @@ def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(
 
 def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
     surfels, rock = patches(1.3)
-    assert not _in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
+    assert not in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
     assert not stands_beside(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
 
 

@@ -10,7 +10,7 @@ from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
 from toppling.models.hidden_base.observed import hidden_part
 from toppling.models.hidden_base.underside import Underside, hidden_base
-from toppling.models.scan.close import _about_hull, close_rock
+from toppling.models.scan.close import about_hull, close_rock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels, orient
 
@@ -94,7 +94,7 @@ def test_a_rock_that_hangs_over_a_pedestal_seen_all_below_it_touches_nowhere():
 
 def test_what_was_not_seen_bulges_sideways_no_farther_than_a_corner_may_and_not_up():
     seen_m = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-0.5, 0.5)])
-    low_m, high_m = np.reshape(_about_hull(seen_m, np.array([0.0, 0.0, 1.0])).bounding_box(), (2, 3))
+    low_m, high_m = np.reshape(about_hull(seen_m, np.array([0.0, 0.0, 1.0])).bounding_box(), (2, 3))
     assert np.allclose(high_m, [1.4, 1.4, 0.5])
     assert np.allclose(low_m, [-1.4, -1.4, -0.9])
 

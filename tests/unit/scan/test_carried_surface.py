@@ -13,8 +13,8 @@ from toppling.models.hidden_base.statics import on_surface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.carried_surface import _faceted, carried_surface
-from toppling.models.scan.close import _body_over
+from toppling.models.scan.carried_surface import carried_surface, faceted
+from toppling.models.scan.close import body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
 from toppling.models.scan.measure import outside_support_m
@@ -65,7 +65,7 @@ def on_four_feet(height_at):
         block += manifold3d.Manifold.cube([0.08, 0.08, 1.5]).translate([x, y, -1.0])
     along = np.linspace(-3.0, 3.0, 61)
     x, y = np.meshgrid(along, along, indexing="ij")
-    over = _body_over(x, y, height_at(x, y), 5.0)
+    over = body_over(x, y, height_at(x, y), 5.0)
     raised = block.translate([0.0, 0.0, float(height_at(np.array([-0.2, 0.2]), np.zeros(2)).mean())])
     mesh = (raised ^ over).refine_to_length(0.04).to_mesh64()
     rock = Rock.from_triangles(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, np.int64))
@@ -151,7 +151,7 @@ def test_facets_are_the_planes_through_all_of_their_noisy_patches(seed):
     x, y = away_m * np.cos(turn), away_m * np.sin(turn)
     slope = np.where(x < 0.0, -math.tan(math.radians(10)), math.tan(math.radians(20)))
     normals = np.column_stack([-slope, np.zeros(3000), np.ones(3000)]) / np.hypot(slope, 1.0)[:, None]
-    sheet = _faceted(
+    sheet = faceted(
         np.column_stack([x, y, height_at(x, y) + random.normal(0.0, 0.006, 3000)]), normals, HEIGHT_M
     )
     places = below_the_base(height_at)

@@ -8,7 +8,7 @@ import pytest
 from pyproj import CRS
 
 from toppling.models.errors import InputError
-from toppling.models.lengths import _US_FOOT_M, metres_in, size_note
+from toppling.models.lengths import US_FOOT_M, metres_in, size_note
 from toppling.models.scan.read import read_clouds
 
 POINTS_M = np.random.default_rng(3).uniform(0.0, 12.0, (1500, 3)) + np.array([1000.0, 2000.0, 30.0])
@@ -64,11 +64,11 @@ def wkt_of(plane, vertical=None, version="WKT2_2019"):
 @pytest.mark.parametrize(
     ("plane", "vertical", "metres_per_unit"),
     [
-        (FOOT_PLANE, NAVD88_US_FT, (_US_FOOT_M, _US_FOOT_M)),
-        (FOOT_PLANE, NAVD88_M, (_US_FOOT_M, 1.0)),
-        (FOOT_PLANE, None, (_US_FOOT_M, _US_FOOT_M)),
+        (FOOT_PLANE, NAVD88_US_FT, (US_FOOT_M, US_FOOT_M)),
+        (FOOT_PLANE, NAVD88_M, (US_FOOT_M, 1.0)),
+        (FOOT_PLANE, None, (US_FOOT_M, US_FOOT_M)),
         (2222, None, (0.3048, 0.3048)),  # Arizona: international feet
-        (METRE_PLANE, NAVD88_US_FT, (1.0, _US_FOOT_M)),
+        (METRE_PLANE, NAVD88_US_FT, (1.0, US_FOOT_M)),
         (METRE_PLANE, NAVD88_M, (1.0, 1.0)),
     ],
 )
@@ -84,9 +84,9 @@ def test_units_of_a_coordinate_system_in_words_are_read(
 @pytest.mark.parametrize(
     ("keys", "doubles", "metres_per_unit"),
     [
-        ([(1024, 1), (3072, FOOT_PLANE)], (), (_US_FOOT_M, _US_FOOT_M)),
-        ([(1024, 1), (3072, METRE_PLANE), (4099, 9003)], (), (1.0, _US_FOOT_M)),
-        ([(1024, 1), (3072, METRE_PLANE), (4096, NAVD88_US_FT)], (), (1.0, _US_FOOT_M)),
+        ([(1024, 1), (3072, FOOT_PLANE)], (), (US_FOOT_M, US_FOOT_M)),
+        ([(1024, 1), (3072, METRE_PLANE), (4099, 9003)], (), (1.0, US_FOOT_M)),
+        ([(1024, 1), (3072, METRE_PLANE), (4096, NAVD88_US_FT)], (), (1.0, US_FOOT_M)),
         ([(1024, 1), (3072, 32767), (3076, 9002), (4099, 9001)], (), (0.3048, 1.0)),
         ([(1024, 1), (3072, 32767), (3076, 9002)], (), (0.3048, 0.3048)),
         ([(1024, 1), (3076, 32767), (3077, 0)], (0.9144,), (0.9144, 0.9144)),
@@ -134,7 +134,7 @@ def test_a_system_that_nobody_understands_is_refused_and_the_users_word_overrule
 @pytest.mark.parametrize("version", ["1.2", "1.4"])
 def test_a_system_in_words_and_keys_of_another_unit_are_refused_with_both(tmp_path, version):
     keys = [(1024, 1), (3072, 2229), (4099, 9003)]
-    same = las(tmp_path / "same.las", (_US_FOOT_M,) * 2, wkt=wkt_of(2229), keys=keys, version=version)
+    same = las(tmp_path / "same.las", (US_FOOT_M,) * 2, wkt=wkt_of(2229), keys=keys, version=version)
     np.testing.assert_allclose(read(same), POINTS_M, atol=1e-3)
     path = las(tmp_path / "cloud.las", wkt=wkt_of(32611), keys=keys, version=version)
     with pytest.raises(InputError, match=r"differ in unit: .*UTM zone 11N \(metre\) in WKT, .*ftUS"):
@@ -220,10 +220,10 @@ def test_the_users_unit_wins_and_a_difference_is_told(tmp_path):
 
 
 def test_what_was_converted_is_told_and_kept(tmp_path):
-    path = las(tmp_path / "cloud.las", (_US_FOOT_M, _US_FOOT_M), wkt=wkt_of(FOOT_PLANE, NAVD88_US_FT))
+    path = las(tmp_path / "cloud.las", (US_FOOT_M, US_FOOT_M), wkt=wkt_of(FOOT_PLANE, NAVD88_US_FT))
     (source,) = read_clouds([path]).sources
     assert "US survey foot" in source.note
-    assert source.to_json()["metres_per_unit"] == pytest.approx([_US_FOOT_M, _US_FOOT_M])
+    assert source.to_json()["metres_per_unit"] == pytest.approx([US_FOOT_M, US_FOOT_M])
     assert las(tmp_path / "metres.las", wkt=wkt_of(METRE_PLANE)).is_file()
     (plain,) = read_clouds([tmp_path / "metres.las"]).sources
     assert (plain.epsg, plain.note) == (METRE_PLANE, "")
@@ -232,8 +232,8 @@ def test_what_was_converted_is_told_and_kept(tmp_path):
 @pytest.mark.parametrize(
     ("word", "metres"),
     [
-        ("us-ft", _US_FOOT_M),
-        ("US survey feet", _US_FOOT_M),
+        ("us-ft", US_FOOT_M),
+        ("US survey feet", US_FOOT_M),
         ("Metres", 1.0),
         ("meter", 1.0),
         ("inches", 0.0254),

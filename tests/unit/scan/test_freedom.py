@@ -13,13 +13,13 @@ from toppling.models.scan import virtual
 from toppling.models.scan.candidates import Candidate
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.foot import check_not_sunk, creased_share, embedded
-from toppling.models.scan.freedom import _check_seen_enough, _unseen_range, doubts
+from toppling.models.scan.freedom import check_seen_enough, doubts, unseen_range
 from toppling.models.scan.hanging import check_above
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.one_block import _weakest_joint
-from toppling.models.scan.segment import PEDESTAL, ROCK, _find_carried, _upper_of
+from toppling.models.scan.one_block import weakest_joint
+from toppling.models.scan.segment import PEDESTAL, ROCK, find_carried, upper_of
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey, work_out
 from toppling.models.scene import Scene
@@ -118,7 +118,7 @@ def test_a_wall_that_was_taken_for_a_part_of_the_rock_is_named_in_a_cloud_of_few
 
 @pytest.mark.parametrize("rock", [BLOCK, box((-0.8, -0.25, 0.0), (0.8, 0.25, 0.6))])
 def test_one_block_has_no_joint(rock):
-    joint = _weakest_joint(seen_of(rock, ground()), LEVEL)
+    joint = weakest_joint(seen_of(rock, ground()), LEVEL)
     assert joint is None or joint.creased_share < 0.2
 
 
@@ -369,7 +369,7 @@ def test_a_surface_that_goes_on_into_the_ground_is_no_block():
 @pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
 def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
     rock = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides)
-    told = _unseen_range(seen_of(rock, ground()), LEVEL)
+    told = unseen_range(seen_of(rock, ground()), LEVEL)
     assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
 
@@ -380,8 +380,8 @@ def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
     observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
     closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7, 0.0)
     with pytest.raises(InputError, match=what):
-        _check_seen_enough(observed, LEVEL, closed)
-    _check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
+        check_seen_enough(observed, LEVEL, closed)
+    check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
 
 
 def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
@@ -389,7 +389,7 @@ def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
     kept = np.random.default_rng(2).random(len(points)) < 0.2
     closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7, 0.0)
     with pytest.raises(InputError, match="too few points"):
-        _check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
+        check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
 
 
 @pytest.mark.parametrize("strays", [0, 4])
@@ -420,11 +420,11 @@ def test_of_what_planes_carry_the_upper_of_a_stack_is_meant(half_m, foot_m, is_t
     statue = box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.7))
     points, normals = together((plinth[0][shown], plinth[1][shown]), statue, ground(half_m + 0.01))
     surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
-    heights_m = [each.height_m for each in _find_carried(surfels)]
+    heights_m = [each.height_m for each in find_carried(surfels)]
     assert heights_m == pytest.approx([1.2] if half_m > 0.5 else [], abs=0.1)
     foot = np.array([(0.6, 0.0, foot_m), (-0.6, 0.0, foot_m), (0.0, 0.6, foot_m)])
     both = Candidate(1.7, np.zeros(3), surfels, points[:, 2] > 0.03, 1.0, foot)
-    assert (_upper_of(surfels, both) is not None) == is_two
+    assert (upper_of(surfels, both) is not None) == is_two
 
 
 def test_what_was_cut_off_along_no_line_carries_nothing_and_warns_of_nothing():
@@ -433,7 +433,7 @@ def test_what_was_cut_off_along_no_line_carries_nothing_and_warns_of_nothing():
     alone = Candidate(1.7, np.zeros(3), surfels, points[:, 2] > 0.03, 1.0, np.empty((0, 3)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert _upper_of(surfels, alone) is None
+        assert upper_of(surfels, alone) is None
 
 
 @pytest.mark.slow

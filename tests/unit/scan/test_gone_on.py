@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.hidden_base.near_interface import UnseenSide
-from toppling.models.scan.close import _side_gone_on
+from toppling.models.scan.close import side_gone_on
 
 STEP_M = 0.04
 
@@ -27,7 +27,7 @@ def radius_at(up):
 @pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
 def test_a_round_side_goes_on_round_and_faces_outward(unseen_deg):
     points, normals = barrel(unseen_deg)
-    places, outward = _side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), points, normals, STEP_M)
+    places, outward = side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), points, normals, STEP_M)
     turn = np.rad2deg(np.arctan2(places[:, 1], places[:, 0]))
     middle = np.abs(turn) < 0.4 * unseen_deg
     away = np.linalg.norm(places[:, :2], axis=1) / radius_at(places[:, 2])
@@ -43,5 +43,5 @@ def test_levels_that_were_seen_around_stay_as_they_were_seen():
     high = points[:, 2] < 1.5, around[:, 2] >= 1.5
     seen = np.vstack([points[high[0]], around[high[1]]])
     ways = np.vstack([normals[high[0]], of_around[high[1]]])
-    places, _ = _side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), seen, ways, STEP_M)
+    places, _ = side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), seen, ways, STEP_M)
     assert places[:, 2].max() < 1.5 + 2.0 * STEP_M

@@ -13,14 +13,14 @@ from toppling.models.hidden_base import from_scan as unseen
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE, check_spanned, fits
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
-from toppling.models.hidden_base.gap import GapDraw, _way_out
+from toppling.models.hidden_base.gap import GapDraw, way_out
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.standing import (
-    _nominal_draw,
-    _smooth_fits_inspection,
-    _within_interval,
     check_inspection,
+    nominal_draw,
+    smooth_fits_inspection,
+    within_interval,
 )
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
@@ -57,7 +57,7 @@ def column():
 @pytest.fixture
 def few_candidates(monkeypatch):
     monkeypatch.setattr(unseen, "CANDIDATES", 9)
-    monkeypatch.setattr(unseen, "_MORE_ROUNDS", 2)
+    monkeypatch.setattr(unseen, "MORE_ROUNDS", 2)
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
     rounds = []
@@ -129,13 +129,13 @@ def on_bases(halves):
 
 def test_a_smooth_closing_within_the_interval_is_the_nominal_scene():
     base, drawn = on_bases([0.27, 0.29, 0.31])
-    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
 
 
 def test_a_smooth_closing_outside_of_the_interval_is_not_the_nominal_scene():
     """By a sixth, which the mean over azimuths alone let pass."""
     base, drawn = on_bases([0.24, 0.25, 0.26])
-    number, at_rest = _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
+    number, at_rest = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
     assert (number, at_rest) == (1, True)
 
 
@@ -144,7 +144,7 @@ def test_a_smooth_closing_that_is_off_where_least_topples_is_not_the_nominal_sce
     least = int(np.median(drawn.toppling_m_s2, axis=0).argmin())
     lower = drawn.toppling_m_s2.copy()
     lower[:, least] *= 0.7
-    assert not _within_interval(dataclasses.replace(drawn, toppling_m_s2=lower), SMOOTH)
+    assert not within_interval(dataclasses.replace(drawn, toppling_m_s2=lower), SMOOTH)
 
 
 def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nominal_where_no_hint_was_given():
@@ -153,14 +153,14 @@ def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nomin
     lower = drawn.toppling_m_s2.copy()
     lower[:, SMOOTH / SMOOTH.min() > 1.05] *= 0.93
     drawn = dataclasses.replace(drawn, toppling_m_s2=lower)
-    assert not _within_interval(drawn, SMOOTH)
-    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
-    assert _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
+    assert not within_interval(drawn, SMOOTH)
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
 
 
 def test_a_smooth_closing_that_contradicts_the_inspection_is_not_the_nominal_scene():
     base, drawn = on_bases([0.27, 0.29, 0.31])
-    number, _ = _nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
+    number, _ = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
     assert number is not None
 
 
@@ -171,7 +171,7 @@ def test_a_smooth_closing_fits_what_was_seen_where_it_touches_is_open_and_bears_
     ratio = float(toppling(rock, LEVEL, np.array([0.0]))[0]) / 9.80665
 
     def fitting(**known):
-        return _smooth_fits_inspection(rock, base, LEVEL, Inspection(**known), HEIGHT_M)
+        return smooth_fits_inspection(rock, base, LEVEL, Inspection(**known), HEIGHT_M)
 
     assert fitting()
     assert fitting(touching_m=middle)
@@ -309,7 +309,7 @@ def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_l
     turn = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     outline = np.column_stack([3.0 * np.cos(turn), np.sin(turn)])
     places = np.vstack([[[0.0, 0.0]], 0.5 * outline, outline])
-    way = _way_out(places)
+    way = way_out(places)
     assert way[0] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(way[1:65], 0.5, atol=1e-9)
     np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)

@@ -9,7 +9,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import survey
-from toppling.orchestrator.public.making import _in_files
+from toppling.orchestrator.public.making import in_files
 
 
 def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):
@@ -53,7 +53,7 @@ def test_a_place_outside_the_cloud_is_refused_before_the_cloud_is_split(tmp_path
         survey(cloud, inspection=inspection_of(path))
     assert refused.value.where == f"{path}, line 4"
     # The verb leaves the name of the file that is wrong as it is.
-    assert _in_files(refused.value, (Path("a.xyz"),), path) is refused.value
+    assert in_files(refused.value, (Path("a.xyz"),), path) is refused.value
 
 
 def test_nothing_said_is_known_as_such():

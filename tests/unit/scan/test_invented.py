@@ -11,7 +11,7 @@ from toppling.models.scan import virtual
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.invented import bias_floors, cap_share, invention_warning
-from toppling.models.scan.measure import ObservedRock, _adds_nothing, uncertainty
+from toppling.models.scan.measure import ObservedRock, adds_nothing, uncertainty
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -81,9 +81,9 @@ def test_a_crown_that_was_not_seen_is_told_though_most_of_the_rock_was():
 def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_floor():
     small, large = (np.array([0.1, 0.4]), np.array([1.0, 1.0])), (np.array([0.1, 0.5]), np.array([1.0, 1.0]))
     without_floor = (np.array(0.01), np.array(0.0))
-    assert _adds_nothing({"volume": small, "height": small})
-    assert not _adds_nothing({"volume": small, "height": large})
-    assert not _adds_nothing({"volume": small, "height": without_floor})
+    assert adds_nothing({"volume": small, "height": small})
+    assert not adds_nothing({"volume": small, "height": large})
+    assert not adds_nothing({"volume": small, "height": without_floor})
 
 
 @pytest.mark.parametrize("as_json", [False, True])

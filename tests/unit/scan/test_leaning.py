@@ -11,8 +11,8 @@ from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.leaning import _refuse, leaning, upright_split
-from toppling.models.scan.one_block import _weakest_joint
+from toppling.models.scan.leaning import leaning, refuse, upright_split
+from toppling.models.scan.one_block import weakest_joint
 from toppling.models.scan.segment import PEDESTAL, segment
 from toppling.models.scan.surfels import Surfels
 from toppling.models.shapes import box
@@ -83,7 +83,7 @@ def test_a_block_past_its_balance_on_a_wall_leans_toward_it_by_what_its_weight_h
     assert found.above_foot_m == pytest.approx(held_at_m(25.0, wall_m)[1], abs=0.1 * HEIGHT_M)
     assert (found.toward_deg - azimuth_deg + 180.0) % 360.0 == pytest.approx(180.0, abs=5.0)
     with pytest.raises(InputError, match="the rock leans") as said:
-        _refuse([found], np.array([1000.0, 2000.0, 300.0]))
+        refuse([found], np.array([1000.0, 2000.0, 300.0]))
     for words in (f"azimuth {found.toward_deg:.0f}", "--rock", "--pedestal", "Scene.from_mesh"):
         assert words in str(said.value)
 
@@ -110,7 +110,7 @@ def test_a_slim_block_beside_a_boulder_is_refused_where_it_stands_itself(lowest_
     slim = patches.box((0.38, -0.06, lowest_m), (0.5, 0.06, 0.8 + lowest_m))
     both = patches.together(patches.ball_at((0.0, 0.0, 0.4)), slim)
     observed = patches.seen_of(both, patches.ground(0.62))
-    joint = _weakest_joint(observed, patches.LEVEL)
+    joint = weakest_joint(observed, patches.LEVEL)
     assert joint.creased_share > 0.82
     assert joint.part < 0.2
     with pytest.raises(InputError, match="two blocks that touch") if stands else contextlib.nullcontext():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.frames import plane_normal
-from toppling.models.scan.freedom import _tilted_frame
+from toppling.models.scan.freedom import tilted_frame
 from toppling.models.scan.surfels import Surfels
 
 PATCH_M, STEP_M = 0.03, 0.45
@@ -23,9 +23,7 @@ def level(dip_deg, toward_deg, middle, bumps_m=0.002, seed=1):
 
 def frame_of(*levels):
     places, normals = (np.vstack(each) for each in zip(*levels, strict=True))
-    return _tilted_frame(
-        Surfels(places, normals, np.zeros(len(places)), PATCH_M), np.zeros(len(places), bool)
-    )
+    return tilted_frame(Surfels(places, normals, np.zeros(len(places)), PATCH_M), np.zeros(len(places), bool))
 
 
 UPPER, LOWER = np.array([0.0, 0.0, STEP_M]), np.array([2.0, 0.0, 0.0])

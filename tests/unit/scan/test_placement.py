@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
-from toppling.models.scan.placement import AXES, _fit_control_points, _similarity, placement_of, upward
+from toppling.models.scan.placement import AXES, fit_control_points, placement_of, similarity, upward
 from toppling.models.scan.read import read_clouds
 
 TURN = Rotation.from_euler("zyx", [40.0, -70.0, 15.0], degrees=True).as_matrix()
@@ -75,7 +75,7 @@ def test_no_other_similarity_has_smaller_residuals():
     def squares(scale, turn, shift):
         return ((scale * MODEL @ turn.T + shift - surveyed) ** 2).sum()
 
-    scale, turn, shift = _similarity(MODEL, surveyed)
+    scale, turn, shift = similarity(MODEL, surveyed)
     least = squares(scale, turn, shift)
     for step in np.random.default_rng(1).normal(0.0, 1e-3, (50, 7)):
         other = Rotation.from_rotvec(step[:3]).as_matrix() @ turn
@@ -85,7 +85,7 @@ def test_no_other_similarity_has_smaller_residuals():
 @pytest.mark.parametrize("points", [3, 4, 7])
 def test_the_stated_scatter_of_the_scale_is_the_true_one(tmp_path, points):
     fits = [
-        _fit_control_points(written(tmp_path / "gcp.csv", noisy(0.01, seed, points), MODEL[:points]))
+        fit_control_points(written(tmp_path / "gcp.csv", noisy(0.01, seed, points), MODEL[:points]))
         for seed in range(200)
     ]
     true = np.std([each.scale for each in fits]) / SCALE

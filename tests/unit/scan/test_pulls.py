@@ -5,7 +5,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
-from toppling.models.hidden_base.from_scan import _ENOUGH, DRAWS, _interval_of
+from toppling.models.hidden_base.from_scan import DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.gap import resampled
 from toppling.models.shares import effective_number
 
@@ -31,14 +31,14 @@ def known_by(pulls, ratios, weight, random):
     measured = ratios[:, [row for row, _ in pulls]]
     check_spanned(said, measured, weight)
     likelihood = pulls_log_likelihood(said, measured)
-    return ratios[resampled(conditioned(weight, likelihood, _ENOUGH), DRAWS, random)]
+    return ratios[resampled(conditioned(weight, likelihood, ENOUGH), DRAWS, random)]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outside_refused(seed):
     random = np.random.default_rng(seed)
     ratios, weight = ratios_of(200, random), random.exponential(size=200)
-    low, _, high = _interval_of(ratios[resampled(weight, DRAWS, random)], False)
+    low, _, high = interval_of(ratios[resampled(weight, DRAWS, random)], False)
     for row in range(0, len(AZIMUTHS_DEG), 3):
         for value in np.linspace(low[row], high[row], 9):
             kept = known_by([(row, value)], ratios, weight, random)
@@ -66,7 +66,7 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
             continue  # a truth outside of the draws' interval
         free = drawn[resampled(weight, DRAWS, random)]
         for each, hinted in ((free, False), (kept, True)):
-            low, _, high = _interval_of(each, hinted)
+            low, _, high = interval_of(each, hinted)
             covered.append(((low <= true) & (true <= high)).mean())
             widths.append((high - low).mean())
     before, after = np.reshape(covered, (-1, 2)).mean(axis=0)
@@ -85,4 +85,4 @@ def test_pulls_that_no_base_makes_together_leave_enough_draws():
     ratios = random.uniform(0.2, 0.4, (300, 1)) * np.array([1.0, 1.0])
     likelihood = pulls_log_likelihood([(0.0, 0.2), (90.0, 0.4)], ratios)
     weight = np.ones(300)
-    assert effective_number(conditioned(weight, likelihood, _ENOUGH)) >= 0.999 * _ENOUGH
+    assert effective_number(conditioned(weight, likelihood, ENOUGH)) >= 0.999 * ENOUGH

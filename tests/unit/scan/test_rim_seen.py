@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.foot import _rounded_share, unseen_rim
+from toppling.models.scan.foot import rounded_share, unseen_rim
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
@@ -57,4 +57,4 @@ def test_a_foot_that_is_rounded_below_all_of_the_side_that_was_seen_is_wholly_ro
     surfels = Surfels(points, normals, np.zeros(len(points)), 0.01)
     none = np.empty((0, 3))
     observed = ObservedRock(none, none, none, none, surfels, np.ones(len(points), bool), 1.0, None)
-    assert _rounded_share(observed, LEVEL) == 1.0
+    assert rounded_share(observed, LEVEL) == 1.0

@@ -24,15 +24,15 @@ from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing.page import scene_page
 from toppling.results.drawing.painted_mesh import hidden, smooth_surface, view_frame
 from toppling.results.drawing.scene_figures import (
-    _BAND_TITLE,
-    _VIEWS_DEG,
-    _base_interval,
-    _beyond_frame,
-    _polar_reach_m_s2,
-    _toppling_band,
+    BAND_TITLE,
+    VIEWS_DEG,
+    base_interval,
+    beyond_frame,
     draw_statics,
     draw_view,
     numbers_of,
+    polar_reach_m_s2,
+    toppling_band,
 )
 
 
@@ -94,7 +94,7 @@ def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path
         assert said in told
     page = (folder / "scene.html").read_text()
     assert "seen in 83 % of the directions" in page
-    assert _BAND_TITLE in page
+    assert BAND_TITLE in page
 
 
 def test_the_centre_of_mass_has_one_uncertainty_and_its_level_is_said():
@@ -142,26 +142,26 @@ def test_where_the_interface_is_given_no_other_candidate_is_told(given_by):
 
 
 def test_the_band_round_the_compass_is_one_standard_deviation_wide():
-    azimuth, value, spread = _toppling_band(surveyed())
+    azimuth, value, spread = toppling_band(surveyed())
     assert azimuth[-1] - azimuth[0] == 360.0
     assert value[0] == value[-1]
     # Stated every 10 degrees, drawn every 5: constant in between.
     assert spread == pytest.approx(0.2)
-    assert _toppling_band(Scene.block(0.2, 0.3, 0.6))[2].max() == 0.0
+    assert toppling_band(Scene.block(0.2, 0.3, 0.6))[2].max() == 0.0
 
 
 @pytest.mark.parametrize("steep", [30.0, np.inf])
 def test_azimuths_whose_curve_leaves_the_frame_are_told_to_need_more_than_it_shows(steep):
     usual = np.full(72, 3.0)
-    assert _beyond_frame(usual) == []
+    assert beyond_frame(usual) == []
     usual[:5] = steep
-    told = f"beyond the frame: more than {_polar_reach_m_s2(usual):.3g} m/s²"
-    assert _beyond_frame(usual) == [told]
+    told = f"beyond the frame: more than {polar_reach_m_s2(usual):.3g} m/s²"
+    assert beyond_frame(usual) == [told]
 
 
 def test_a_rock_that_falls_by_itself_leaves_the_frame_a_radius():
-    assert _polar_reach_m_s2(np.zeros(72)) > 0.0
-    assert _polar_reach_m_s2(np.repeat([0.0, 3.0], [60, 12])) >= 3.0
+    assert polar_reach_m_s2(np.zeros(72)) > 0.0
+    assert polar_reach_m_s2(np.repeat([0.0, 3.0], [60, 12])) >= 3.0
 
 
 def test_the_picture_and_the_page_say_what_lies_beyond_the_frame(folder, tmp_path):
@@ -242,7 +242,7 @@ def test_the_picture_shows_an_endless_plane_behind_the_rock_in_every_view_from_a
     block = Scene.block(0.2, 0.3, 0.6)
     drawn = dataclasses.replace(block, pedestal=dataclasses.replace(block.pedestal, normal=normal))
     seen = []
-    for view in _VIEWS_DEG:
+    for view in VIEWS_DEG:
         axes = Figure().add_subplot()
         draw_view(axes, drawn, *view)
         red, _, blue = axes.collections[0].get_facecolor()[:, :3].T
@@ -296,11 +296,11 @@ def test_the_interval_of_the_bases_that_may_be_goes_round_the_statics():
         for a in range(0, 360, 10)
     ]
     drawn = dataclasses.replace(surveyed(), report={"unseen_base": {"toppling": table, "level": 0.9}})
-    azimuth, low, high, level = _base_interval(drawn)
+    azimuth, low, high, level = base_interval(drawn)
     assert (azimuth[-1] - azimuth[0], level) == (360.0, 0.9)
     assert set(low) == {2.0}
     assert set(high) == {3.0}
     axes = Figure().add_subplot(projection="polar")
     draw_statics(axes, drawn)
     assert "90 % of possible bases" in axes.get_title()
-    assert len(_base_interval(surveyed())[0]) == 0
+    assert len(base_interval(surveyed())[0]) == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toppling.models.hidden_base.near_interface import DRAWN, SidesSeen, UnseenSide
-from toppling.models.scan.close import _side_gone_on
+from toppling.models.scan.close import side_gone_on
 
 HEIGHT_M, STEP_M = 2.0, 0.02
 
@@ -71,7 +71,7 @@ def test_drawn_feet_lie_on_both_sides_of_the_true_one(radius):
 @pytest.mark.parametrize("radius", SHAPES)
 def test_the_side_goes_down_to_its_foot_below_what_was_seen_of_it(radius):
     found, points, normals = foot(radius, 1.0)
-    places, _ = _side_gone_on(found, points, normals, 2.0 * STEP_M)
+    places, _ = side_gone_on(found, points, normals, 2.0 * STEP_M)
     turn = np.arctan2(places[:, 1], places[:, 0])
     middle = (np.abs(turn) < 0.5) & (places[:, 2] < 0.9)
     away = np.linalg.norm(places[:, :2], axis=1) / radius(turn, places[:, 2])

@@ -10,7 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.scan import virtual
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.register import _check_fit, register
+from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
 from toppling.results.drawing.scene_figures import numbers_of
@@ -52,7 +52,7 @@ def test_strips_of_one_file_may_lie_side_by_side(cloud):
 
 def test_stations_that_fit_are_told_one_by_one(cloud):
     same, told = register(cloud)
-    _check_fit(same, told)
+    check_fit(same, told)
     assert len(told["of_stations"]) == 5
     # Range noise of 0.8 mm, averaged over the points of a voxel.
     assert max(each["residual_m"] for each in told["of_stations"]) < 0.002
@@ -74,7 +74,7 @@ def test_a_station_that_is_turned_about_the_rock_is_refused(cloud, turn_deg):
     turned = Rotation.from_euler("z", turn_deg, degrees=True)
     points[cloud.station == 4] = turned.apply(points[cloud.station == 4])
     with pytest.raises(InputError, match="station 5 of 5 does not fit the others"):
-        _check_fit(*register(dataclasses.replace(cloud, points_m=points)))
+        check_fit(*register(dataclasses.replace(cloud, points_m=points)))
 
 
 def two_of(cloud, turn_deg=0.0, noise_m=0.0):
@@ -90,7 +90,7 @@ def two_of(cloud, turn_deg=0.0, noise_m=0.0):
 @pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
 def test_two_stations_of_which_one_is_turned_about_the_rock_are_refused(cloud, turn_deg):
     with pytest.raises(InputError, match="the two stations do not fit each other") as error:
-        _check_fit(*register(two_of(cloud, turn_deg)))
+        check_fit(*register(two_of(cloud, turn_deg)))
     assert error.value.where == "one and other"
 
 
@@ -99,13 +99,13 @@ def test_two_stations_that_show_other_places_though_they_lie_near_are_refused():
     files = (("one", 2), ("other", 2))
     two = Cloud(np.zeros((4, 3)), np.zeros(3), np.repeat([0, 1], 2).astype(np.int32), files)
     with pytest.raises(InputError, match="none of the other lies on the same surface"):
-        _check_fit(two, told)
+        check_fit(two, told)
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
 @pytest.mark.parametrize("turn_deg", [0.0, 3.0])
 def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, noise_m):
-    _check_fit(*register(two_of(cloud, turn_deg, noise_m)))
+    check_fit(*register(two_of(cloud, turn_deg, noise_m)))
 
 
 def test_the_one_residual_over_all_hides_a_station_that_is_off_and_its_own_does_not(cloud):
@@ -142,7 +142,7 @@ def test_of_stations_without_a_common_place_nothing_is_said_to_fit(cloud):
 def test_a_station_that_is_brought_back_is_taken(cloud):
     back, told = register(with_one_off(cloud, 2, [0.0, 0.0, 0.05]))
     assert told["applied"]
-    _check_fit(back, told)
+    check_fit(back, told)
 
 
 def test_a_close_view_and_one_of_another_part_are_taken(cloud):
@@ -152,4 +152,4 @@ def test_a_close_view_and_one_of_another_part_are_taken(cloud):
     kept = np.select([cloud.station == 2, cloud.station == 3], [near, corner], True)
     numbers = cloud.station[kept]
     files = tuple((f"station{k + 1}", int((numbers == k).sum())) for k in range(5))
-    _check_fit(*register(Cloud(cloud.points_m[kept], cloud.origin_m, numbers, files)))
+    check_fit(*register(Cloud(cloud.points_m[kept], cloud.origin_m, numbers, files)))

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 _LINE_EVERY_S = 60.0
 
-_FIRST_LINE_S = 10.0
-"""After which a log says that something goes on; what is done sooner says nothing."""
-
 _Item = TypeVar("_Item")
 
 
@@ -55,11 +52,14 @@ class Advance:
 
 
 @contextmanager
-def bar(what: str, total: float | None = None) -> Iterator[Advance]:
+def bar(
+    what: str, total: float | None = None, *, first_line_s: float = 10.0, line_every_s: float = _LINE_EVERY_S
+) -> Iterator[Advance]:
     """Show on stderr how far a piece of work is, in the way that fits where stderr leads.
 
     what: named before the numbers.
     total: parts of the work; None where they are not known.
+    first_line_s: after which a log says that something goes on; what is done sooner says nothing.
     """
     console = Console(file=terminal_of(sys.stderr))
     advance = Advance(total)
@@ -78,9 +78,9 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         return
 
     def speak() -> None:
-        wait_s = min(_FIRST_LINE_S, _LINE_EVERY_S)
+        wait_s = first_line_s
         while not ended.wait(wait_s):
-            wait_s = _LINE_EVERY_S
+            wait_s = line_every_s
             console.print(plain_text(advance.line(what)), soft_wrap=True, markup=False, highlight=False)
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)

@@ -106,39 +106,6 @@ def test_the_table_in_a_run_reads_back_as_it_was(campaign, tmp_path):
     assert told[1][5] == 0.7
 
 
-def test_a_table_in_toml_says_the_same_as_one_in_csv(folder, campaign):
-    (folder / "sites.toml").write_text(
-        '[[rock]]\nscene = "scenes/block0"\nsite = "A"\nlongitude = -117.5\nlatitude = 34.25\nseismograms = "own"\n'
-        'age = "15000..30000"\n[[rock]]\nscene = "scenes/block1"\nsite = "B"\nlongitude = -117.8\nlatitude = 34.5\n'
-        'seismograms = "own"\nfriction = 0.7\n'
-    )
-    assert read_sites(folder / "sites.toml") == campaign.sites[:2]
-
-
-@pytest.mark.parametrize(
-    ("rows", "told"),
-    [
-        ("scene,longitud\nscenes/block0,1\n", "did you mean 'longitude'?"),
-        ("scene,longitude\nscenes/block0,1\n", "one of longitude and latitude"),
-        ("scene,longitude,latitude\nscenes/block0,1,91\n", "degrees north"),
-        ("scene,longitude,latitude\nscenes/block0,east,1\n", "degrees east"),
-        ("scene,age\nscenes/block0,old\n", "years"),
-        ("scene,age\nscenes/block0,/etc/passwd\n", "years"),
-        ("scene,rock\nscenes/block0,../x\n", "letters"),
-        ("scene\nscenes/block0\nscenes/block0\n", "twice"),
-        ("scene,ensemble,seismograms\nscenes/block0,own,own\n", "one of them"),
-        ("rock\nx\n", "no column 'scene'"),
-        ("scene\n", "holds no rock"),
-    ],
-)
-def test_a_wrong_table_is_refused_with_place_and_remedy(folder, rows, told):
-    (folder / "wrong.csv").write_text(rows)
-    with pytest.raises(InputError) as refused:
-        read_sites(folder / "wrong.csv")
-    assert told in str(refused.value)
-    assert refused.value.remedy
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -7,19 +7,18 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
 from toppling.models.files.tables import read_table
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.orchestrator import run_folder
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, last, tell
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
@@ -28,14 +27,6 @@ from toppling.results.reader import open_run
 from toppling.results.run_integrity import NEEDED
 from toppling.results.store import compact, write_part
 
-CAMPAIGN = """\
-scene = "scene"
-ensemble = "ensemble"
-pga_m_s2 = [2, 4, 6, 8]
-azimuth_deg = [0, 90]
-friction = [0.9]
-preset = "fast"
-"""
 SEED = 20260727
 
 
@@ -46,12 +37,7 @@ def runs(tmp_path_factory):
     block = Scene.block(0.15, 0.2, 0.6)
     square = np.array([[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]])
     surface = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), square, np.array([[0, 1, 2], [0, 2, 3]]))
-    Scene(block.rock, surface).save(folder / "scene")
-    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01), event=f"event {n}") for n in range(2)]
-    Ensemble.write(folder / "ensemble", pulses)
-    (folder / "campaign.toml").write_text(CAMPAIGN)
-    campaign = Campaign.read(folder / "campaign.toml")
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = planned_in(folder, scene=Scene(block.rock, surface), pga_m_s2=[2, 4, 6, 8], preset="fast")
     run = folder / "interrupted"
     prepare(run, planned, dict(versions()))
     rows = [
@@ -72,14 +58,9 @@ def answers_of_scene(run):
     scene = Scene.load(run / "scene")
     pedestal = scene.pedestal
     arrays = (
-        scene.rock.vertices_m,
-        scene.rock.faces,
-        pedestal.point_m,
-        pedestal.normal,
-        pedestal.vertices_m,
-        pedestal.faces,
-        scene.origin_m,
-    )
+        scene.rock.vertices_m, scene.rock.faces, pedestal.point_m, pedestal.normal, pedestal.vertices_m,
+        pedestal.faces, scene.origin_m,
+    )  # fmt: skip
     told = (scene.contact, scene.gravity_m_s2, scene.report, open_run(run).scene().to_pylist())
     return *(array.tobytes() for array in arrays), repr(told)
 
@@ -172,8 +153,7 @@ def test_a_bit_in_the_name_of_a_column_does_not_turn_it_into_nulls(runs, tmp_pat
 
 def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
     run = shutil.copytree(runs / "interrupted", tmp_path / "run")
-    campaign = Campaign.read(runs / "campaign.toml")
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = plan_of(Campaign.read(runs / "campaign.toml"))
     prepare(run, planned, dict(versions()))
     for name in NEEDED:
         path = run / name
@@ -186,8 +166,7 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
 
 
 def test_a_folder_that_another_session_began_meanwhile_is_gone_on_with(runs, tmp_path, monkeypatch):
-    campaign = Campaign.read(runs / "campaign.toml")
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = plan_of(Campaign.read(runs / "campaign.toml"))
     begin = run_folder.begin
 
     def late(run, *arguments):

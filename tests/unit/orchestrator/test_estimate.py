@@ -4,12 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
-from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.estimate import (
     TimeEstimate,
     estimate,
@@ -18,19 +14,12 @@ from toppling.orchestrator.estimate import (
     timed_jobs,
     words_of,
 )
-from toppling.orchestrator.plan import plan
 
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("estimate")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    Ensemble.write(
-        folder / "ensemble", [Record.of(f"P{n:02d}", ricker(2.0, 0.3 + 0.1 * n, 0.01)) for n in range(12)]
-    )
-    told = {"pga_m_s2": list(range(1, 20)), "azimuth_deg": [0, 90, 180, 270], "friction": [0.9]}
-    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", "preset": "fast", **told}, folder)
-    return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    periods_s, axes = np.arange(0.3, 1.45, 0.1), {"azimuth_deg": [0, 90, 180, 270], "preset": "fast"}
+    return planned_in(tmp_path_factory.mktemp("estimate"), periods_s, pga_m_s2=list(range(1, 20)), **axes)
 
 
 def test_every_beginning_of_the_order_is_spread():
@@ -76,19 +65,14 @@ def test_a_small_plan_is_timed_too(planned):
     assert estimate(replace(planned, jobs=planned.jobs[:0])) is None
 
 
-def test_where_no_job_can_be_timed_that_is_said():
-    assert "how long the 165 jobs take is not known" in words_of(None, 165, 2)
-
-
 @pytest.mark.parametrize(
-    ("workers", "on"), [(1, "1 min 40 s of one worker"), (2, "less than a minute on 2 workers (20 timed)")]
+    ("told", "jobs", "workers", "words"),
+    [
+        (None, 165, 2, "how long the 165 jobs take is not known"),
+        (TimeEstimate(100.0, 20), 165, 1, "1 min 40 s of one worker"),
+        (TimeEstimate(100.0, 20), 165, 2, "less than a minute on 2 workers (20 timed)"),
+        (TimeEstimate(7200.0, 48), 21280, 4, "to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"),
+    ],
 )
-def test_less_than_a_minute_is_told_as_that(workers, on):
-    assert on in words_of(TimeEstimate(100.0, 20), 165, workers)
-
-
-def test_the_words_tell_the_time_of_one_worker_and_of_several():
-    words = words_of(TimeEstimate(7200.0, 48), 21280, 4)
-    assert words.startswith(
-        "21,280 jobs are expected to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"
-    )
+def test_the_time_is_told_of_one_worker_and_of_several(told, jobs, workers, words):
+    assert words in words_of(told, jobs, workers)

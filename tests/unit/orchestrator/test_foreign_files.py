@@ -7,16 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, write_json
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.studies.audit import AUDITORS
 from toppling.orchestrator.task import versions
@@ -27,15 +24,6 @@ from toppling.results.store import compact, finished_ids, write_part
 from toppling.results.weights import WEIGHTS_FILE, Weights
 from toppling.workers.job import Assets, run_job
 
-CAMPAIGN = """\
-scene = "scene"
-ensemble = "ensemble"
-pga_m_s2 = [2, 4, 6, STRONGEST]
-azimuth_deg = [0, 90]
-friction = [0.9]
-preset = "fast"
-audit = 0
-"""
 AUDIT = f"{AUDIT_FOLDER}/{REFERENCE}"
 VERBS = {
     "query": ["query", "RUN", "select count(*) n from results"],
@@ -54,15 +42,12 @@ VERBS = {
 def finished_run(folder, width_m):
     """A run of a block of some width, complete, with an audit and with weights of bases."""
     folder.mkdir()
-    Scene.block(width_m, 0.2, 0.6).save(folder / "scene")
-    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + width_m + 0.4 * n, 0.01), event=f"E{n}") for n in range(2)]
-    Ensemble.write(folder / "ensemble", pulses)
-    (folder / "campaign.toml").write_text(CAMPAIGN.replace("STRONGEST", f"{50 * width_m:g}"))
-    campaign = Campaign.read(folder / "campaign.toml")
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    periods_s, levels = (0.6 + width_m, 1.0 + width_m), [2, 4, 6, 50 * width_m]
+    block = Scene.block(width_m, 0.2, 0.6)
+    planned = planned_in(folder, periods_s, block, pga_m_s2=levels, preset="fast", audit=0)
     run = folder / "run"
     prepare(run, planned, dict(versions()))
-    assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    assets = Assets(block, Ensemble.load(folder / "ensemble"))
     write_part(run, [run_job(planned.spec(job), assets) | {"attempt": 1} for job in range(len(planned))])
     compact(run)
     place = run / AUDIT

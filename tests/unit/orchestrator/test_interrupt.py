@@ -211,20 +211,19 @@ def test_under_nohup_a_terminal_that_closes_stops_nothing():
     assert ended(work, before) == (0, "goes on\n", "")
 
 
-@pytest.mark.parametrize("verb", ["fragility", "query", "constrain", "report"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_any_verb_that_is_told_to_end_says_one_line(verb, name, tmp_path):
+def test_a_verb_that_is_told_to_end_says_one_line(name, tmp_path):
     program = f"""
         import signal, sys, time
         signal.signal(signal.{name}, signal.SIG_DFL)
         from toppling.orchestrator import cli, verbs
         class Waits:
             def find_spec(self, name, path=None, target=None):
-                if name == "toppling.orchestrator.verbs.{verb}":
+                if name == "toppling.orchestrator.verbs.query":
                     print("begun", flush=True)
                     time.sleep(60)
         sys.meta_path.insert(0, Waits())
-        sys.argv[1:] = ["{verb}", "{tmp_path}"]
+        sys.argv[1:] = ["query", "{tmp_path}"]
         cli.main()
     """
     going = subprocess.Popen(

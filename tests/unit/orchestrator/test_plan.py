@@ -10,12 +10,11 @@ from itertools import pairwise
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from reference.idealised import ricker
+from small_campaigns import campaign_in
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
@@ -29,12 +28,7 @@ VERSIONS = {"physics": "1"}
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("inputs")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    records = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01)) for n in range(3)]
-    Ensemble.write(folder / "ensemble", records)
-    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9]}
-    return Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
+    return campaign_in(tmp_path_factory.mktemp("inputs"), (0.6, 1.0, 1.4), pga_m_s2=[2, 4])
 
 
 def planned(campaign, **changes):
@@ -66,11 +60,6 @@ def test_a_campaign_of_further_realisations_repeats_no_job(campaign):
     whole = planned(campaign, realisations=5)
     assert first.ids.isdisjoint(further.ids)
     assert first.ids | further.ids == whole.ids
-
-
-def test_the_table_and_the_specifications_agree(campaign):
-    whole = planned(campaign)
-    assert [whole.spec(row).job_id for row in range(len(whole))] == whole.jobs["job_id"].to_pylist()
 
 
 def test_the_longest_record_starts_first(campaign):
@@ -145,23 +134,14 @@ def test_jobs_go_out_in_blocks_of_all_records_levels_and_azimuths(campaign):
         assert counts == [3, 3, 3]
 
 
-def test_records_with_levels_of_their_own_go_out_in_turn(campaign):
-    whole = planned(campaign, pga_m_s2=(), azimuth_deg=(0.0, 90.0))
-    records = whole.jobs["record_id"].take(whole.pending(set())).to_pylist()
-    assert [len(set(records[place : place + 3])) for place in (0, 3)] == [3, 3]
-
-
 def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):
-    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9]}
-    folders = {"scene": str(campaign.scene), "ensemble": str(campaign.ensemble)}
-    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in {**folders, **axes}.items())
-    (tmp_path / "campaign.toml").write_text(text)
     table = tmp_path / "jobs.parquet"
-    asked = ["plan", str(tmp_path / "campaign.toml"), "--out", str(table), "--json"]
+    asked = ["plan", str(campaign.scene.parent / "campaign.toml"), "--out", str(table), "--json"]
     counts = json.loads(CliRunner().invoke(cli, asked).stdout)
     whole = planned(campaign)
     assert (counts["jobs"], counts["records"], counts["plan_id"]) == (len(whole), 3, whole.id)
-    assert pq.read_table(table)["job_id"].to_pylist() == whole.jobs["job_id"].to_pylist()
+    ids = [whole.spec(row).job_id for row in range(len(whole))]
+    assert pq.read_table(table)["job_id"].to_pylist() == whole.jobs["job_id"].to_pylist() == ids
 
 
 def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
@@ -240,16 +220,8 @@ def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("half_width_m", "friction", "told"),
     [
-        (
-            0.1,
-            [0.9],
-            "with friction 0.9: left alone, the rock does not stand",
-        ),  # .1 / .6 < tan 12 degrees: falls
-        (
-            0.2,
-            [0.9, 0.15],
-            "with friction 0.15: left alone, the rock does not stand",
-        ),  # slides
+        (0.1, [0.9], "with friction 0.9: left alone, "),  # .1 / .6 < tan 12 degrees: falls
+        (0.2, [0.9, 0.15], "with friction 0.15: left alone, "),  # slides
     ],
 )
 def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anything_is_written(

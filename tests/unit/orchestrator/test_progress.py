@@ -31,16 +31,14 @@ def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
 
 
 @pytest.mark.parametrize(
-    ("rate", "words"), [(1234.5, "1234/s"), (12.34, "12.3/s"), (0.24, "14.4/min"), (0.0021, "7.6/h")]
-)
-def test_a_rate_is_told_in_the_unit_that_shows_its_digits(rate, words):
-    assert pace(rate) == words
-
-
-def test_a_session_that_is_complete_has_no_time_left():
-    progress = RunProgress(total=1, before=0)
-    progress.count([{"status": "ok"}])
-    assert "left" not in pace_and_counts(progress)
+    ("tell", "number", "words"),
+    [
+        (pace, 1234.5, "1234/s"), (pace, 12.34, "12.3/s"), (pace, 0.24, "14.4/min"), (pace, 0.0021, "7.6/h"),
+        (duration, 59.6, "1 min 00 s"), (duration, 3600, "1 h 00 min"), (duration, 3, "3 s"),
+    ],
+)  # fmt: skip
+def test_rates_and_durations_are_told_in_the_unit_that_shows_their_digits(tell, number, words):
+    assert tell(number) == words
 
 
 def test_a_session_that_is_complete_says_so_once(capsys):
@@ -56,14 +54,8 @@ def test_a_session_that_is_complete_says_so_once(capsys):
     assert second.startswith("auditing: 1/1 jobs")
 
 
-@pytest.mark.parametrize(("seconds", "words"), [(59.6, "1 min 00 s"), (3600, "1 h 00 min"), (3, "3 s")])
-def test_durations_are_told_as_a_person_reads_them(seconds, words):
-    assert duration(seconds) == words
-
-
-def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(monkeypatch, capsys):
-    monkeypatch.setattr(progress_module, "_LINE_EVERY_S", 0.05)
-    with bar("figures", total=4) as advance:
+def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(capsys):
+    with bar("figures", total=4, first_line_s=0.05, line_every_s=0.05) as advance:
         advance(1, "maps")
         time.sleep(0.3)
     lines = capsys.readouterr().err.splitlines()
@@ -76,23 +68,16 @@ def test_what_is_done_within_a_minute_says_nothing_in_a_log(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_piece_of_work_without_parts_says_how_long_it_has_gone_on():
-    assert (
-        progress_module.Advance(total=None, began=time.monotonic() - 60.0).line("shaking")
-        == "shaking  1 min 00 s"
-    )
-
-
-def test_the_time_left_of_a_bar_is_by_the_parts_done():
-    advance = progress_module.Advance(total=4.0, began=time.monotonic() - 60.0)
+def test_a_line_says_how_long_work_has_gone_on_and_by_its_parts_how_long_it_will():
+    began = time.monotonic() - 60.0
+    assert progress_module.Advance(total=None, began=began).line("shaking") == "shaking  1 min 00 s"
+    advance = progress_module.Advance(total=4.0, began=began)
     advance(3)
     assert advance.line("drawing").endswith("1 min 00 s  20 s left")
 
 
-def test_a_log_hears_after_ten_seconds_that_work_goes_on_and_then_once_a_minute(monkeypatch, capsys):
-    assert progress_module._FIRST_LINE_S == 10.0
-    monkeypatch.setattr(progress_module, "_FIRST_LINE_S", 0.05)
-    with bar("records", total=4) as advance:
+def test_a_log_hears_soon_that_work_goes_on_and_then_once_a_minute(capsys):
+    with bar("records", total=4, first_line_s=0.05) as advance:
         advance(1, "reading")
         time.sleep(0.3)
     assert [line[:27] for line in capsys.readouterr().err.splitlines()] == ["records: 1 of 4  reading  0"]
@@ -104,7 +89,7 @@ def heard(monkeypatch):
     found = {}
 
     @contextmanager
-    def listening(what, total=None):
+    def listening(what, total=None, **_):
         advance = progress_module.Advance(total)
         found[what] = (advance, spoken := [])
 

@@ -8,36 +8,23 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from click.testing import CliRunner
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
-from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, tell
-from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of, words_to_go_on
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
 
-def plan_of(records, tmp_path):
-    """A run's folder of 15 jobs a record, and its plan."""
-    Scene.block(0.15, 0.2, 0.6).save(tmp_path / "scene")
-    Ensemble.write(tmp_path / "ensemble", records)
-    axes = {"pga_m_s2": {"start": 1, "stop": 5, "step": 1}, "azimuth_deg": [0, 90, 180], "friction": [0.9]}
-    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, tmp_path)
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
-    prepare(tmp_path / "run", planned, {})
-    return planned
-
-
 @pytest.fixture
 def planned(tmp_path):
-    return plan_of([Record.of("P", ricker(2.0, 0.6, 0.01))], tmp_path)
+    """The plan of a run's folder of 15 jobs."""
+    planned = planned_in(tmp_path, (0.6,), pga_m_s2=[1, 2, 3, 4, 5], azimuth_deg=[0, 90, 180])
+    prepare(tmp_path / "run", planned, {})
+    return planned
 
 
 def rows(planned, reasons):
@@ -66,6 +53,8 @@ def test_an_unfinished_run_says_first_how_many_jobs_have_not_run(planned, tmp_pa
     assert words_to_go_on(tmp_path / "run", 1).startswith(
         "4 of 15 jobs have run; the other 11 jobs are expected to take 5 min 30 s of one worker"
     )
+    write_part(tmp_path / "run", [row | {"attempt": 3} for row in rows(planned, [("ok", "")] * 15)])
+    assert words_to_go_on(tmp_path / "run", 1) == state_of(tmp_path / "run")["unfinished"] == ""
 
 
 def test_another_campaign_is_refused_before_a_word_on_the_time_left(planned, tmp_path):
@@ -78,13 +67,6 @@ def test_another_campaign_is_refused_before_a_word_on_the_time_left(planned, tmp
     said = CliRunner().invoke(cli, ["run", str(other), "--out", str(tmp_path / "run"), "--workers", "1"])
     assert said.output == ""
     assert "another campaign" in str(said.exception)
-
-
-def test_a_finished_run_has_nothing_to_go_on_with(planned, tmp_path):
-    assert words_to_go_on(tmp_path / "run", 1) == ""
-    write_part(tmp_path / "run", [row | {"wall_s": 1.0} for row in rows(planned, [("ok", "")] * 15)])
-    assert words_to_go_on(tmp_path / "run", 1) == ""
-    assert state_of(tmp_path / "run")["unfinished"] == ""
 
 
 def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_frequent_first(

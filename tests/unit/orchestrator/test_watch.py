@@ -14,15 +14,12 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from browser import BROWSER, needs_browser
 from click.testing import CliRunner
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.watch import shown, watching
@@ -36,12 +33,8 @@ STRANGE = "<img src=x onerror=document.title='owned'>"
 def run(tmp_path_factory):
     """A run of 12 jobs, of which 7 are stored: 6 with an answer, one that failed with a strange message."""
     folder = tmp_path_factory.mktemp("watched")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    Ensemble.write(folder / "ensemble", [Record.of(f"P{n}", ricker(2.0, 0.6 + n, 0.01)) for n in range(2)])
-    axes = {"pga_m_s2": [1, 4, 8], "azimuth_deg": [0, 90], "friction": [0.9], "preset": "fast"}
-    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
-    assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
-    planned = plan(campaign, assets.scene, assets.ensemble)
+    planned = planned_in(folder, (0.6, 1.6), pga_m_s2=[1, 4, 8], preset="fast")
+    assets = Assets(Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble"))
     prepare(folder / "run", planned, dict(versions()))
     now = datetime.now(UTC)
     rows = [

@@ -41,6 +41,7 @@ def azimuth_of(text: str) -> float:
             raise ValueError
     except ValueError:
         raise InputError(
+            "azimuth.unreadable",
             f"'{text}' is no direction",
             where="azimuth",
             expected="degrees counter-clockwise from east (50), a compass bearing (compass:40, N40E) or a wind (NNE)",

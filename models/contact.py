@@ -31,6 +31,7 @@ class ContactProperties:
             value = getattr(self, name)
             if not (math.isfinite(value) and low <= value <= high):
                 raise InputError(
+                    "contact.property_out_of_range",
                     f"{name} is {value}",
                     where="contact properties",
                     expected=f"a finite number from {low} to {high}",

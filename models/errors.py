@@ -1,4 +1,4 @@
-"""The one error that a user's data can cause, in one shape: what, where, what was expected, what to do."""
+"""The one error that a user's data can cause, in one shape: code, what, where, what was expected, what to do."""
 
 import math
 from collections.abc import Callable
@@ -15,6 +15,8 @@ class InputError(ValueError):
 
     Parameters
     ----------
+    code : str
+        The kind of failing as ``topic.reason``; it stays when the sentences change. docs/errors.md lists all.
     what : str
         What is wrong, with the offending value.
     where : str
@@ -25,33 +27,40 @@ class InputError(ValueError):
         What the user can do about it.
     """
 
-    def __init__(self, what: str, *, where: str, expected: str, remedy: str) -> None:
+    def __init__(self, code: str, what: str, *, where: str, expected: str, remedy: str) -> None:
+        self.code = code
         self.what = _shortened(what)
         self.where = _shortened(where)
         self.expected = expected
         self.remedy = remedy
-        super().__init__(f"{self.where}: {self.what}\n  expected: {expected}\n  remedy:   {remedy}")
+        super().__init__(f"{self.where}: {self.what} [{code}]\n  expected: {expected}\n  remedy:   {remedy}")
 
     def __reduce__(self) -> tuple:
         # Those of files need their names alone.
         kind = UsageError if isinstance(self, UsageError) else InputError
-        return partial(kind, where=self.where, expected=self.expected, remedy=self.remedy), (self.what,)
+        return partial(kind, where=self.where, expected=self.expected, remedy=self.remedy), (
+            self.code,
+            self.what,
+        )
 
 
 class UsageError(InputError):
     """What was asked does not go together or is no value of its kind; exit code 2 on the command line."""
 
 
-def refusals(expected: str, remedy: str) -> Callable[[str, object], InputError]:
-    """Errors of one kind of data, which differ in what is wrong (first argument) and where (second)."""
-    return lambda what, where: InputError(what, where=str(where), expected=expected, remedy=remedy)
+def refusals(expected: str, remedy: str) -> Callable[[str, str, object], InputError]:
+    """Errors of one kind of data, which differ in code, what is wrong and where (in this order)."""
+    return lambda code, what, where: InputError(
+        code, what, where=str(where), expected=expected, remedy=remedy
+    )
 
 
 def check_positive(where: str, expected: str, remedy: str, **values: float) -> None:
     """Refuse a value, named as its argument is, that is not a finite number above 0."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
-            raise InputError(f"{name} is {value}", where=where, expected=expected, remedy=remedy)
+            raise InputError("value.not_positive", f"{name} is {value}", where=where, expected=expected,
+                remedy=remedy)  # fmt: skip
 
 
 def _shortened(text: str) -> str:

@@ -62,6 +62,7 @@ def check_remarks(remarks: Iterable[str], where: str) -> None:
     system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
     if unit or system:
         raise InputError(
+            "coordinates.unit_not_metres",
             f"a remark states {'another unit than metres' if unit else 'a coordinate system'}: {unit or system!r}",
             where=where,
             expected="coordinates in metres",
@@ -98,7 +99,8 @@ def metres_in(unit: str) -> float:
         if word in (key, name.lower(), name.lower().removesuffix("s")):
             return metres
     what, expected = f"{unit!r} is no unit of length", f"one of {', '.join(METRES)}"
-    raise InputError(what, where="units", expected=expected, remedy="leave it out for metres")
+    raise InputError("units.unknown", what, where="units", expected=expected,
+        remedy="leave it out for metres")  # fmt: skip
 
 
 def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str:
@@ -138,9 +140,6 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
 
 def in_degrees(what: str, where: str) -> InputError:
     """Say that horizontal coordinates are angles."""
-    return InputError(
-        f"coordinates are in degrees ({what})",
-        where=where,
+    return InputError("coordinates.in_degrees", f"coordinates are in degrees ({what})", where=where,
         expected="projected or local coordinates: lengths in three directions, z up",
-        remedy="project the cloud first, such as to the UTM zone of the site, and export again",
-    )
+        remedy="project the cloud first, such as to the UTM zone of the site, and export again")  # fmt: skip

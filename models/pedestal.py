@@ -49,6 +49,7 @@ class Pedestal:
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
+                "pedestal.slope_out_of_range",
                 f"slope_deg is {slope_deg}",
                 where="Scene.from_mesh",
                 expected="0 to below 90 degrees",
@@ -56,6 +57,7 @@ class Pedestal:
             )
         if not math.isfinite(downhill_azimuth_deg):
             raise InputError(
+                "pedestal.azimuth_unusable",
                 f"slope_azimuth_deg is {downhill_azimuth_deg}",
                 where="Scene.from_mesh",
                 expected="degrees counter-clockwise from x (east)",

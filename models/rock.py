@@ -63,16 +63,16 @@ class Rock:
         mesh.update_faces(mesh.unique_faces())
         mesh.remove_unreferenced_vertices()
         if len(mesh.faces) < 4:
-            raise _mesh_error(f"{len(mesh.faces)} triangles enclose nothing", where)
+            raise _mesh_error("mesh.encloses_nothing", f"{len(mesh.faces)} triangles enclose nothing", where)
         if not mesh.is_watertight:
             once = np.bincount(mesh.edges_unique_inverse)
-            raise _mesh_error(
-                f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles", where
-            )
+            raise _mesh_error("mesh.open",
+                f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles",
+                where)  # fmt: skip
         if not mesh.is_winding_consistent:
-            raise _mesh_error("triangles are not consistently oriented", where)
+            raise _mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
         if mesh.body_count != 1:
-            raise _mesh_error(f"{mesh.body_count} separate bodies", where)
+            raise _mesh_error("mesh.several_bodies", f"{mesh.body_count} separate bodies", where)
         vertices, beside = np.array(mesh.vertices, float), origin_beside_m(mesh.vertices)
         if beside.any():
             mesh.apply_translation(-beside)
@@ -80,11 +80,12 @@ class Rock:
             mesh.invert()
         extent = float(np.prod(mesh.extents))
         if not mesh.volume > 1e-9 * extent:
-            raise _mesh_error(f"the enclosed volume is {mesh.volume:.3g} m3", where)
+            raise _mesh_error("mesh.encloses_nothing", f"the enclosed volume is {mesh.volume:.3g} m3", where)
         inertia = np.array(mesh.moment_inertia, float) / float(mesh.volume)
         least = float(np.linalg.eigvalsh(inertia)[0])
         if not least > 0.0:
-            raise _mesh_error(f"the least moment of inertia over mass is {least:.3g} m2", where)
+            raise _mesh_error("mesh.moment_unusable",
+                f"the least moment of inertia over mass is {least:.3g} m2", where)  # fmt: skip
         return cls(
             vertices_m=vertices,
             faces=np.array(mesh.faces, np.int64),
@@ -155,18 +156,22 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
     except (TypeError, ValueError) as error:
-        raise _mesh_error(f"vertices or triangles are no array of numbers ({error})", where) from None
+        raise _mesh_error("mesh.not_numbers", f"vertices or triangles are no array of numbers ({error})",
+            where) from None  # fmt: skip
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise _mesh_error(f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}", where)
+        raise _mesh_error("mesh.shape_unusable",
+            f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}", where)  # fmt: skip
     if not np.isfinite(vertices).all():
-        raise _mesh_error("vertex coordinates are not all finite", where)
+        raise _mesh_error("mesh.not_finite", "vertex coordinates are not all finite", where)
     if np.abs(vertices).max(initial=0.0) > _FARTHEST_M:
-        raise _mesh_error(f"a vertex lies {np.abs(vertices).max():.3g} m from the origin", where)
+        raise _mesh_error("mesh.too_far", f"a vertex lies {np.abs(vertices).max():.3g} m from the origin",
+            where)  # fmt: skip
     if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
-        raise _mesh_error("the corners of its triangles are no whole numbers", where)
+        raise _mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
         raise _mesh_error(
+            "mesh.index_out_of_range",
             f"triangle {int(wrong.argmax())} joins the vertices {', '.join(map(str, triangles[wrong.argmax()]))}, "
             f"where there are {len(vertices)}",
             where,
@@ -182,6 +187,7 @@ def check_size(height_m: float, where: str, option: str = "--units") -> None:
     least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:
         raise InputError(
+            "rock.height_out_of_range",
             f"the rock is {height_m:.4g} m high",
             where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
@@ -200,6 +206,7 @@ def _check_steps(vertices: Array, where: str) -> None:
     step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
     if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:
         raise InputError(
+            "coordinates.too_coarse",
             f"coordinates are in single precision, in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
             where=where,
             expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",

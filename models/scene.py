@@ -340,7 +340,7 @@ class Scene:
         try:
             described = read_own(source)
         except (FileNotFoundError, NotADirectoryError):
-            raise _scene_error(f"no scene.json{instead(source)}", source) from None
+            raise _scene_error("scene.absent", f"no scene.json{instead(source)}", source) from None
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
         surface: tuple[Any, Any] = (None, None)
         if described["pedestal"]["kind"] == "surface":
@@ -349,7 +349,8 @@ class Scene:
         try:
             contact = ContactProperties(**described["contact"])
         except TypeError as error:
-            raise _scene_error(f"contact is {shown(described['contact'])} ({error})", source) from None
+            raise _scene_error("scene.contact_unusable",
+                f"contact is {shown(described['contact'])} ({error})", source) from None  # fmt: skip
         scene = cls(
             rock=rock,
             pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),
@@ -360,11 +361,9 @@ class Scene:
             unseen=UnseenBase.read(source / BASES) if "bases" in described else None,
         )
         if scene.id != stated_id:
-            raise _scene_error(
+            raise _scene_error("scene.changed",
                 f"the content hashes to {scene.id}, scene.json says {stated_id}: a file was changed, or a "
-                "program of another version wrote the scene",
-                source,
-            )
+                "program of another version wrote the scene", source)  # fmt: skip
         return scene
 
     def pedestal_triangles(self) -> tuple[Array, NDArray[np.int64]]:

@@ -118,6 +118,7 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
     unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
     if reasons := sorted(set(map(str, unfit))):
         raise InputError(
+            "cluster.workers_unfit",
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
             where="cluster",
             expected="the client's versions, and a folder in which each host can keep what it is sent",

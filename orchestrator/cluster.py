@@ -79,9 +79,10 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
     bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
     if most > bound:  # at once, before anything is written
         raise UsageError(
+"cluster.too_many_workers",
             f"{most} local workers, and this machine has {cores} cores",
             where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
-            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)",
+            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)"
         )  # fmt: skip
     return _local_client(workers, most)
 
@@ -241,6 +242,7 @@ def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
     for path in (ca, certificate, key):
         if not path.is_file():
             raise InputError(
+                "file.absent",
                 "no such file",
                 where=str(path),
                 expected="the cluster's authority, and a certificate and key that it signed (PEM)",
@@ -272,12 +274,8 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     try:
         jobqueue = importlib.import_module("dask_jobqueue")
     except ImportError:
-        raise InputError(
-            "dask-jobqueue is not installed",
-            where=f"--queue {kind}",
-            expected="the extra hpc",
-            remedy="pip install 'toppling[hpc]'",
-        ) from None
+        raise InputError("package.not_installed", "dask-jobqueue is not installed", where=f"--queue {kind}",
+            expected="the extra hpc", remedy="pip install 'toppling[hpc]'") from None  # fmt: skip
     try:
         # A process a core: the engine is one per process, and its threads would wait for each other.
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
@@ -302,6 +300,7 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
             )
     except (ValueError, KeyError) as error:
         raise InputError(
+            "cluster.queue_unconfigured",
             str(error).splitlines()[0],
             where=f"--queue {kind}",
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
@@ -351,6 +350,7 @@ def _check_scheduler(client: Client) -> None:
 
 def _unreachable(where: str, what: str) -> InputError:
     return InputError(
+        "cluster.unreachable",
         what,
         where=f"scheduler {where}",
         expected="a Dask scheduler that answers there, with the same kind of security",

@@ -29,11 +29,10 @@ class Place:
     expected: str = ""
     remedy: str = ""
 
-    def wrong(self, what: str, expected: str = "", remedy: str = "") -> InputError:
+    def wrong(self, code: str, what: str, expected: str = "", remedy: str = "") -> InputError:
         """The refusal of what stands there."""
-        return InputError(
-            what, where=self.where, expected=expected or self.expected, remedy=remedy or self.remedy
-        )
+        return InputError(code, what, where=self.where, expected=expected or self.expected,
+            remedy=remedy or self.remedy)  # fmt: skip
 
 
 _Reader = Callable[[Any, Place], Any]
@@ -82,9 +81,11 @@ def read_keys(
     content = {name: one for name, one in content.items() if one is not None or name not in known}
     if unknown := [name for name in content if name not in known]:
         remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
-        raise Place(where).wrong(f"unknown key {shown(unknown[0])}", f"keys: {', '.join(known)}", remedy)
+        raise Place(where).wrong("campaign.key_unknown", f"unknown key {shown(unknown[0])}",
+            f"keys: {', '.join(known)}", remedy)  # fmt: skip
     if missing := [key.name for key in keys if key.default is REQUIRED and key.name not in content]:
-        raise Place(where).wrong(f"missing {', '.join(missing)}", "a value for each", "add them to the file")
+        raise Place(where).wrong("campaign.key_missing", f"missing {', '.join(missing)}", "a value for each",
+            "add them to the file")  # fmt: skip
     return {
         key.name: key.read(content[key.name], key.place(f"{where}{joint}", folder))
         if key.name in content
@@ -101,7 +102,8 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
         if not right or not fits(given):
             text = str(given).strip().removesuffix(".0")
             meant = kind is int and type(given) in (str, float) and text.isascii() and text.isdigit()
-            raise place.wrong(shown(given), remedy=f"did you mean {text}?" if meant else "")
+            raise place.wrong("campaign.value_unusable", shown(given),
+                remedy=f"did you mean {text}?" if meant else "")  # fmt: skip
         return kind(given)
 
     return read
@@ -112,7 +114,8 @@ def word(known: Iterable[str]) -> _Reader:
 
     def read(given: Any, place: Place) -> str:
         if not isinstance(given, str) or given not in known:
-            raise place.wrong(shown(given), remedy=did_you_mean(given, known, place.remedy))
+            raise place.wrong("campaign.value_unusable", shown(given),
+                remedy=did_you_mean(given, known, place.remedy))  # fmt: skip
         return given
 
     return read
@@ -121,14 +124,14 @@ def word(known: Iterable[str]) -> _Reader:
 def path(given: Any, place: Place) -> Path:
     """Read a path, relative to the file."""
     if not isinstance(given, str) or not given:
-        raise place.wrong(shown(given), remedy="give the path as a string")
+        raise place.wrong("campaign.value_unusable", shown(given), remedy="give the path as a string")
     return named_beside(place.folder, str(local(given)))
 
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:
     """Read a list of texts, each once."""
     if not isinstance(given, list) or not given or not all(isinstance(one, str) and one for one in given):
-        raise place.wrong(shown(given))
+        raise place.wrong("campaign.value_unusable", shown(given))
     return tuple(distinct(given, place))
 
 
@@ -138,7 +141,7 @@ def pair(highest: float) -> _Reader:
     def read(given: Any, place: Place) -> tuple[float, float]:
         two = isinstance(given, list) and len(given) == 2 and all(map(is_number, given))
         if not two or not 0.0 <= given[0] <= given[1] <= highest:
-            raise place.wrong(shown(given))
+            raise place.wrong("campaign.value_unusable", shown(given))
         return float(given[0]), float(given[1])
 
     return read
@@ -154,9 +157,10 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
             _of_range(given, place) if isinstance(given, dict) else [given] if is_number(given) else given
         )
         if not isinstance(numbers, list) or not numbers:
-            raise place.wrong(shown(numbers), remedy="at least one value is needed to have a job")
+            raise place.wrong("campaign.list_empty", shown(numbers),
+                remedy="at least one value is needed to have a job")  # fmt: skip
         if strange := [one for one in numbers if not is_number(one) or not fits(one)]:
-            raise place.wrong(shown(strange[0]))
+            raise place.wrong("campaign.value_unusable", shown(strange[0]))
         return tuple(float(one) for one in distinct(numbers, place))
 
     return read
@@ -164,27 +168,28 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
 
 def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
     if set(given) != {"start", "stop", "step"} or not all(map(is_number, given.values())):
-        raise place.wrong(
-            shown(given), "{ start = ..., stop = ..., step = ... } in numbers", "or give a list"
-        )
+        raise place.wrong("campaign.range_unreadable", shown(given),
+            "{ start = ..., stop = ..., step = ... } in numbers", "or give a list")  # fmt: skip
     start, stop, step = given["start"], given["stop"], given["step"]
     if not (step > 0 and stop >= start):
         sound = f"{{ start = {min(start, stop):g}, stop = {max(start, stop):g}, step = {abs(step) or 1:g} }}"
         what = f"the range from {start:g} to {stop:g} in steps of {step:g} holds no number"
-        raise place.wrong(what, "step above 0, stop not below start", f"did you mean {sound}?")
+        raise place.wrong("campaign.range_empty", what, "step above 0, stop not below start",
+            f"did you mean {sound}?")  # fmt: skip
     # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
     many = (float(stop) - float(start)) / step
     if not many < _MOST_ON_AN_AXIS:
         what = f"{shown(given)} holds {many:.3g} numbers"
-        raise place.wrong(what, f"at most {_MOST_ON_AN_AXIS}", "take a larger step")
+        raise place.wrong("campaign.list_too_long", what, f"at most {_MOST_ON_AN_AXIS}", "take a larger step")
     return [round(start + index * step, 12) for index in range(int(many + 5e-4) + 1)]
 
 
 def distinct(values: list, place: Place) -> list:
     """The values, if each is there once, and not too many are."""
     if len(values) > _MOST_ON_AN_AXIS:
-        raise place.wrong(f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out")
+        raise place.wrong("campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}",
+            "leave some out")  # fmt: skip
     if repeated := [shown(one) for one, count in Counter(values).items() if count > 1]:
         what = f"{', '.join(sorted(repeated)[:10])} given twice"
-        raise place.wrong(what, "every value once", "remove the repetition")
+        raise place.wrong("campaign.value_repeated", what, "every value once", "remove the repetition")
     return values

@@ -76,6 +76,7 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
     """
     if scene.unseen is None:
         raise InputError(
+            "draws.missing",
             "the scene has no draws of its base, so there is nothing that a shaking it stood could tell of",
             where=where,
             expected="a scene with bases.json",
@@ -83,6 +84,7 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
         )
     if realisations < 1:
         raise InputError(
+            "run.no_realisations",
             "there are no realisations: every job is on the nominal scene, and none on a draw of its base",
             where=where,
             expected=f"a campaign with realisations of up to {len(scene.unseen) + 1}, one a base and the nominal scene",
@@ -97,18 +99,16 @@ def _read_files(paths: Sequence[Path]) -> list[Record]:
     read = import_records(files)
     for refusal in read.refusals:
         raise InputError(
+            refusal.reason.code,
             f"{refusal.subject}: {refusal.reason.what}",
             where=refusal.reason.where,
             expected=refusal.reason.expected,
             remedy="import it with the options that it needs ('toppling records import'), and give the ensemble",
         )
     if not read.records:
-        raise InputError(
-            "holds no record",
-            where=", ".join(map(str, paths)),
+        raise InputError("record.none_found", "holds no record", where=", ".join(map(str, paths)),
             expected="files of a recorded motion, or an ensemble's folder",
-            remedy="check the path; 'toppling records import --help' names the formats",
-        )
+            remedy="check the path; 'toppling records import --help' names the formats")  # fmt: skip
     return read.records
 
 
@@ -119,6 +119,7 @@ def _refuse_twins(records: Sequence[Record]) -> None:
             other = seen.setdefault(getattr(record, attribute), record)
             if other is not record:
                 raise InputError(
+                    "record.given_twice",
                     f"{record.record_id} and {other.record_id} are {what}",
                     where="motions that the rock stood",
                     expected="each motion once, as what is told twice would count twice",

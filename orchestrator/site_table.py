@@ -35,34 +35,33 @@ _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
 
 def _name(given: Any, place: Place) -> str:
     if not isinstance(given, str) or not _NAME.fullmatch(given) or given.endswith((".", " ")):
-        raise place.wrong(documents.shown(given))
+        raise place.wrong("rocks.value_unusable", documents.shown(given))
     return given
 
 
 def _age(given: Any, place: Place) -> str:
     text = f"{given:g}" if documents.is_number(given) else given
     if not isinstance(text, str):
-        raise place.wrong(documents.shown(given))
+        raise place.wrong("rocks.value_unusable", documents.shown(given))
     try:
         parse_age(text, files=False)  # one would not go with the table
     except InputError as error:  # which does not know the row
-        raise place.wrong(documents.shown(given), error.expected) from None
+        raise place.wrong("rocks.value_unusable", documents.shown(given), error.expected) from None
     return text
 
 
 def _longitude(given: Any, place: Place) -> float:
     """Degrees east from -180 to 180, of those to 360 too."""
     if not documents.is_number(given) or not -180 <= given <= 360:
-        raise place.wrong(documents.shown(given))
+        raise place.wrong("rocks.value_unusable", documents.shown(given))
     return float(given) - (360.0 if given > 180 else 0.0)
 
 
 def _latitude(given: Any, place: Place) -> float:
     if not documents.is_number(given) or not -90 <= given <= 90:
         swapped = documents.is_number(given) and -180 <= given <= 360
-        raise place.wrong(
-            documents.shown(given), remedy="exchange longitude and latitude" if swapped else place.remedy
-        )
+        raise place.wrong("rocks.value_unusable", documents.shown(given),
+            remedy="exchange longitude and latitude" if swapped else place.remedy)  # fmt: skip
     return float(given)
 
 
@@ -120,7 +119,8 @@ def _rows(given: Path) -> Iterable[dict[str, Any]]:
         rows: Any = content.get("rock")
         sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
         if not sound or set(content) != {"rock"}:
-            raise Place(str(given)).wrong("no list of rocks", "a table [[rock]] for each", "correct the file")
+            raise Place(str(given)).wrong("rocks.none_listed", "no list of rocks",
+                "a table [[rock]] for each", "correct the file")  # fmt: skip
         return rows
     return _rows_of_csv(given)
 
@@ -141,21 +141,18 @@ def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
     names |= dict.fromkeys(in_unit, "age")
     if "scene" not in names.values():
         header = documents.shown(", ".join(written.values()))
-        raise Place(str(given)).wrong(
-            f"no column 'scene' in its first line, {header}",
-            "a header such as scene,site,age",
-            "put it above the rocks",
-        )
+        raise Place(str(given)).wrong("rocks.no_scene_column",
+            f"no column 'scene' in its first line, {header}", "a header such as scene,site,age",
+            "put it above the rocks")  # fmt: skip
     if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
-        raise Place(str(given)).wrong(
-            f"the column {documents.shown(twice[0])} twice", "each column once", "remove one"
-        )
+        raise Place(str(given)).wrong("rocks.column_repeated",
+            f"the column {documents.shown(twice[0])} twice", "each column once", "remove one")  # fmt: skip
     for count, row in enumerate(cells[1:], 1):
         if beyond := [cell for column, cell in row.items() if column not in names]:
             remedy = "name its column, or write decimal points, or separate cells by semicolons"
-            raise Place(f"{given}, rock {count}").wrong(
-                f"{documents.shown(beyond[0])} in a column without a name", "a cell for each column", remedy
-            )
+            raise Place(f"{given}, rock {count}").wrong("rocks.cell_unnamed",
+                f"{documents.shown(beyond[0])} in a column without a name", "a cell for each column",
+                remedy)  # fmt: skip
     return (
         {
             names[column]: _of_cell(names[column], cell, in_unit.get(column, ""))
@@ -180,15 +177,16 @@ def _of_cell(name: str, text: str, unit: str) -> Any:
 def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
     read = read_keys(SITE_KEYS, row, where, folder)
     if (read["longitude"] is None) != (read["latitude"] is None):
-        raise Place(where).wrong("one of longitude and latitude", "both or neither", "add the other")
+        raise Place(where).wrong("rocks.place_incomplete", "one of longitude and latitude", "both or neither",
+            "add the other")  # fmt: skip
     if read["ensemble"] and read["seismograms"]:
-        raise Place(where).wrong("an ensemble and seismograms", "one of them", "remove one")
+        raise Place(where).wrong("rocks.records_given_twice", "an ensemble and seismograms", "one of them",
+            "remove one")  # fmt: skip
     for name in ("ensemble", "seismograms"):
         if read[name] and not read[name].exists():
             remedy = "correct the path, which begins at the table's folder"
-            raise Place(f"{where}: {name}").wrong(
-                f"{read[name]}: there is no such file or folder", "records", remedy
-            )
+            raise Place(f"{where}: {name}").wrong("file.absent",
+                f"{read[name]}: there is no such file or folder", "records", remedy)  # fmt: skip
     read["scene"] = _scene_folder(read["scene"])
     read["rock"] = read["rock"] or rock_name(read["scene"])
     return Site(**read | {"site": read["site"] or read["rock"]})
@@ -212,9 +210,8 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
         scenes = [one for match in matches if ((one := _scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
-            raise place.wrong(
-                f"{documents.shown(pattern)} names no scene", "folders with a scene.json", "correct the path"
-            )
+            raise place.wrong("rocks.no_scene", f"{documents.shown(pattern)} names no scene",
+                "folders with a scene.json", "correct the path")  # fmt: skip
         found |= dict.fromkeys(scenes)
     return list(found)
 
@@ -232,12 +229,13 @@ def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
     Raises InputError if one is not, or there is no rock.
     """
     if not sites:
-        raise Place(where).wrong("holds no rock", "at least one", "add a row with a scene")
+        raise Place(where).wrong("rocks.empty", "holds no rock", "at least one", "add a row with a scene")
     counts = Counter(site.rock.casefold() for site in sites)
     if twice := [site for site in sites if counts[site.rock.casefold()] > 1]:
         scenes = " and ".join(str(one.scene) for one in twice[:2])
         remedy = "name them in a table's column 'rock', or give each scene once"
-        raise Place(where).wrong(f"the rock {twice[0].rock} twice ({scenes})", "a name for each rock", remedy)
+        raise Place(where).wrong("rocks.name_repeated", f"the rock {twice[0].rock} twice ({scenes})",
+            "a name for each rock", remedy)  # fmt: skip
     return sites
 
 
@@ -297,7 +295,8 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
     if not came.records:
         reasons = "; ".join(f"{one.subject}: {one.reason}" for one in came.refusals[:3]) or "no record file"
         remedy = "import them with 'toppling records import' and name the ensemble"
-        raise Place(str(source)).wrong(reasons, "seismograms of three components", remedy)
+        raise Place(str(source)).wrong("rocks.no_seismograms", reasons, "seismograms of three components",
+            remedy)  # fmt: skip
     return tuple(came.records)
 
 
@@ -310,7 +309,6 @@ def _of_station(records: Iterable[Record], station: str | None, source: Path) ->
     if not chosen:
         there = ", ".join(sorted({one.station or "(none)" for one in records})[:5])
         remedy = "name the station in the table's column 'site'"
-        raise Place(str(source)).wrong(
-            f"no record of site {station}", f"one of its stations: {there}", remedy
-        )
+        raise Place(str(source)).wrong("rocks.no_record", f"no record of site {station}",
+            f"one of its stations: {there}", remedy)  # fmt: skip
     return chosen

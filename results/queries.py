@@ -108,6 +108,7 @@ def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.Duck
                 for run in runs:
                     newest_rows(result_files(run.root))
             raise InputError(
+                "query.failed",
                 str(error),
                 where="SQL",
                 expected="DuckDB's SQL over the tables results, motions, scene",
@@ -126,12 +127,8 @@ def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBP
     names = [run.name for run in runs]
     if len(set(names)) < len(names):
         what = f"two of the runs {', '.join(names)} have the same name"
-        raise InputError(
-            what,
-            where="query",
-            expected="folders of different names",
-            remedy="rename one of the folders",
-        )
+        raise InputError("run.names_repeated", what, where="query", expected="folders of different names",
+            remedy="rename one of the folders")  # fmt: skip
     config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{_MEMORY_BYTES >> 20}MiB"}
     connection = duckdb.connect(config=config)
     for view in ("results", "motions", "scene", "bases"):
@@ -170,6 +167,7 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
     values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
     raise InputError(
+        "query.runs_differ",
         f"these runs differ in {values}, and the query pools their rows",
         where="SQL",
         expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
@@ -179,6 +177,7 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
 
 def _refused(what: str) -> InputError:
     return InputError(
+        "query.not_allowed",
         what,
         where="SQL",
         expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
@@ -228,6 +227,7 @@ def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
 
 def _too_much(what: str) -> InputError:
     return InputError(
+        "query.too_large",
         what,
         where="SQL",
         expected=f"a query of at most {_MEMORY_BYTES / 1e9:.1f} GB and {_TIME_S:g} s",

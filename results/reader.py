@@ -54,17 +54,16 @@ class Run:
         self.path = at_hand(path)
         marks = ("run.json", "results.parquet", "parts")
         if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
-            raise InputError(
+            raise InputError("run.absent",
                 f"is not a run{instead(self.path)}" if self.path.exists() else "does not exist",
-                where=str(self.path),
-                expected="the folder of a run, with " + ", ".join(marks),
-                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
-            )
+                where=str(self.path), expected="the folder of a run, with " + ", ".join(marks),
+                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'")  # fmt: skip
         self.root = atlas_of(self.path) or self.path
         check_files(self.root)
         check_audits(self.root)
         if self._campaign().get("levels", "all") != "all":
             raise InputError(
+                "run.of_earlier_version",
                 "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
                 where=str(self.path),
                 expected="a run of all levels",

@@ -49,6 +49,7 @@ class ForeignError(InputError):
 
     def __init__(self, what: str, where: Path) -> None:
         super().__init__(
+            "run.file_foreign",
             what,
             where=str(where),
             expected="files of one run, as 'toppling run' wrote them into its folder",

@@ -246,6 +246,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     # A file that says it holds results would, where a column is not as declared, answer with nulls.
     if b"schema_version" in (schema.metadata or {}):
         raise InputError(
+            "run.columns_other",
             f"the columns {', '.join(wrong)} are missing or of another type",
             where=str(path),
             expected=f"results of schema version {SCHEMA_VERSION}",

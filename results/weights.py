@@ -64,6 +64,7 @@ class Weights:
         """
         if contact not in self.by_contact:
             raise InputError(
+                "run.contact_without_weights",
                 f"no weights of the bases under friction {contact[0]:g}, {contact[1]:g} and restitution {contact[2]:g}",
                 where=WEIGHTS_FILE,
                 expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
@@ -96,12 +97,13 @@ class Weights:
         if not path.exists():
             if (run / EARLIER_FILE).exists():
                 raise InputError(
+                    "run.of_earlier_version",
                     f"is not there, but {EARLIER_FILE} of an earlier version",
                     where=str(path),
                     expected="a run of this version",
                     remedy="read it with the program that made it (versions in run.json), or run its campaign again",
                 )
-            raise _no_weights("is not there", path)
+            raise _no_weights("run.weights_absent", "is not there", path)
         table = read_table(path, required=True)
         try:
             notes = json.loads(table.schema.metadata[_NOTES])
@@ -112,10 +114,12 @@ class Weights:
             }
             sound = all(np.isfinite(each).all() and (each > 0).all() for each in by_contact.values())
             if not (by_contact and sound):
-                raise _no_weights("holds no weights, or one that is not positive", path)
+                raise _no_weights("run.weights_unusable", "holds no weights, or one that is not positive",
+                    path)  # fmt: skip
             return cls(by_contact, **{**notes, "remarks": tuple(notes["remarks"])})  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
-            raise _no_weights(f"is not whole ({type(error).__name__}: {error})", path) from None
+            raise _no_weights("run.weights_unreadable", f"is not whole ({type(error).__name__}: {error})",
+                path) from None  # fmt: skip
 
     def summary(self, frame: pd.DataFrame) -> dict[str, Any]:
         """What a program reads of the weights of the bases of some rows.

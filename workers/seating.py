@@ -42,13 +42,11 @@ def settled(scene: Scene, pool: Pool | None = None) -> Scene:
 def _settled(scene: Scene, pool: Pool) -> Scene:
     kinetic, least = scene.contact.friction_kinetic, friction_that_stops(scene)
     if kinetic < min(scene.contact.friction_static, least):
-        raise InputError(
+        raise InputError("contact.slides_forever",
             f"friction_kinetic is {kinetic} on a slope of {scene.pedestal.slope_deg:.1f} degrees: "
-            "a rock that slips never stops",
-            where=f"scene {scene.id}",
+            "a rock that slips never stops", where=f"scene {scene.id}",
             expected=f"at least tan(slope), {least:.3f}",
-            remedy="raise it: a rock that lies still after a slip shows that it is higher",
-        )
+            remedy="raise it: a rock that lies still after a slip shows that it is higher")  # fmt: skip
     if not scene.ground.is_plane:
         rock = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, f"scene {scene.id}")
         return dataclasses.replace(scene, rock=rock)
@@ -121,6 +119,7 @@ def _let_down(scene: Scene, pool: Pool) -> Scene:
 
 def _falls(scene: Scene, what: str) -> InputError:
     return InputError(
+        "rock.does_not_stand",
         f"left alone, the rock does not stand: {what}",
         where=f"scene {scene.id}",
         expected="a rock that stands by itself in the pose of the scene",

@@ -122,7 +122,7 @@ def _check_kinds(scene: object, motion: object) -> None:
         if not isinstance(given, kind):
             name = kind.__name__
             what = f"{name.lower()} is a {type(given).__name__}"
-            raise InputError(what, where="shake", expected=f"a {name}", remedy=remedy)
+            raise InputError("shake.kind_unusable", what, where="shake", expected=f"a {name}", remedy=remedy)
 
 
 def compile_once() -> None:

@@ -66,7 +66,7 @@ def read_json(path: Path, refuse: Refuse = _no_json) -> dict[str, Any]:
     """
     content = json_of(_text(path, refuse, _LARGEST_JSON_BYTES), path, refuse)
     if not isinstance(content, dict):
-        raise refuse(f"is {shown(content)}, no object", path)
+        raise refuse("document.no_object", f"is {shown(content)}, no object", path)
     return content
 
 
@@ -86,9 +86,9 @@ def json_of(text: str, where: object, refuse: Refuse = _no_json) -> Any:
             ),
         )
     except (ValueError, RecursionError) as error:
-        raise refuse(f"cannot be read (no JSON: {_brief(error)})", where) from None
+        raise refuse("document.unreadable", f"cannot be read (no JSON: {_brief(error)})", where) from None
     if _is_deep(content):
-        raise refuse(f"is nested too deep: more than {_DEEPEST} levels", where)
+        raise refuse("document.too_deep", f"is nested too deep: more than {_DEEPEST} levels", where)
     return content
 
 
@@ -98,13 +98,13 @@ def xml_of(text: str, where: object, refuse: Refuse, *, comments: bool = False) 
     Raises InputError if it is no whole document, or beyond the bounds.
     """
     if re.search(r"<!(?:DOCTYPE|ENTITY)", text):  # entities can grow without bound, and name other files
-        raise refuse("defines entities", where)
+        raise refuse("document.has_entities", "defines entities", where)
     _check_values(text, "<", where, refuse)
     try:
         builder = ElementTree.TreeBuilder(insert_comments=comments)
         return ElementTree.fromstring(text, ElementTree.XMLParser(target=builder))
     except (ElementTree.ParseError, ValueError) as error:
-        raise refuse(f"is no whole XML document ({error})", where) from None
+        raise refuse("document.unreadable", f"is no whole XML document ({error})", where) from None
 
 
 _no_toml = refusals(expected=_TOML, remedy=_CORRECT)
@@ -118,17 +118,19 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     """
     text = _text(path, refuse, _LARGEST_TOML_BYTES)
     if _longest_key(text) > _LONGEST_KEY:
-        raise refuse(f"has a key of more than {_LONGEST_KEY} parts", path)
+        raise refuse("document.too_deep", f"has a key of more than {_LONGEST_KEY} parts", path)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise _unreadable(path, f"is not TOML ({_brief(error)})", _TOML, _toml_remedy(str(error))) from None
+        raise _unreadable("document.unreadable", path, f"is not TOML ({_brief(error)})", _TOML,
+            _toml_remedy(str(error))) from None  # fmt: skip
     if _is_deep(content):
-        raise refuse(f"is nested too deep: more than {_DEEPEST} levels", path)
+        raise refuse("document.too_deep", f"is nested too deep: more than {_DEEPEST} levels", path)
     for key, value in content.items():
         for number in _values_in(value):
             if isinstance(number, int | float) and not (isinstance(number, bool) or is_number(number)):
-                raise refuse(f"{shown(number)} is no number that a double holds", f"{path}: {key}")
+                raise refuse("document.number_too_large", f"{shown(number)} is no number that a double holds",
+                    f"{path}: {key}")  # fmt: skip
     return content
 
 
@@ -155,6 +157,7 @@ def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[
             yield reader.line_num, row
     except csv.Error as error:
         raise InputError(
+            "table.unreadable",
             f"is no CSV ({error})",
             where=f"{where}:{reader.line_num}",
             expected="a CSV table with a header line",
@@ -203,7 +206,8 @@ def check_shape(value: Any, shape: Any, where: object, place: str = "") -> None:
 
 
 def _mistyped(value: Any, expected: str, where: object, place: str, *, missing: bool = False) -> InputError:
-    return _unreadable(where, f"{place} is {'missing' if missing else shown(value)}", expected)
+    return _unreadable("document.value_missing" if missing else "document.value_mistyped", where,
+        f"{place} is {'missing' if missing else shown(value)}", expected)  # fmt: skip
 
 
 def is_number(value: Any) -> bool:
@@ -243,18 +247,18 @@ SHARE = between(-0.001, 1.001)
 def _text(path: Path, refuse: Refuse, most_bytes: int) -> str:
     content = bytes_given(path, refuse, most_bytes)
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise refuse("is text in UTF-16, not in UTF-8", path)
+        raise refuse("file.not_utf8", "is text in UTF-16, not in UTF-8", path)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise refuse(f"is no text in UTF-8 ({error})", path) from None
+        raise refuse("file.not_utf8", f"is no text in UTF-8 ({error})", path) from None
 
 
 def _check_values(text: str, marks: str, where: object, refuse: Refuse) -> None:
     """Refuse a document whose values would take much more memory than its text, before it is parsed."""
     count = sum(text.count(mark) for mark in marks)
     if count > MOST_VALUES:
-        raise refuse(f"holds {count:,} values, more than {MOST_VALUES:,}", where)
+        raise refuse("document.too_many_values", f"holds {count:,} values, more than {MOST_VALUES:,}", where)
 
 
 def _is_deep(content: Any) -> bool:
@@ -298,8 +302,8 @@ def _no_number(text: str, found: str) -> NoReturn:
     raise json.JSONDecodeError(f"{shown(found)} is no number that a double holds", text, text.find(found))
 
 
-def _unreadable(where: object, what: str, expected: str, remedy: str = _CORRECT) -> InputError:
-    return InputError(what, where=str(where), expected=expected, remedy=remedy)
+def _unreadable(code: str, where: object, what: str, expected: str, remedy: str = _CORRECT) -> InputError:
+    return InputError(code, what, where=str(where), expected=expected, remedy=remedy)
 
 
 def finite(value: Any) -> Any:

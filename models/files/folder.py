@@ -38,6 +38,7 @@ def local(path: str | os.PathLike[str]) -> Path:
         return Path(unquote(text[here.end() :]))
     if found := _REMOTE.search(text):
         raise InputError(
+            "file.is_address",
             f"is an address ({found[0].strip('/')}//), no path",
             where=text,
             expected="a folder or file of this machine; of a run's folder also the address of a store "

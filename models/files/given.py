@@ -11,7 +11,7 @@ from typing import IO, Any
 
 from toppling.models.errors import InputError
 
-Refuse = Callable[[str, object], InputError]
+Refuse = Callable[[str, str, object], InputError]
 """Makes an error of what is wrong and where."""
 
 LONGEST_LINE_BYTES = 1 << 20
@@ -41,20 +41,21 @@ def open_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float |
     try:
         number = os.open(path, _OPEN_AT_ONCE)
     except ValueError as error:  # a zero in the name
-        raise refuse(f"is no name of a file ({error})", repr(path)) from None
+        raise refuse("file.name_unusable", f"is no name of a file ({error})", repr(path)) from None
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise _unopened(AbsentError, refuse("does not exist", path), error) from None
+        raise _unopened(AbsentError, refuse("file.absent", "does not exist", path), error) from None
     except OSError as error:
-        told = refuse(f"cannot be opened ({error.strerror})", path)
+        told = refuse("file.not_opened", f"cannot be opened ({error.strerror})", path)
         raise _unopened(UnopenedError, told, error) from None
     try:
         state = os.fstat(number)
         if stat.S_ISDIR(state.st_mode):
-            raise refuse("is a folder", path)
+            raise refuse("file.is_folder", "is a folder", path)
         if not stat.S_ISREG(state.st_mode):
-            raise refuse("is no file: a pipe or a device", path)
+            raise refuse("file.not_regular", "is no file: a pipe or a device", path)
         if most_bytes is not None and state.st_size > most_bytes:
             raise refuse(
+                "file.too_large",
                 f"has {state.st_size / 1e6:,.3g} MB, more than the {most_bytes / 1e6:,.3g} MB of any such file",
                 path,
             )
@@ -65,7 +66,7 @@ def open_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float |
 
 
 def _unopened(kind: type[UnopenedError], told: InputError, error: OSError) -> UnopenedError:
-    unopened = kind(told.what, where=told.where, expected=told.expected, remedy=told.remedy)
+    unopened = kind(told.code, told.what, where=told.where, expected=told.expected, remedy=told.remedy)
     unopened.errno, unopened.strerror = error.errno, error.strerror
     return unopened
 
@@ -84,5 +85,5 @@ def check_lines(file: IO[bytes], path: Any, refuse: Refuse) -> None:
     file.seek(0)
     while len(chunk := file.read(LONGEST_LINE_BYTES)) == LONGEST_LINE_BYTES:
         if not _LINE_END.search(chunk):
-            raise refuse(f"has a line of more than {LONGEST_LINE_BYTES:,} bytes", path)
+            raise refuse("file.line_too_long", f"has a line of more than {LONGEST_LINE_BYTES:,} bytes", path)
     file.seek(0)

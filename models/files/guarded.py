@@ -69,13 +69,13 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> _Rea
         try:
             answer, arrays = _ask(request)
         except _EndedError as end:
-            raise _damaged(str(end), path) from end
+            raise _damaged("file.unreadable", str(end), path) from end
     if "refusal" in answer:
         where = str(answer["refusal"]["where"] or request["path"])
         where = where.replace(str(request["path"]), str(path))  # as it was asked for
         raise InputError(**(answer["refusal"] | {"where": where}))
     if "failure" in answer:
-        raise _damaged(f"cannot be read ({answer['failure']})", path)
+        raise _damaged("file.unreadable", f"cannot be read ({answer['failure']})", path)
     return answer["said"], arrays
 
 

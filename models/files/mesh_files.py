@@ -67,12 +67,13 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
             f"{suffix or 'no suffix'} is not a mesh format that is read",
             "convert it, or correct its name",
         )
-        raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+        raise InputError("mesh.format_unknown", what, where=str(path), expected=expected, remedy=remedy)
     found = read_mesh(Path(path)) if suffix == ".ply" else None
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
         remedy = "a point cloud becomes a scene with 'toppling scan'"
-        raise InputError("holds no triangles", where=str(path), expected="a triangle mesh", remedy=remedy)
+        raise InputError("mesh.empty", "holds no triangles", where=str(path), expected="a triangle mesh",
+            remedy=remedy)  # fmt: skip
     check_triangles(vertices, faces, str(path))
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
@@ -108,6 +109,7 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
     elif hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return mesh.vertices, mesh.faces, what
     raise InputError(
+        "mesh.kind_unknown",
         f"is a {type(mesh).__name__}",
         where=what,
         expected="a path, a pair of vertices (n, 3) and triangles (m, 3), or an object with vertices and faces",
@@ -119,7 +121,7 @@ def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
     content, suffix = bytes_given(path, _damaged, _LARGEST_BYTES), path.suffix.lower()
     if suffix == ".obj" and _FROM_ZERO.search(content):
-        raise _damaged("a face has the vertex 0, and the first one is 1", path)
+        raise _damaged("mesh.index_out_of_range", "a face has the vertex 0, and the first one is 1", path)
     if suffix in (".glb", ".gltf"):
         _check_gltf(content, path)
     if suffix == ".stl":
@@ -142,7 +144,8 @@ def _whole_stl(content: bytes, path: Path) -> bytes:
     whole = _STL_HEADER_BYTES + 4 + _STL_TRIANGLE_BYTES * count
     if len(content) < whole:
         lacking = -(-(whole - len(content)) // _STL_TRIANGLE_BYTES)
-        raise _damaged(f"lacks {lacking} of the {count} triangles that its header counts: truncated", path)
+        raise _damaged("file.truncated",
+            f"lacks {lacking} of the {count} triangles that its header counts: truncated", path)  # fmt: skip
     return content if content[whole:].strip(b"\0") else content[:whole]
 
 
@@ -157,7 +160,8 @@ def _check_gltf(content: bytes, path: Path) -> None:
     if any(accessors[place].get("normalized") for place in places):
         needed.append("normalised positions")
     if needed:
-        raise _damaged(f"its triangles need {', '.join(map(str, needed))}, which is not read", path)
+        raise _damaged("mesh.variant_unknown",
+            f"its triangles need {', '.join(map(str, needed))}, which is not read", path)  # fmt: skip
 
 
 def _counted_from_the_first(content: bytes) -> bytes:

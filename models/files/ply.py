@@ -94,12 +94,13 @@ def read_header(path: Path) -> _Header:
         size = file.seek(0, 2)
     end = _END.search(head)
     if not head.startswith((b"ply\n", b"ply\r", b"ply \n", b"ply \r")) or end is None:
-        raise _damaged("has no PLY header that ends in 'end_header'", path)
+        raise _damaged("ply.header_unreadable", "has no PLY header that ends in 'end_header'", path)
     lines = head[: end.start()].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     order, elements = _parsed(lines, path)
     names = [each.name for each in elements]
     if len(set(names)) < len(names):
-        raise _damaged(f"the header declares {', '.join(names)}: one of them twice", path)
+        raise _damaged("ply.name_repeated", f"the header declares {', '.join(names)}: one of them twice",
+            path)  # fmt: skip
     least = sum(
         each.count * sum(2 if not order else part.least_bytes for part in each.properties)
         for each in elements
@@ -107,9 +108,9 @@ def read_header(path: Path) -> _Header:
     # Of the last number in ASCII the line end may lack.
     if least > size - end.end() + (not order):
         counts = ", ".join(f"{each.count} {each.name}" for each in elements)
-        raise _damaged(
-            f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it", path
-        )
+        raise _damaged("file.truncated",
+            f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it",
+            path)  # fmt: skip
     return _Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
 
 
@@ -156,7 +157,7 @@ def read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
         return None
     triangles = rows[indices[0].name]
     if triangles.dtype.kind not in "iu":
-        raise _damaged("the corners of its faces are no whole numbers", path)
+        raise _damaged("mesh.index_not_whole", "the corners of its faces are no whole numbers", path)
     return (
         np.column_stack([points[axis].astype(np.float64) for axis in "xyz"]),
         triangles.astype(np.int64).reshape(-1, 3),
@@ -169,13 +170,14 @@ def _vertex_rows(header: _Header) -> dict[str, NDArray]:
         return {}
     *before, element = header.elements[: names.index("vertex") + 1]
     if element.has_lists or any(each.has_lists for each in before if header.order):
-        raise _damaged("a list stands before or among the properties of 'vertex'", header.path)
+        raise _damaged("ply.list_before_vertex", "a list stands before or among the properties of 'vertex'",
+            header.path)  # fmt: skip
     if header.order:
         at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
         if len(rows) < element.count:
             what = f"{len(rows)} of {element.count} rows of 'vertex' follow: it is truncated"
-            raise _damaged(what, header.path)
+            raise _damaged("file.truncated", what, header.path)
         return {each.name: rows[each.name] for each in element.properties}
     return _ascii_rows(header, element, sum(each.count for each in before))
 
@@ -189,11 +191,9 @@ def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, N
         if element.count:
             table = np.loadtxt(lines, ndmin=2, comments=None)
     if table.shape != (element.count, len(element.properties)):
-        raise _damaged(
+        raise _damaged("file.truncated",
             f"{' x '.join(map(str, table.shape))} numbers where the header counts {element.count} rows of "
-            f"{len(element.properties)}: it is damaged or truncated",
-            header.path,
-        )
+            f"{len(element.properties)}: it is damaged or truncated", header.path)  # fmt: skip
     return {each.name: table[:, column] for column, each in enumerate(element.properties)}
 
 
@@ -221,11 +221,12 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element]]:
             case [] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case _:
-                raise _damaged(f"line {number} of the header is {line[:60]!r}", path)
+                raise _damaged("ply.header_unreadable", f"line {number} of the header is {line[:60]!r}", path)
     if order is None:
-        raise _damaged("the header states no format", path)
+        raise _damaged("ply.format_missing", "the header states no format", path)
     for name, _, properties in elements:
         names = [each.name for each in properties]
         if not names or len(set(names)) < len(names):
-            raise _damaged(f"the element '{name[:60]}' has no properties, or two of one name", path)
+            raise _damaged("ply.element_unusable",
+                f"the element '{name[:60]}' has no properties, or two of one name", path)  # fmt: skip
     return order, [_Element(name, count, tuple(properties)) for name, count, properties in elements]

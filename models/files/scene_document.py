@@ -109,21 +109,21 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     document = read_json(path)
     if document.get("schema_version") != SCHEMA_VERSION:
         what = f"schema version {shown(document.get('schema_version'))}"
-        raise _unread(what, path, f"a scene of schema version {SCHEMA_VERSION}")
+        raise _unread("document.schema_version", what, path, f"a scene of schema version {SCHEMA_VERSION}")
     check_shape(document, _SHAPE, path)
     normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
-        raise _unread(f"interface.normal is {normal}", path, "a unit vector that points up")
+        raise _unread("scene.normal_unusable", f"interface.normal is {normal}", path,
+            "a unit vector that points up")  # fmt: skip
     if rows > _MOST_AZIMUTHS:
-        raise _unread(
-            f"quasi_static_toppling_m_s2 has {rows} rows", path, f"at most {_MOST_AZIMUTHS} azimuths"
-        )
+        raise _unread("scene.too_many_azimuths", f"quasi_static_toppling_m_s2 has {rows} rows", path,
+            f"at most {_MOST_AZIMUTHS} azimuths")  # fmt: skip
     return document
 
 
-def _unread(what: str, path: Path, expected: str) -> InputError:
+def _unread(code: str, what: str, path: Path, expected: str) -> InputError:
     remedy = "make the scene anew with 'toppling scan' or Scene.save"
-    return InputError(what, where=str(path), expected=expected, remedy=remedy)
+    return InputError(code, what, where=str(path), expected=expected, remedy=remedy)
 
 
 def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:
@@ -145,7 +145,9 @@ def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = Fa
         name for name in there if (stated or files) and files.get(name) != digest.stated(folder / name)
     ]
     if len(foreign) == 1:
-        raise _foreign("is of another scene than the scene.json beside it", folder / foreign[0])
+        raise _foreign("scene.file_foreign", "is of another scene than the scene.json beside it",
+            folder / foreign[0])  # fmt: skip
     if foreign:
-        raise _foreign(f"scene.json is of another scene than {', '.join(foreign)}", folder)
+        raise _foreign("scene.file_foreign", f"scene.json is of another scene than {', '.join(foreign)}",
+            folder)  # fmt: skip
     return document

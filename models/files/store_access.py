@@ -95,12 +95,9 @@ class Store:
         }
         for name in files:
             if not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
-                raise InputError(
-                    f"holds an object named {name!r}",
-                    where=self.address,
-                    expected="files of a run, in folders below it",
-                    remedy="remove that object, or give another address",
-                )
+                raise InputError("store.object_foreign", f"holds an object named {name!r}",
+                    where=self.address, expected="files of a run, in folders below it",
+                    remedy="remove that object, or give another address")  # fmt: skip
         return files
 
     def holds(self, name: str) -> bool:
@@ -288,6 +285,7 @@ def _file_system(address: str) -> tuple[Any, str]:
         system.dircache.use_listings_cache = False  # others write there too
     except (ImportError, ValueError) as error:
         raise InputError(
+            "store.kind_unknown",
             f"is in a kind of store that cannot be reached from here ({error})",
             where=address,
             expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
@@ -317,10 +315,7 @@ def azure_arguments(connection: str) -> dict[str, str]:
 def no_answer(address: str, error: Exception) -> InputError:
     """Tell what a store, or what reaches it, complains of."""
     said = str(error).splitlines() or [type(error).__name__]
-    return InputError(
-        f"the store gives no answer ({said[0]})",
-        where=address,
+    return InputError("store.no_answer", f"the store gives no answer ({said[0]})", where=address,
         expected="a bucket that exists, and credentials that may read and write it",
         remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "
-        f"{_AZURE}; FSSPEC_...)",
-    )
+        f"{_AZURE}; FSSPEC_...)")  # fmt: skip

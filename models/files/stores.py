@@ -189,6 +189,7 @@ class Copy:
 
     def _not_whole(self, name: str, there: int, sent: int) -> InputError:
         return InputError(
+            "store.not_as_sent",
             f"the store does not hold {name} as it was sent: {there} bytes are there, "
             + (f"{sent} were sent" if sent >= 0 else "which another process wrote"),
             where=self.address,

@@ -49,7 +49,7 @@ def text_given(path: Path, refuse: Refuse, most_bytes: int = LARGEST_TABLE_BYTES
     """
     text = text_of(bytes_given(path, refuse, most_bytes))
     if text is None:
-        raise refuse("is no text", path)
+        raise refuse("file.not_text", "is no text", path)
     return text
 
 
@@ -115,16 +115,19 @@ class TextFile:
         text = text_of(content)
         if text is None or "\0" in text:
             before = content.partition(b"\0")[0] if text is None else text.partition("\0")[0].encode()
-            cls(path, ()).refuse(before.count(b"\n"), "a zero byte", "a CSV table", "save the table again")
+            cls(path, ()).refuse("file.holds_zeros", before.count(b"\n"), "a zero byte", "a CSV table",
+                "save the table again")  # fmt: skip
         return cls(path, text.splitlines())
 
     def where(self, at: int) -> str:
         """File and line, as an error names them."""
         return f"{self.path}:{self.above + at + 1}"
 
-    def refuse(self, at: int, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+    def refuse(
+        self, code: str, at: int, what: str, expected: str, remedy: str = "fetch the file again"
+    ) -> NoReturn:
         """Refuse the file for what is wrong at a line."""
-        raise InputError(what, where=self.where(at), expected=expected, remedy=remedy)
+        raise InputError(code, what, where=self.where(at), expected=expected, remedy=remedy)
 
     def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, list[str]]]:
         """Rows of a table from a line on, its header too, each with the place of its line."""

@@ -361,6 +361,7 @@ class GroundedBody:
         """
         if not self.rests_nearby:
             raise InputError(
+                "rock.does_not_stand",
                 "left alone, the rock does not stand on its pedestal's surface",
                 where=where,
                 expected="a rock that stands by itself in the pose of the scene",

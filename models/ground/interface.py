@@ -39,12 +39,8 @@ def surface_below(
     """
     check_triangles(vertices_m, faces, where)
     if len(faces) == 0:
-        raise InputError(
-            "holds no triangles",
-            where=where,
-            expected="the surface below the rock",
-            remedy="give it as a triangle mesh",
-        )
+        raise InputError("mesh.empty", "holds no triangles", where=where,
+            expected="the surface below the rock", remedy="give it as a triangle mesh")  # fmt: skip
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
     try:
@@ -72,6 +68,7 @@ def _apart(rock: Rock, vertices_m: Array, where: str) -> InputError:
     sizes = [" by ".join(f"{side:.3g}" for side in np.ptp(each, axis=0)) for each in (own, other)]
     off = other.mean(axis=0) - own.mean(axis=0)
     return InputError(
+        "rock.apart_from_pedestal",
         f"the rock does not touch the ground: the middle of a ground of {sizes[1]} m lies {off[0]:+.3g} m east, "
         f"{off[1]:+.3g} m north and {off[2]:+.3g} m up from that of a rock of {sizes[0]} m",
         where=where,

@@ -193,6 +193,7 @@ def _span(drawn: Array, weight: Array) -> tuple[float, float]:
 
 def _contradicted(what: str, where: str, expected: str) -> InputError:
     return InputError(
+        "base.pull_beyond",
         what,
         where=where,
         expected=expected,

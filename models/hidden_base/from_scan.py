@@ -280,6 +280,7 @@ def contradiction(
         kind = f", on a {inspection.base} base," if inspection.base else ""
         what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene){kind} agree with all seen"
     return ContradictionError(
+        "base.contradicted",
         what,
         where="standing",
         expected="a base on which the rock is at rest as it was scanned",

@@ -53,9 +53,9 @@ class Inspection:
         """All places (n, 3), those that touch first."""
         return np.vstack([self.touching_m, self.open_m])
 
-    def misplaced(self, number: int, what: str, expected: str, remedy: str) -> InputError:
+    def misplaced(self, code: str, number: int, what: str, expected: str, remedy: str) -> InputError:
         """Refusal of one of the places."""
-        return InputError(what, where=self._where(number), expected=expected, remedy=remedy)
+        return InputError(code, what, where=self._where(number), expected=expected, remedy=remedy)
 
     def _where(self, number: int) -> str:
         return self.file + (f", line {self.lines[number]}" if self.lines else f", place {number + 1}")
@@ -70,18 +70,17 @@ class Inspection:
         """
         if self.touch_only and len(self.touching_m) < _LEAST_TOUCHES:
             raise InputError(
+                "base.too_few_touches",
                 f"{len(self.touching_m)} places are said to touch, and nothing else",
                 where="--touch-only",
                 expected=f"at least {_LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
                 remedy="give the others by --touch or --contact, or leave --touch-only out",
             )
         if self.touch_only and self.base == FLAT:
-            raise InputError(
+            raise InputError("base.flat_touches_everywhere",
                 "a flat base lies on its pedestal everywhere, and not at single places",
-                where="--base and --touch-only",
-                expected="one of them",
-                remedy="leave --touch-only out, or say --base rough or --base rounded",
-            )
+                where="--base and --touch-only", expected="one of them",
+                remedy="leave --touch-only out, or say --base rough or --base rounded")  # fmt: skip
         outside = ((self.places_m < low_m) | (self.places_m > high_m)).any(axis=1)
         if outside.any():
             number = int(outside.argmax())
@@ -121,6 +120,7 @@ def inspection_of(
     """
     if base is not None and base not in KINDS:
         raise InputError(
+            "base.kind_unknown",
             f"'{base}' is no kind of base",
             where="--base",
             expected=f"one of {', '.join(KINDS)}",
@@ -129,6 +129,7 @@ def inspection_of(
     for azimuth, ratio in pulls:
         if not (0.0 <= azimuth < 360.0 and 0.0 < ratio < 3.0):
             raise InputError(
+                "base.pull_unusable",
                 f"{azimuth:g} {ratio:g} is no pull test",
                 where="--pull",
                 expected="the azimuth of the pull, from 0 to below 360 degrees counter-clockwise from east, and its "
@@ -162,13 +163,13 @@ def _places(path: Path) -> Inspection:
         except ValueError:
             if number == 1:
                 continue
-            raise _unusable(f"line {number} is '{line}'", path) from None
+            raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", path) from None
         kind = words[3].lower() if len(words) == 4 else ""
         if len(place) != 3 or not np.isfinite(place).all() or kind not in _TOUCHES + _OPEN:
-            raise _unusable(f"line {number} is '{line}'", path)
+            raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", path)
         found[kind in _TOUCHES].append(place)
         at[kind in _TOUCHES].append(number)
     if not found[True] and not found[False]:
-        raise _unusable("holds no places", path)
+        raise _unusable("hint.no_places", "holds no places", path)
     touching, free = (np.array(found[kind]).reshape(-1, 3) for kind in (True, False))
     return Inspection(touching, free, file=str(path), lines=(*at[True], *at[False]))

@@ -81,7 +81,8 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     if first.startswith("imt,") or openquake.header_values(first):
         return _openquake(file, imt, poe)
     if imt is not None or poe is not None:
-        _refuse(table, "is of one motion, so that there is none to choose", "leave --imt and --poe out")
+        _refuse("deaggregation.choice_needless", table, "is of one motion, so that there is none to choose",
+            "leave --imt and --poe out")  # fmt: skip
     return Deaggregation(_nshmp(file) if "Σε" in first else _bins(file))
 
 
@@ -93,14 +94,15 @@ def _bins(file: TextFile) -> list[Bin]:
     names_and_rows = list(file.rows(separator, start))
     if len(names_and_rows) < 2:
         what = "no bin below the names of columns"
-        file.refuse(start, what, "a row for each bin", "export the table again")
+        file.refuse("deaggregation.no_bin", start, what, "a row for each bin", "export the table again")
     (_, header), *rows = names_and_rows
     known = {_plain(name): column for column, name in enumerate(header)}
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
     for name in header:
         bare = _plain(name).removesuffix(" low").removesuffix(" high")
         if _OTHER_LENGTHS.search(name) and bare in _COLUMNS[1]:
-            file.refuse(start, f"distances under {shown(name)}", "distances in km", "convert them to km")
+            file.refuse("deaggregation.distance_not_km", start, f"distances under {shown(name)}",
+                "distances in km", "convert them to km")  # fmt: skip
     edges = ("magnitude low", "magnitude high", "distance low", "distance high")
     by_centre = all(roles) and not set(edges) <= known.keys()
     names = roles if by_centre else (*edges, "contribution")
@@ -116,13 +118,10 @@ def _bins(file: TextFile) -> list[Bin]:
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
         if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
-            file.refuse(
-                at,
-                f"not a bin: {shown(row)}",
+            file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(row)}",
                 "numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
                 "low below high; or centres in magnitude, distance_km, contribution",
-                "correct the table",
-            )
+                "correct the table")  # fmt: skip
         found.append(numbers)
     if by_centre:
         km, magnitudes = _widths(file.path, [one[1] for one in found], [one[0] for one in found])
@@ -182,14 +181,14 @@ def _records(
         ]
     except csv.Error as error:
         where = file.where(start + reader.line_num - 1)
-        _refuse(where, f"is no CSV ({error})", "give the file as it was written")
+        _refuse("table.unreadable", where, f"is no CSV ({error})", "give the file as it was written")
     (_, header), *rows = rows or [("", [])]
     if not needed <= set(header):
-        _refuse(file.path, f"has the columns {shown(header)}{lacks}", remedy)
+        _refuse("deaggregation.columns_unknown", file.path, f"has the columns {shown(header)}{lacks}", remedy)
     for where, row in rows:
         if len(row) != len(header):
             what = f"has not the header's {len(header)} columns but {len(row)}"
-            _refuse(where, what, "give the whole file")
+            _refuse("table.row_wrong_length", where, what, "give the whole file")
     return header, [(where, dict(zip(header, row, strict=True))) for where, row in rows]
 
 
@@ -201,7 +200,8 @@ def _around(centre: float, width: float) -> tuple[float, float]:
 def _number(where: str, text: str, most: float = math.inf, states: str = "no number of 0 and more:") -> float:
     value = float(text) if is_numeral(text) else math.nan
     if not (0 <= value <= most and value < math.inf):
-        _refuse(where, f"states {states} {text[:40]!r}", "give the file as it was written")
+        _refuse("deaggregation.value_unreadable", where, f"states {states} {text[:40]!r}",
+            "give the file as it was written")  # fmt: skip
     return value
 
 
@@ -227,13 +227,15 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
     edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
     widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]
     if None in widths:
-        _refuse(table, "has one bin of distance or magnitude, and nothing that states how wide it is",
-                "keep summary.txt beside it")  # fmt: skip
+        _refuse("deaggregation.bin_width_unknown", table,
+            "has one bin of distance or magnitude, and nothing that states how wide it is",
+            "keep summary.txt beside it")  # fmt: skip
     for known, width in zip(edges, widths, strict=True):
         steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
         if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
-            _refuse(table, f"has centres of bins that are not equally wide: {listed([f'{one:g}' for one in known], 8)}",
-                    "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
+            _refuse("deaggregation.bins_uneven", table,
+                f"has centres of bins that are not equally wide: {listed([f'{one:g}' for one in known], 8)}",
+                "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
     return widths[0] or 0.0, widths[1] or 0.0
 
 
@@ -247,7 +249,7 @@ def _openquake(file: TextFile, imt: str | None, poe: float | None) -> Deaggregat
     edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
     if not all(len(one) > 1 and all(a < b for a, b in pairwise(one)) for one in edges):
         what = "states no mag_bin_edges and dist_bin_edges in its first line"
-        _refuse(table, what, "give the file as it was written")
+        _refuse("deaggregation.edges_missing", table, what, "give the file as it was written")
     chosen, of = _chosen(table, records, imt, poe, stated.get("investigation_time", ""))
     weights = _weights(table, header, stated)
     stays: dict[tuple[int, int], float] = {}
@@ -267,7 +269,8 @@ def _chosen(
     """Rows of one measure and probability, and which that is."""
     imts = list(dict.fromkeys(record["imt"] for _, record in records))
     if imt is not None and imt not in imts:
-        _refuse(table, f"is over {listed(imts, 12)}, not over {imt}", "give one of these as --imt")
+        _refuse("deaggregation.measure_not_there", table, f"is over {listed(imts, 12)}, not over {imt}",
+            "give one of these as --imt")  # fmt: skip
     measure = imt or next(iter(imts), "")
     of_measure = [
         (_probability(where, record["poe"]), (where, record))
@@ -277,8 +280,9 @@ def _chosen(
     poes = sorted({p for p, _ in of_measure})
     known = [p for p in poes if poe is None or math.isclose(p, poe, rel_tol=1e-3)]
     if not known:
-        _refuse(table, f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
-                "give one of these as --poe")  # fmt: skip
+        _refuse("deaggregation.probability_not_there", table,
+            f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
+            "give one of these as --poe")  # fmt: skip
     rows = [record for p, record in of_measure if p == known[0]]
     others = [f"--imt {one}" for one in imts if one != measure]
     others += [f"--poe {p:g}" for p in poes if p != known[0]]
@@ -296,8 +300,9 @@ def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict
     if len(columns) == 1 and len(weights) != 1:
         weights = [1.0]
     if not columns or len(weights) != len(columns) or not math.isclose(math.fsum(weights), 1.0, rel_tol=1e-3):
-        _refuse(table, f"has {len(columns)} realisations and {len(weights)} weights, which sum to "
-                f"{math.fsum(weights):g}", "give the table of the mean, Mag_Dist-mean")  # fmt: skip
+        _refuse("deaggregation.weights_unusable", table,
+            f"has {len(columns)} realisations and {len(weights)} weights, which sum to "
+            f"{math.fsum(weights):g}", "give the table of the mean, Mag_Dist-mean")  # fmt: skip
     return dict(zip(columns, weights, strict=True))
 
 
@@ -309,13 +314,14 @@ def _place(where: str, record: dict[str, str], edges: Sequence[Sequence[float]])
         inside = [number for number, (low, high) in enumerate(pairwise(known)) if low <= centre <= high]
         if not inside:
             what = f"has the centre {record[name][:40]!r} of {name}, which is in none of its bins"
-            _refuse(where, what, "give the file as it was written")
+            _refuse("deaggregation.place_off_bins", where, what, "give the file as it was written")
         places.append(inside[0])
     return places[0], places[1]
 
 
-def _refuse(where: object, what: str, remedy: str) -> NoReturn:
+def _refuse(code: str, where: object, what: str, remedy: str) -> NoReturn:
     raise InputError(
+code,
         what, where=str(where), remedy=remedy,
-        expected="a hazard deaggregation: a table of bins, nshmp-haz's data.csv, or OpenQuake's Mag_Dist",
+        expected="a hazard deaggregation: a table of bins, nshmp-haz's data.csv, or OpenQuake's Mag_Dist"
     )  # fmt: skip

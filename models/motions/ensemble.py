@@ -98,7 +98,7 @@ class Ensemble:
         path = local(folder)
         for name in (CATALOG, MOTIONS):
             if not (path / name).is_file():
-                raise _ensemble_error(f"there is no {name}{instead(path)}", path)
+                raise _ensemble_error("ensemble.absent", f"there is no {name}{instead(path)}", path)
         try:
             sealed = digest.check(path / CATALOG)
             catalog = read_table(path / CATALOG)
@@ -106,14 +106,17 @@ class Ensemble:
             check_bounds(path / MOTIONS)
             motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
-            raise _ensemble_error(f"not readable as Parquet ({error})", path) from error
+            raise _ensemble_error("ensemble.unreadable", f"not readable as Parquet ({error})",
+                path) from error  # fmt: skip
         marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
         ids = {mark.get(b"toppling_ensemble") for mark in marks}
         if None in ids or len(ids) != 1:
-            raise _ensemble_error("catalogue and motions do not belong together", path)
+            raise _ensemble_error("ensemble.files_foreign", "catalogue and motions do not belong together",
+                path)  # fmt: skip
         version = marks[0].get(b"version", b"").decode()
         if version != SCHEMA_VERSION:
-            raise _ensemble_error(f"it is of version {version}, this program reads {SCHEMA_VERSION}", path)
+            raise _ensemble_error("document.schema_version",
+                f"it is of version {version}, this program reads {SCHEMA_VERSION}", path)  # fmt: skip
         _check_catalog(catalog, path)
         ensemble = cls(path, catalog)
         ensemble._motions = motions
@@ -132,10 +135,10 @@ class Ensemble:
         ordered = sorted(records, key=lambda record: record.record_id)
         names = [record.record_id for record in ordered]
         if not names:
-            raise _ensemble_error("there is no record to write", path)
+            raise _ensemble_error("ensemble.empty", "there is no record to write", path)
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
-            raise _ensemble_error(f"record ids occur twice: {', '.join(twice)}", path)
+            raise _ensemble_error("ensemble.id_repeated", f"record ids occur twice: {', '.join(twice)}", path)
         mark = {
             "toppling_ensemble": ensemble_id((r.record_id, r.sha) for r in ordered),
             "version": SCHEMA_VERSION,
@@ -185,12 +188,9 @@ class Ensemble:
 
     def _index(self, record_id: str) -> int:
         if record_id not in self._row:
-            raise InputError(
-                f"no record {record_id!r}",
-                where=str(self.folder),
+            raise InputError("ensemble.record_unknown", f"no record {record_id!r}", where=str(self.folder),
                 expected=f"one of {len(self._row)} ids such as {next(iter(self._row))!r}",
-                remedy="see the ids with 'toppling records show'",
-            )
+                remedy="see the ids with 'toppling records show'")  # fmt: skip
         return self._row[record_id]
 
     def _sound(self, record_id: str) -> Record:
@@ -201,7 +201,7 @@ class Ensemble:
             raise
         except (pa.ArrowException, OSError, ValueError, TypeError, LookupError) as error:
             what = f"the motion of {record_id!r} cannot be read ({str(error).splitlines()[0][:200]})"
-            raise _ensemble_error(what, self.folder) from error
+            raise _ensemble_error("ensemble.unreadable", what, self.folder) from error
 
     def _read(self, record_id: str) -> Record:
         """One record, its motion read from its own row group (the last few stay in memory)."""
@@ -211,7 +211,8 @@ class Ensemble:
                 self._motions = pq.ParquetFile(self.folder / MOTIONS, page_checksum_verification=True)
             row = self._motions.read_row_group(index)
         if row.column("record_id")[0].as_py() != record_id:
-            raise _ensemble_error(f"row group {index} is not record {record_id!r}", self.folder)
+            raise _ensemble_error("ensemble.motion_foreign", f"row group {index} is not record {record_id!r}",
+                self.folder)  # fmt: skip
         chunks = [row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten() for axis in "xyz"]
         columns = [np.from_dlpack(each) for each in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
@@ -237,24 +238,27 @@ def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     for name, kind in (*_IDENTITY, *_ORIGIN, *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
-            raise _ensemble_error(f"the catalogue has no one column {name!r} of {kind}", folder)
+            raise _ensemble_error("ensemble.column_missing",
+                f"the catalogue has no one column {name!r} of {kind}", folder)  # fmt: skip
         if name not in _MAY_BE_UNKNOWN and catalog.column(at[0]).null_count:
-            raise _ensemble_error(f"the catalogue's column {name!r} has gaps", folder)
+            raise _ensemble_error("ensemble.column_gaps", f"the catalogue's column {name!r} has gaps", folder)
     if len(catalog.column("record_id").unique()) < len(catalog):
-        raise _ensemble_error("the catalogue has a record id twice", folder)
+        raise _ensemble_error("ensemble.id_repeated", "the catalogue has a record id twice", folder)
     duration_s = np.array(catalog.column("duration_s").to_pylist(), float)  # `to_numpy` imports pandas
     if not (np.isfinite(duration_s) & (duration_s > 0)).all():
-        raise _ensemble_error("the catalogue's durations are no times", folder)
+        raise _ensemble_error("ensemble.duration_unusable", "the catalogue's durations are no times", folder)
 
 
 def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path) -> None:
     """Refuse samples that are not those of the catalogue: by its hash, and by the PGA that scales them."""
     name, stated = entry["record_id"], entry["pga_m_s2"]
     if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
-        raise _ensemble_error(f"the motion of {name!r} does not have the hash in the catalogue", folder)
+        raise _ensemble_error("ensemble.motion_foreign",
+            f"the motion of {name!r} does not have the hash in the catalogue", folder)  # fmt: skip
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
     if not abs(stated - pga) <= _PGA_TOLERANCE * pga:
-        raise _ensemble_error(f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue", folder)
+        raise _ensemble_error("ensemble.motion_foreign",
+            f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue", folder)  # fmt: skip
 
 
 def _motion_row(record: Record) -> pa.Table:

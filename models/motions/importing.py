@@ -104,36 +104,30 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
 def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
     for component in channels.channels:
         if not math.isfinite(component.time_step_s):
-            component.refuse(
-                "the file does not say its time step",
+            component.refuse("record.step_missing", "the file does not say its time step",
                 "a column of times, or the time step in the metadata table",
-                "give a metadata table with the column 'dt' (--metadata)",
-            )
+                "give a metadata table with the column 'dt' (--metadata)")  # fmt: skip
         if not component.unit_known:
             raise component.no_unit or InputError(
+                "record.unit_unknown",
                 "the file does not say in which unit its samples are",
                 where=component.where,
                 expected="a unit, or for counts an instrument response",
                 remedy="give its StationXML too, or a metadata table with the column 'unit' (--metadata)",
             )
     if channels.vertical is None and not options.missing_vertical:
-        channels.first.refuse(
-            "there is no vertical component",
-            "three components",
-            "give the vertical's file, or allow it with --missing-vertical",
-        )
+        channels.first.refuse("record.vertical_missing", "there is no vertical component", "three components",
+            "give the vertical's file, or allow it with --missing-vertical")  # fmt: skip
 
 
 def _refuse_elsewhere(group: Sequence[Component], options: ImportOptions) -> None:
     """Refuse channels that are not of the free field, unless those of any place are asked for."""
     elsewhere = {c.path: c.place for c in group if not c.place.free_field}
     if elsewhere and options.place != "any":
-        raise InputError(
-            "; ".join(dict.fromkeys(map(str, elsewhere.values()))),
+        raise InputError("record.not_free_field", "; ".join(dict.fromkeys(map(str, elsewhere.values()))),
             where=", ".join(map(str, elsewhere)),
             expected="a sensor in the free field, which records the ground's motion",
-            remedy="leave it out, or import it with --place any",
-        )
+            remedy="leave it out, or import it with --place any")  # fmt: skip
 
 
 def _corrected(channels: Triple) -> bool | None:
@@ -190,7 +184,7 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
     paths = list(paths)
     for path in paths:
         if not path.exists():
-            refuse_file(path, "there is no such file or folder", "records", "check the path")
+            refuse_file("file.absent", path, "there is no such file or folder", "records", "check the path")
         if path.is_dir():
             found |= dict.fromkeys(file for file in sorted(path.rglob("*")) if _may_be_record(file, path))
         else:
@@ -206,12 +200,10 @@ def _without_records(folders: Sequence[Path]) -> InputError:
         file.suffix.lower() or "no suffix" for one in folders for file in one.rglob("*") if file.is_file()
     )
     held = ", ".join(f"{count} of {kind}" for kind, count in kinds.most_common(5))
-    return InputError(
-        f"no file here can be a record ({held or 'there is none'})",
+    return InputError("record.none_found", f"no file here can be a record ({held or 'there is none'})",
         where=", ".join(map(str, folders)),
         expected="accelerograms: files of an agency, SAC, miniSEED, or tables of time and acceleration",
-        remedy="give another folder; a file given by its name is read whatever that ends in",
-    )
+        remedy="give another folder; a file given by its name is read whatever that ends in")  # fmt: skip
 
 
 def _may_be_record(file: Path, folder: Path) -> bool:
@@ -332,12 +324,10 @@ def _without_duplicates(found: list[Candidate], outcome: Import, folders_apart: 
         places.setdefault(Path(one.record.files[0]).parent if folders_apart else None, []).append(one)
     for kept, duplicate in chain.from_iterable(map(duplicates, places.values())):
         left_out.add(id(duplicate))
-        error = InputError(
+        error = InputError("record.given_twice",
             f"the same shaking as {kept.record.record_id} ({', '.join(kept.record.files)})",
-            where=", ".join(duplicate.record.files),
-            expected="one set of files a record",
-            remedy="leave one of the two out",
-        )
+            where=", ".join(duplicate.record.files), expected="one set of files a record",
+            remedy="leave one of the two out")  # fmt: skip
         outcome.refusals.append(Refusal(duplicate.record.record_id, error))
     return [candidate for candidate in found if id(candidate) not in left_out]
 

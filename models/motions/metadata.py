@@ -102,9 +102,9 @@ class Entry:
         """Files of the record, each once."""
         return tuple(dict.fromkeys(named_beside(self.table.parent, name) for name in self.names if name))
 
-    def refuse(self, what: str, expected: str, remedy: str) -> NoReturn:
+    def refuse(self, code: str, what: str, expected: str, remedy: str) -> NoReturn:
         """Refuse the row."""
-        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
+        raise InputError(code, what, where=self.where, expected=expected, remedy=remedy)
 
 
 def read_table(table: Path) -> list[Entry]:
@@ -118,12 +118,9 @@ def read_table(table: Path) -> list[Entry]:
     rows = file.rows(separator)
     names = [_name(name) for name in next(rows, (0, []))[1]]
     if "h1" not in names or "h2" not in names:
-        file.refuse(
-            0,
-            f"no columns h1 and h2 among {shown(names[:8])}",
+        file.refuse("metadata.columns_missing", 0, f"no columns h1 and h2 among {shown(names[:8])}",
             "a CSV table with a header line and at least the columns h1, h2",
-            "one row a record: h1,h2,v,unit,event,mag,dist_km,station",
-        )
+            "one row a record: h1,h2,v,unit,event,mag,dist_km,station")  # fmt: skip
     places = {
         key: found
         for key, spelled in _COLUMNS.items()
@@ -136,12 +133,12 @@ def read_table(table: Path) -> list[Entry]:
     ]
     if not entries:
         remedy = "say what the files do not, or leave the table away"
-        refuse_file(table, "a header and no row", "one row a record", remedy)
+        refuse_file("metadata.no_row", table, "a header and no row", "one row a record", remedy)
     seen: dict[str, Entry] = {}
     for entry in entries:
         if entry.record_id and entry.record_id in seen:
             what = f"record id {entry.record_id!r} is that of {seen[entry.record_id].where} too"
-            entry.refuse(what, "one row a record", "give each row its own rec_id")
+            entry.refuse("metadata.id_repeated", what, "one row a record", "give each row its own rec_id")
         seen[entry.record_id] = entry
     return entries
 
@@ -187,29 +184,28 @@ class _Row:
             text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
         return cls(where, text)
 
-    def refuse(self, what: str, expected: str, remedy: str = "correct the table") -> NoReturn:
-        raise InputError(what, where=self.where, expected=expected, remedy=remedy)
+    def refuse(self, code: str, what: str, expected: str, remedy: str = "correct the table") -> NoReturn:
+        raise InputError(code, what, where=self.where, expected=expected, remedy=remedy)
 
     def file(self, key: str) -> str:
         name = self.cells[key]
         if not name:
-            self.refuse(f"no file in column {key}", "a path", "name the file")
+            self.refuse("metadata.file_missing", f"no file in column {key}", "a path", "name the file")
         size = len(name.encode())
         if size > _LONGEST_NAME and (
             size > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in Path(name).parts)
         ):
             what = f"the file in column {key} is {shown(name)}, a name of {len(name)} characters"
-            self.refuse(what, f"a path of names of at most {_LONGEST_NAME} bytes")
+            self.refuse("metadata.path_too_long", what, f"a path of names of at most {_LONGEST_NAME} bytes")
         return name
 
     def unit_m_s2(self) -> float | None:
         found = counted_unit(self.cells["unit"])
         if self.cells["unit"] and (found is None or found.quantity != "acceleration"):
-            self.refuse(
+            self.refuse("record.unit_unknown",
                 f"unit {shown(self.cells['unit'])}" + (f" is one of {found.quantity}" if found else ""),
                 f"acceleration in one of {known_names()}, or a factor and one of them",
-                "name the unit of the samples",
-            )
+                "name the unit of the samples")  # fmt: skip
         return found.factor if found else None
 
     def corrected(self) -> bool | None:
@@ -217,6 +213,7 @@ class _Row:
         processing = self.cells["processing"].lower()
         if processing and not processing.startswith(("corrected", *_UNCORRECTED)):
             self.refuse(
+                "metadata.processing_unknown",
                 f"processing {self.cells['processing']!r}",
                 f"corrected, {', '.join(_UNCORRECTED)}, or nothing where it is not known",
                 "say whether baseline and filter were done by the agency: what is uncorrected is corrected here",
@@ -238,7 +235,7 @@ class _Row:
         value = float(bare) if is_numeral(bare) else math.nan
         if not limits[0] <= value <= limits[1]:
             expected = f"a number from {limits[0]:g} to {limits[1]:g}, or nothing"
-            self.refuse(f"{key} is {shown(self.cells[key])}", expected)
+            self.refuse("metadata.value_unreadable", f"{key} is {shown(self.cells[key])}", expected)
         return value
 
 

@@ -38,19 +38,23 @@ class Motion:
         values = np.array(acceleration, dtype=float)
         if values.ndim != 2 or values.shape[1] != 3 or len(values) < 2:
             what = f"acceleration has shape {values.shape}"
-            raise _motion_error(what, "(n, 3) with n >= 2: x, y, z in columns")
+            raise _motion_error("motion.shape_unusable", what, "(n, 3) with n >= 2: x, y, z in columns")
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0, 0])
-            raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
+            raise _motion_error("motion.not_finite", f"acceleration at sample {row} is {values[row]}",
+                "finite numbers")  # fmt: skip
         if not (np.isfinite(time_step) and time_step > 0):
-            raise _motion_error(f"the time step is {time_step}", "a positive number of seconds")
+            raise _motion_error("motion.step_unusable", f"the time step is {time_step}",
+                "a positive number of seconds")  # fmt: skip
         if not _SHORTEST_STEP_S <= time_step <= _LONGEST_S / len(values):
             raise _motion_error(
+                "motion.duration_out_of_range",
                 f"{len(values)} samples at a time step of {time_step:g} s",
                 f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
             )
         if (most := np.abs(values).max()) > _LARGEST_M_S2:
-            raise _motion_error(f"the acceleration reaches {most:g} m/s2", f"at most {_LARGEST_M_S2:g} m/s2")
+            raise _motion_error("motion.too_strong", f"the acceleration reaches {most:g} m/s2",
+                f"at most {_LARGEST_M_S2:g} m/s2")  # fmt: skip
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)
         object.__setattr__(self, "time_step_s", float(time_step))
@@ -111,6 +115,6 @@ class Motion:
         return np.diff(self.velocity_at(time), axis=0) / np.diff(time)[:, None]
 
 
-def _motion_error(what: str, expected: str) -> InputError:
+def _motion_error(code: str, what: str, expected: str) -> InputError:
     remedy = "check the units and columns, and fill or cut gaps first"
-    return InputError(what, where="Motion", expected=expected, remedy=remedy)
+    return InputError(code, what, where="Motion", expected=expected, remedy=remedy)

@@ -48,6 +48,7 @@ def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -
     nyquist_hz = 0.5 / motion.time_step_s
     if not _LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
         raise InputError(
+            "motion.corner_out_of_range",
             f"a high-pass corner of {corner_hz:g} Hz",
             where="high-pass",
             expected=f"{_LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
@@ -94,12 +95,10 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
     """
     ratio = Fraction(motion.time_step_s / time_step_s).limit_denominator(1000)
     if not 0 < ratio <= 1000 or abs(float(ratio) * time_step_s / motion.time_step_s - 1) > 1e-6:
-        raise InputError(
+        raise InputError("motion.not_resampled",
             f"a time step of {motion.time_step_s:g} s cannot be resampled to {time_step_s:g} s",
-            where="resample",
-            expected="time steps whose ratio is a ratio of small whole numbers",
-            remedy="choose a step such as 0.005 or 0.01 s",
-        )
+            where="resample", expected="time steps whose ratio is a ratio of small whole numbers",
+            remedy="choose a step such as 0.005 or 0.01 s")  # fmt: skip
     if ratio == 1:
         return motion
     values = scipy.signal.resample_poly(motion.acceleration_m_s2, ratio.numerator, ratio.denominator, axis=0)

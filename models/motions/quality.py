@@ -46,15 +46,13 @@ def check_samples(component: Component) -> None:
     peak = float(np.abs(a).max())
     _other_peak(component, a, peak)
     if peak > _QUESTIONABLE_M_S2:
-        _refuse_sample(
-            component,
-            int(np.abs(a).argmax()),
+        _refuse_sample("record.too_strong", component, int(np.abs(a).argmax()),
             f"the peak is {peak:.4g} m/s2, beyond 5 g" + _explained(peak, 0.0, component.stated_unit_m_s2),
             "a peak below 5 g",
-            "name the right unit in the metadata table, or accept it with --doubtful",
-        )
+            "name the right unit in the metadata table, or accept it with --doubtful")  # fmt: skip
     if peak == 0:
-        _refuse_sample(component, 0, "all samples are zero", "a motion", "leave the record out")
+        _refuse_sample("record.all_zero", component, 0, "all samples are zero", "a motion",
+            "leave the record out")  # fmt: skip
     _clipped(component, a)
     _spike(component, a)
     _filled_gap(component, a, peak)
@@ -69,11 +67,9 @@ def check_apart(channels: Sequence[Component]) -> None:
         a, b = (c.acceleration_m_s2 for c in (one, other))
         count = min(len(a), len(b))
         if np.array_equal(a[:count], b[:count]) or np.array_equal(a[:count], -b[:count]):
-            other.refuse(
-                f"the samples are those of {one.where}, another component",
+            other.refuse("record.same_samples", f"the samples are those of {one.where}, another component",
                 "components of one shaking, each with its own samples",
-                "give each component's own file, or accept it with --doubtful",
-            )
+                "give each component's own file, or accept it with --doubtful")  # fmt: skip
 
 
 def beyond_nature(
@@ -136,6 +132,7 @@ def _other_peak(component: Component, a: np.ndarray, peak: float) -> None:
     ):
         return
     _refuse_sample(
+        "record.peak_contradicted",
         component,
         int(np.abs(a).argmax()),
         f"the peak is {peak:.4g} m/s2, and {stated:.4g} m/s2 by the file's header",
@@ -162,13 +159,10 @@ def _clipped(component: Component, a: np.ndarray) -> None:
         share = max(abs(extreme) / peak, abs(extreme - middle) / farthest)
         if share >= _RAIL_SHARE or (len(flat) >= _RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
             start, end = max(flat, key=lambda run: run[1] - run[0])
-            _refuse_sample(
-                component,
-                start,
+            _refuse_sample("record.clipped", component, start,
                 f"{count} samples, {end - start} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
                 "a record within the instrument's range",
-                "leave the record out, or accept it with --doubtful",
-            )
+                "leave the record out, or accept it with --doubtful")  # fmt: skip
 
 
 def _ends_in_mid_course(a: np.ndarray, run: tuple[int, int], quantum: float) -> bool:
@@ -187,14 +181,10 @@ def _spike(component: Component, a: np.ndarray) -> None:
     worst = int(bend.argmax())
     others = np.delete(bend, slice(max(worst - 2, 0), worst + 3))
     if bend[worst] > _SPIKE_RATIO * others.max():
-        _refuse_sample(
-            component,
-            worst + 1,
+        _refuse_sample("record.spike", component, worst + 1,
             f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / others.max():.0f} times farther"
-            " from its neighbours than any other: a spike",
-            "a record without spikes",
-            "replace the sample, or accept it with --doubtful",
-        )
+            " from its neighbours than any other: a spike", "a record without spikes",
+            "replace the sample, or accept it with --doubtful")  # fmt: skip
 
 
 def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
@@ -205,13 +195,10 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
         before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
         if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > _FILLED_GAP_SHARE * peak:
             seconds = (end - start) * component.time_step_s
-            _refuse_sample(
-                component,
-                start,
+            _refuse_sample("record.filled_gap", component, start,
                 f"the samples stay at {a[start]:.4g} m/s2 for {seconds:.3g} s amid the shaking: a filled gap",
                 "an unbroken record",
-                "cut the record before the gap, or accept it with --doubtful",
-            )
+                "cut the record before the gap, or accept it with --doubtful")  # fmt: skip
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
@@ -220,9 +207,11 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
-def _refuse_sample(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:
+def _refuse_sample(
+    code: str, component: Component, sample: int, what: str, expected: str, remedy: str
+) -> None:
     time = sample * component.time_step_s
-    component.refuse(f"{what} (sample {sample}, {time:.3f} s)", expected, remedy)
+    component.refuse(code, f"{what} (sample {sample}, {time:.3f} s)", expected, remedy)
 
 
 def is_beyond(factor: ArrayLike, pgv_m_s: ArrayLike, pgd_m: ArrayLike) -> NDArray[np.bool_]:

@@ -59,6 +59,7 @@ def triple(group: Sequence[Component]) -> Triple:
     horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
     if len(horizontal) != 2 or len(vertical) > 1:
         raise InputError(
+            "record.channels_unmatched",
             f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}):"
             f" {len(horizontal)} horizontal and {len(vertical)} vertical",
             where=", ".join(dict.fromkeys(str(c.path) for c in group)),
@@ -97,11 +98,10 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
         azimuths = ((90.0 - bearings[0]) % 360.0, (90.0 - bearings[1]) % 360.0)
         angle = np.deg2rad(azimuths)
         if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(_LEAST_ANGLE_DEG)):
-            channels.first.refuse(
+            channels.first.refuse("record.horizontals_parallel",
                 f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly on one line",
                 f"at least {_LEAST_ANGLE_DEG:g} degrees between them",
-                "correct the azimuths in the header or in the metadata table",
-            )
+                "correct the azimuths in the header or in the metadata table")  # fmt: skip
         axes = np.column_stack([np.cos(angle), np.sin(angle)])
         x, y = np.linalg.solve(axes, series[:2])
         history.append(
@@ -179,11 +179,9 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
     step = parts[0].time_step_s
     for component in parts[1:]:
         if abs(component.time_step_s / step - 1) > _STEP_TOLERANCE:
-            component.refuse(
+            component.refuse("record.step_contradicted",
                 f"the time step is {component.time_step_s:g} s, that of {parts[0].path.name} is {step:g} s",
-                "one time step for all components",
-                "resample the components to one step first",
-            )
+                "one time step for all components", "resample the components to one step first")  # fmt: skip
     starts = [c.start_s for c in parts]
     skip = [0] * len(parts)
     if all(start is not None for start in starts):
@@ -191,19 +189,16 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
         skip = [round((latest - (start or 0.0)) / step) for start in starts]
     count = min(len(c.acceleration_m_s2) - s for c, s in zip(parts, skip, strict=True))
     if count < 2:
-        parts[0].refuse(
-            "the components have no time in common",
+        parts[0].refuse("record.no_common_time", "the components have no time in common",
             "components of one shaking",
-            "name the components that belong together in the metadata table",
-        )
+            "name the components that belong together in the metadata table")  # fmt: skip
     history = []
     lengths = [len(c.acceleration_m_s2) for c in parts]
     if count < _SHARED_LENGTH * max(lengths):
-        parts[lengths.index(min(lengths))].refuse(
+        parts[lengths.index(min(lengths))].refuse("record.lengths_differ",
             f"components of {', '.join(map(str, lengths))} samples share {count}: one seems truncated",
             f"components that share {_SHARED_LENGTH:.0%} of the longest",
-            "fetch the short one again, or cut all to one length first",
-        )
+            "fetch the short one again, or cut all to one length first")  # fmt: skip
     if len(set(lengths)) > 1 or any(skip):
         history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")
     series = np.stack([c.acceleration_m_s2[s : s + count] for c, s in zip(parts, skip, strict=True)])
@@ -217,6 +212,7 @@ def _refuse_lost_rows(parts: Sequence[Component]) -> None:
         count = len(component.acceleration_m_s2)
         if component.missing and whole >= count + component.missing:
             component.refuse(
+                "record.count_contradicted",
                 f"{count} samples, where its header counts {count + component.missing} and another component has them",
                 "components of which none lacks lines",
                 "fetch the file again",

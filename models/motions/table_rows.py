@@ -35,6 +35,7 @@ def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entr
     if table and not rows:
         looked_for = table[0].files[0]
         table[0].refuse(
+            "metadata.no_file_given",
             f"none of the {len(table)} rows of the metadata table names a file that is given:"
             f" the first looks for {looked_for}",
             "paths relative to the folder of the table",
@@ -51,17 +52,16 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
     """
     named = sum(map(bool, entry.names))
     if 1 < len(entry.files) < named:
-        entry.refuse(
-            f"the row names {len(entry.files)} files in {named} columns",
+        entry.refuse("metadata.file_repeated", f"the row names {len(entry.files)} files in {named} columns",
             "a file of its own for every component, or one file that holds all",
-            "correct h1, h2 and v: two of them name the same file",
-        )
+            "correct h1, h2 and v: two of them name the same file")  # fmt: skip
     given = {path.resolve(): path for path in here}
     parts: list[list[Component]] = []
     for file in entry.files:
         path = given.get(file.resolve())
         if path is None or path not in channels:
             entry.refuse(
+                "metadata.file_not_given",
                 f"{file} is not among the files given" if path is None else f"{path} could not be read",
                 "every file that the row names",
                 "give the file or its folder too" if path is None else "see what is said of this file",
@@ -73,11 +73,9 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
 
 def _one(components: list[Component], entry: Entry) -> Component:
     if len(components) != 1:
-        entry.refuse(
-            f"{components[0].path} holds {len(components)} channels",
+        entry.refuse("metadata.several_channels", f"{components[0].path} holds {len(components)} channels",
             "one channel a file where h1, h2 and v are different files",
-            "name the same file in h1, h2 and v",
-        )
+            "name the same file in h1, h2 and v")  # fmt: skip
     return components[0]
 
 
@@ -121,22 +119,19 @@ def _refuse_other_direction(name: str, component: Component, entry: Entry) -> No
     if not isinstance(direction, float if name == "v" else str):
         return
     points = direction if isinstance(direction, str) else f"{direction:g} degrees from north"
-    entry.refuse(
+    entry.refuse("metadata.direction_contradicted",
         f"the row names {component.path.name} in column {name}, and the file says that it points {points}",
-        "two horizontals in h1 and h2, the vertical in v",
-        "correct h1, h2 and v",
-    )
+        "two horizontals in h1 and h2, the vertical in v", "correct h1, h2 and v")  # fmt: skip
 
 
 def _refuse_other_unit(component: Component, entry: Entry) -> None:
     by_name, by_row = component.stated_unit_m_s2, entry.unit_m_s2
     if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=_SAME_UNIT):
         return
-    entry.refuse(
+    entry.refuse("record.unit_contradicted",
         f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by {component.path.name}",
         "one unit of the samples",
-        "correct the column 'unit', or leave it empty where the file states one",
-    )
+        "correct the column 'unit', or leave it empty where the file states one")  # fmt: skip
 
 
 def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
@@ -156,11 +151,10 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
         scales.append(peak / about_mean)
     if max(scales) > _SAME_INSTRUMENT * min(scales):
         listed = ", ".join(f"{scale:.4g}" for scale in scales)
-        entry.refuse(
+        entry.refuse("metadata.peaks_contradicted",
             f"the peaks that the table states scale the channels by {listed} m/s2",
             f"one scale within a factor of {_SAME_INSTRUMENT:g}, as one instrument has",
-            "state the samples' unit in the column 'unit', or give the StationXML",
-        )
+            "state the samples' unit in the column 'unit', or give the StationXML")  # fmt: skip
     note = (
         "mean removed, scaled to the peaks of the metadata table,"
         f" {1 / np.mean(scales):.6g} counts per m/s2 on average"
@@ -187,9 +181,8 @@ def _step(component: Component, entry: Entry) -> float:
     if not math.isfinite(by_file):
         return by_row if by_row and by_row > 0 else math.nan
     if by_row and not math.isclose(by_file, by_row, rel_tol=_SAME_STEP):
-        entry.refuse(
+        entry.refuse("record.step_contradicted",
             f"the time step is {by_row:g} s by the row, and {by_file:g} s by {component.path.name}",
             "one time step of the samples",
-            "correct the column 'dt' or the file, or leave 'dt' empty where the file states it",
-        )
+            "correct the column 'dt' or the file, or leave 'dt' empty where the file states it")  # fmt: skip
     return by_file

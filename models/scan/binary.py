@@ -68,9 +68,9 @@ def las(path: Path) -> Points:
             station[rows] = chunk.point_source_id
             filled += len(chunk)
         if read != header.point_count:
-            raise _damaged(
-                f"holds {read} of the {header.point_count} points that its header counts: truncated", path
-            )
+            raise _damaged("file.truncated",
+                f"holds {read} of the {header.point_count} points that its header counts: truncated",
+                path)  # fmt: skip
     points = points[:filled]
     left_out = {"are withheld or classed as noise": read - filled}
     return system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}, [
@@ -100,7 +100,7 @@ def _said(ask: Callable[[], reference.Reference | None]) -> dict[str, Any]:
     try:
         return {"reference": ask(), "refusal": None}
     except InputError as error:
-        refusal = {"what": error.what, "expected": error.expected, "remedy": error.remedy}
+        refusal = {"code": error.code, "what": error.what, "expected": error.expected, "remedy": error.remedy}
         return {"reference": None, "refusal": refusal}
 
 
@@ -133,6 +133,7 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
     across, up = (math.isclose(one, other, rel_tol=1e-9) for one, other in both)  # the feet differ by 2e-6
     if not (across and (up or by_wkt["note"] or by_keys["note"])):
         raise InputError(
+            "coordinates.crs_contradicted",
             f"its two coordinate systems differ in unit: {by_wkt['name']} ({by_wkt['unit']}) in WKT, {by_keys['name']} "
             f"({by_keys['unit']}) in GeoTIFF keys",
             where=str(path),
@@ -174,7 +175,8 @@ def _e57_points(source: Any, header: Any, path: Path) -> Array:
     fields = set(header.point_fields)
     possible = [axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields]
     if not possible:
-        raise _damaged(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
+        raise _damaged("cloud.no_coordinates",
+            f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)  # fmt: skip
     points = _e57_columns(source, header, possible[0], path)
     if len(possible) > 1 and not np.isfinite(points[points.any(axis=1)]).all(axis=1).any():
         points = _e57_columns(source, header, possible[1], path)
@@ -190,9 +192,9 @@ def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) ->
     read = reader.read()
     reader.close()
     if read != header.point_count:
-        raise _damaged(
-            f"{read} points of a scan can be read where its header counts {header.point_count}", path
-        )
+        raise _damaged("file.truncated",
+            f"{read} points of a scan can be read where its header counts {header.point_count}",
+            path)  # fmt: skip
     points = np.column_stack([data[axis] for axis in axes]).astype(float)
     if axes == _SPHERICAL:
         far, around, up = points.T
@@ -210,9 +212,9 @@ def _e57_pose(node: Any, path: Path) -> Pose:
     if turn is None:
         return None, shift
     if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
-        raise _damaged(
-            f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path
-        )
+        raise _damaged("cloud.pose_unusable",
+            f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion",
+            path)  # fmt: skip
     return Rotation.from_quat(turn).as_matrix().T, shift
 
 
@@ -223,7 +225,8 @@ def _part(node: Any, part: str, names: str, path: Path) -> Array | None:
     children = node["pose"][part]
     lacking = [name for name in names if not children.isDefined(name)]
     if lacking:
-        raise _damaged(f"the {part} of a scan's pose has no {', '.join(lacking)}", path)
+        raise _damaged("cloud.pose_incomplete", f"the {part} of a scan's pose has no {', '.join(lacking)}",
+            path)  # fmt: skip
     return np.array([children[name].value() for name in names], float)
 
 
@@ -239,6 +242,7 @@ def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Refere
     if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
         stated = unit if system is None else f"{system['name']}, in {system['unit']}"
         raise InputError(
+            "coordinates.unit_not_metres",
             f"its coordinates are said to be in another unit than metres ({stated}), which are E57's by its standard",
             where=str(path),
             expected="coordinates in metres, and no other unit in the file's words",
@@ -259,7 +263,8 @@ def pcd(path: Path) -> Points:
     cloud = o3d.t.io.read_point_cloud(path)
     points = cloud.point.positions.numpy().astype(float) if "positions" in cloud.point else np.empty((0, 3))
     if len(points) != count:
-        raise _damaged(f"{len(points)} points can be read where its header counts {count}", path)
+        raise _damaged("file.truncated", f"{len(points)} points can be read where its header counts {count}",
+            path)  # fmt: skip
     station = next(
         (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
         np.zeros(len(points)),
@@ -293,9 +298,11 @@ def _pcd_points(path: Path) -> int:
         )
         sound = count == int(header["WIDTH"][0]) * int(header["HEIGHT"][0]) and min(sizes, default=0) > 0
     except (KeyError, ValueError, IndexError) as error:
-        raise _damaged(f"its header is not understood ({type(error).__name__}: {error})", path) from error
+        raise _damaged("cloud.header_unreadable",
+            f"its header is not understood ({type(error).__name__}: {error})", path) from error  # fmt: skip
     if not sound or row <= 0 or count < 0:
-        raise _damaged("its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)
+        raise _damaged("cloud.header_contradicted",
+            "its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)  # fmt: skip
     if kind == "ascii":
         _check_room(2 * len(sizes) * count, room + 1, count, path)
         with open_given(path, _damaged) as file:
@@ -303,7 +310,8 @@ def _pcd_points(path: Path) -> int:
             file.seek(at)
             rows = sum(1 for line in file if line.split(maxsplit=1))
         if rows < count:
-            raise _damaged(f"{rows} points follow where its header counts {count}: truncated", path)
+            raise _damaged("file.truncated",
+                f"{rows} points follow where its header counts {count}: truncated", path)  # fmt: skip
     else:
         _check_room(row * count, room * (1 if kind == "binary" else _LZF_RATIO), count, path)
     return count
@@ -315,6 +323,6 @@ def _check_count(count: int, path: Path) -> None:
 
 def _check_room(needed: int, room: int, count: int, path: Path) -> None:
     if needed > room:
-        raise _damaged(
-            f"its header counts {count} points, more than the file can hold: truncated or damaged", path
-        )
+        raise _damaged("file.truncated",
+            f"its header counts {count} points, more than the file can hold: truncated or damaged",
+            path)  # fmt: skip

@@ -49,6 +49,7 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
     rivals = [c for c in standing[1:] if c.height_m > _RIVAL_SHARE * standing[0].height_m]
     if rivals:
         raise InputError(
+            "scan.several_rocks",
             f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
             + _tops([standing[0], *rivals], origin_m)
             + (
@@ -84,6 +85,7 @@ def _nothing_stands(
             else f"; the cloud's highest place is --near {x:.2f} {y:.2f}, at z {z:.2f}"
         )
         return InputError(
+            "scan.nothing_stands",
             f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m show no peak in its "
             f"{size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
             where="segmentation",
@@ -98,6 +100,7 @@ def _nothing_stands(
     slope, downhill = slope_of_normal(plane.normal)
     x, y, z = plane.point_m + origin_m
     return InputError(
+        "scan.no_crease",
         "nothing in the cloud stands on anything: what comes nearest, with its top at x, y "
         f"{_tops([best], origin_m)}, is set off by a crease along {best.concave_share:.0%} of its outline{beside}",
         where="segmentation",
@@ -183,6 +186,7 @@ def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candi
     first = int(np.argmin(away))
     if away[first] > _NEAR_HEIGHTS * standing[first].height_m:
         raise InputError(
+            "scan.nothing_near",
             f"the nearest thing there is {away[first]:.3g} m away and {standing[first].height_m:.2g} m high",
             where="--near",
             expected=f"a place within {_NEAR_HEIGHTS} heights of a thing; those found, tops at x, y: "
@@ -236,12 +240,8 @@ def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
     if told is None:
         return error
     what, remedy = told
-    return InputError(
-        f"{error.what}; {what}",
-        where=error.where,
-        expected=error.expected,
-        remedy=f"{remedy}; else: {error.remedy}",
-    )
+    return InputError(error.code, f"{error.what}; {what}", where=error.where, expected=error.expected,
+        remedy=f"{remedy}; else: {error.remedy}")  # fmt: skip
 
 
 def _grown_over(patches: Surfels) -> tuple[str, str] | None:
@@ -269,6 +269,7 @@ def _without_relief(points_m: Array) -> InputError | None:
         return None
     dip_deg = np.rad2deg(np.arccos(min(abs(plane.normal[2]), 1.0)))
     return InputError(
+        "scan.no_relief",
         f"nothing in the cloud stands on anything: all of it lies within {farthest_m:.2g} m of a plane that dips by "
         f"{dip_deg:.0f} degrees, as a floor, a slope or a wall does",
         where="segmentation",

@@ -321,9 +321,6 @@ def _shares(
 
 
 def _not_closed(what: str) -> InputError:
-    return InputError(
-        what,
-        where="closing the rock",
+    return InputError("scan.not_closed", what, where="closing the rock",
         expected="a rock seen from several sides",
-        remedy="add stations, or check the segmentation in the scene's picture",
-    )
+        remedy="add stations, or check the segmentation in the scene's picture")  # fmt: skip

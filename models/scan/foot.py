@@ -59,6 +59,7 @@ def attached(observed: ObservedRock, interface: Interface, parted: bool) -> Doub
             expected = f"a sharp rim along more than {1.0 - _ROUNDED_REFUSED:.0%}, as where two bodies meet"
     if expected:
         raise InputError(
+            "rock.goes_on_below",
             f"{what}: the rock goes on into its pedestal",
             where="the interface",
             expected=expected,
@@ -328,6 +329,7 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     sunk, surely = _sunk(observed, interface)
     if observed.hint is None and sunk is not None and surely:
         raise InputError(
+            "rock.sunk",
             sunk.sentence,
             where="the rock",
             expected="a rock that is seen to its base: sides that are upright or overhang above it",

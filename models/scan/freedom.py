@@ -78,6 +78,7 @@ def _check_can_stand(rock: Rock, interface: Interface) -> None:
     outside = outside_support_m(rock, interface)
     if outside > 0.0:
         raise InputError(
+            "rock.outside_support",
             f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
             where="statics",
             expected="a rock that stands: its centre of mass above its base",
@@ -103,6 +104,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         what = f"{share}; {sunk.sentence}"
     elif (apart := observed.patches_apart) > SPARSE:
         raise InputError(
+            "cloud.too_sparse",
             f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
             "times as far apart as they are wide",
             where="the rock",
@@ -112,6 +114,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     else:
         what = f"{share}, and what was seen lies all around: it is embedded in what surrounds it, or hidden by it"
     raise InputError(
+        "rock.mostly_unseen",
         what,
         where="the rock",
         expected=f"a free-standing rock, at most {_MOST_INVENTED:.0%} of it unseen",

@@ -178,6 +178,7 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
     deepest = -float(np.quantile(over[below, 2], 0.1))
     sunk = embedded(observed, interface)
     raise InputError(
+        "rock.hangs_below_interface",
         f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m"
         + (f"; {sunk.sentence}" if sunk else ""),
         where="interface",

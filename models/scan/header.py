@@ -166,6 +166,7 @@ def _is_length(word: str) -> bool:
 
 def _other_unit(stated: Sequence[str], where: str) -> InputError:
     return InputError(
+        "coordinates.unit_not_metres",
         f"the header states another unit than metres: {', '.join(stated)}",
         where=where,
         expected="coordinates in metres",
@@ -179,6 +180,7 @@ def _not_understood(names: Sequence[str], columns: int, where: str) -> InputErro
     if {"lat", "lon"} <= {name[:3] for name in names}:
         return in_degrees(told, where)
     return InputError(
+        "cloud.columns_unknown",
         told,
         where=where,
         expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in _AXES.items())

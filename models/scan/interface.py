@@ -275,6 +275,7 @@ def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
         steep = below & (np.abs(surfels.normals[:, 2]) < _LEVEL)
         like_a_neck = steep.sum() > max(lining.sum(), _LEAST_CREVICE_SURFELS)
         raise InputError(
+            "scan.no_pedestal",
             f"only {int(lining.sum())} patches of the pedestal's top were seen beside the rock"
             + ("; it goes on below into something steep, like a neck" if like_a_neck else ""),
             where="interface",

@@ -51,6 +51,7 @@ class InterfaceHint:
         """
         if not 0.0 <= slope_deg <= _STEEPEST_DEG:
             raise InputError(
+                "interface.slope_out_of_range",
                 f"the slope is {slope_deg} degrees",
                 where="--plane",
                 expected=f"0 to {_STEEPEST_DEG:.0f} degrees",
@@ -72,15 +73,16 @@ class InterfaceHint:
         points = np.atleast_2d(np.asarray(points_m, float))
         where = f"--{kind.removesuffix('s')}"
         if len(points) < 3:
-            raise _unusable(f"{len(points)} points are given", where)
+            raise _unusable("interface.too_few_places", f"{len(points)} points are given", where)
         centre = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
         if spread[1] <= _THINNEST * spread[0]:
-            raise _unusable("the points lie on one line", where)
+            raise _unusable("interface.places_on_a_line", "the points lie on one line", where)
         normal = axes[2] * (np.sign(axes[2, 2]) or 1.0)
         steep = float(np.rad2deg(np.arccos(min(normal[2], 1.0))))
         if steep > _STEEPEST_DEG:
-            raise _unusable(f"the plane through the points slopes by {steep:.0f} degrees", where)
+            raise _unusable("interface.slope_out_of_range",
+                f"the plane through the points slopes by {steep:.0f} degrees", where)  # fmt: skip
         misfit = float(np.sqrt((((points - centre) @ normal) ** 2).mean()))
         return cls(Interface.through(centre, normal, misfit), points, kind == "outline", kind)
 
@@ -101,12 +103,13 @@ class InterfaceHint:
                 row = [float(word) for word in words]
             except ValueError:
                 if rows or number > 1:
-                    raise _unusable(f"line {number} is '{line}'", str(path)) from None
+                    raise _unusable("hint.place_unreadable", f"line {number} is '{line}'",
+                        str(path)) from None  # fmt: skip
                 columns = named_columns([line], 3, str(path)) or columns
                 continue
             if row:
                 if len(row) != 3 or not np.isfinite(row).all():
-                    raise _unusable(f"line {number} is '{line}'", str(path))
+                    raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", str(path))
                 rows.append(row)
         points = np.array([[row[column] for column in columns] for row in rows], float).reshape(-1, 3)
         if len(points) > 1 and np.array_equal(points[0], points[-1]):
@@ -141,6 +144,7 @@ def hint_of(
     ]
     if len(given) > 1:
         raise InputError(
+            "interface.given_twice",
             f"{' and '.join(given)} are given together",
             where="the interface",
             expected="one word on the interface",

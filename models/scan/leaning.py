@@ -120,6 +120,7 @@ def refuse(found: Iterable[Lean], origin_m: Array) -> None:
         return
     x, y, z = body.held_m + origin_m
     raise InputError(
+        "rock.leans",
         f"the rock leans: a body {body.height_m:.2g} m high rests on a wall or neighbour toward "
         f"{direction_told(body.toward_deg)}, which touches it {body.above_foot_m:.2g} m above its foot, about "
         f"{x:.2f}, {y:.2f}, {z:.2f}; its weight hangs {body.overhang_m:.2g} m over beside its foot",

@@ -71,6 +71,7 @@ def check_frame(
     }
     if told:
         raise InputError(
+            "mesh.frame_unstated",
             "; ".join(what for what, _ in told.values()),
             where=str(path),
             expected=f"a mesh in metres with {usual} up, or options that say what it is in",
@@ -81,6 +82,7 @@ def check_frame(
         facing = _facing(vertices @ placement.turn.T, faces)
         if facing is not None and facing[2] < -_TURNED_OVER:
             raise InputError(
+                "mesh.faces_downward",
                 f"its surface faces downward once it is placed by {placement.by.partition(':')[0]}",
                 where=str(path),
                 expected="ground and rock that face upward",

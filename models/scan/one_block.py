@@ -237,6 +237,7 @@ def doubled(observed: ObservedRock, rock_m: Array, step_m: float) -> Doubt | Non
     farthest_m = _FARTHEST_PER_HEIGHT * observed.height_m
     if apart_m > farthest_m:
         raise InputError(
+            "scan.surface_doubled",
             what,
             where="registration",
             expected=f"one surface, or two within {farthest_m:.2g} m ({_FARTHEST_PER_HEIGHT:.1%} of the rock's height)",
@@ -330,6 +331,7 @@ def side_by_side(observed: ObservedRock, interface: Interface, separated: bool) 
     both = joint.part >= _TWO_PART or joint.lowest_m < _TWO_STANDS * observed.height_m
     if joint.creased_share >= _TWO_REFUSED and both and not separated:
         raise InputError(
+            "rock.several_blocks",
             what,
             where="the rock",
             expected="one block that stands free",

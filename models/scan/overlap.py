@@ -61,7 +61,7 @@ def _check(names: list[str], samples: list[Array], origin_m: Array, least: float
     also = f"; the same holds for {', '.join(others)}" if others else ""
     ratio = against[alone[0]].ratio
     units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
-    raise _no_overlap(f"does not overlap the other clouds{also}{units}", names[alone[0]])
+    raise _no_overlap("scan.no_overlap", f"does not overlap the other clouds{also}{units}", names[alone[0]])
 
 
 def _stations(cloud: Cloud) -> tuple[list[str], list[Array]]:
@@ -142,7 +142,8 @@ def _refuse_other_units(against: list[_Against], names: list[str], origin_m: Arr
         explanation = (
             f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
         )
-        raise _no_overlap(f"is in other units than the other clouds: {explanation}", names[number])
+        raise _no_overlap("scan.station_in_other_units",
+            f"is in other units than the other clouds: {explanation}", names[number])  # fmt: skip
 
 
 def _size(points: Array) -> float:

@@ -96,12 +96,9 @@ def labelled(cloud: Cloud, files: Sequence[Path], parts: tuple[Part | None, Part
     for value, option in ((ROCK, "--rock"), (PEDESTAL, "--pedestal")):
         count = int((label == value).sum())
         if count < LEAST_SEEN:
-            raise InputError(
-                f"{count} points are of the {option[2:]}",
-                where=option,
+            raise InputError("parts.too_few_points", f"{count} points are of the {option[2:]}", where=option,
                 expected="rock and pedestal, each by a file, a class, or all that is not of the other",
-                remedy=f"give {option} too, or correct the other one",
-            )
+                remedy=f"give {option} too, or correct the other one")  # fmt: skip
     return dataclasses.replace(cloud, label=label, station=np.zeros_like(cloud.station))
 
 
@@ -110,6 +107,7 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
     found = None if is_mesh(path) else _scalar(path, part)
     if found is None or len(found) != points:
         raise InputError(
+            "parts.class_missing",
             "a mesh has no classes of points"
             if is_mesh(path)
             else f"has no scalar '{part.field or 'class'}'",
@@ -121,12 +119,10 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
     if not mask.any():
         values, count = np.unique(found, return_counts=True)
         there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:_SHOWN])
-        raise InputError(
+        raise InputError("parts.class_empty",
             f"no point has the value {', '.join(f'{each:g}' for each in part.values)}",
-            where=f"{path.name}, {part.option}",
-            expected=f"one of those there, with their points: {there}",
-            remedy="look which value the part has in the program that separated it",
-        )
+            where=f"{path.name}, {part.option}", expected=f"one of those there, with their points: {there}",
+            remedy="look which value the part has in the program that separated it")  # fmt: skip
     return mask
 
 
@@ -155,12 +151,9 @@ def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
     rock = points_m[label == ROCK]
     height = float(np.ptp(rock[:, 2]))
     if height == 0.0:
-        raise InputError(
-            "all points of the rock lie at one height",
-            where="--rock, --pedestal",
-            expected="a rock that rises over its pedestal",
-            remedy="see whether the two are exchanged, or name another class or file",
-        )
+        raise InputError("parts.rock_flat", "all points of the rock lie at one height",
+            where="--rock, --pedestal", expected="a rock that rises over its pedestal",
+            remedy="see whether the two are exchanged, or name another class or file")  # fmt: skip
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
     _check_together(surfels.points_m, surfel_label, height)
@@ -176,6 +169,7 @@ def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) 
         return
     told = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
     raise InputError(
+        "rock.apart_from_pedestal",
         f"rock and pedestal lie apart, where they are nearest by {told}",
         where="--rock, --pedestal",
         expected=f"a rock that stands on its pedestal, in the files no farther from it than "

@@ -97,9 +97,9 @@ def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: objec
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] <= _ONE_LINE * spread[0]:
-            raise _unusable(
-                f"the points lie on one line in the {side}, about which the model could turn", path
-            )
+            raise _unusable("placement.points_on_a_line",
+                f"the points lie on one line in the {side}, about which the model could turn",
+                path)  # fmt: skip
     scale, turn, shift = similarity(model, surveyed)
     residuals = np.linalg.norm(scale * model @ turn.T + shift - surveyed, axis=1)
     _check_fit(model, surveyed, residuals, names, path)
@@ -120,6 +120,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
     expected = "control points that one scale, one rotation and one shift carry onto the survey"
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
         raise InputError(
+            "placement.mirrored",
             "the points fit when mirrored",
             where=path,
             expected=expected,
@@ -135,6 +136,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
         if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
             raise InputError(
+                "placement.points_off",
                 f"point {names[worst]} does not fit: with it the points are off by up to {off.max():.3g} m, without it "
                 f"by {np.sqrt(rest / (count - 1)):.2g} m",
                 where=path,
@@ -144,6 +146,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
             )
     if large:
         raise InputError(
+            "placement.points_off",
             f"the points do not fit: off by up to {off.max():.3g} m, where they span {size:.3g} m; "
             f"{names[int(off.argmax())]} is off most",
             where=path,
@@ -181,11 +184,11 @@ def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, 
             if not rows and _numbers(words[1:]) is None:
                 header = line
                 continue
-            raise _unusable(f"line {number} is '{line}'", path)
+            raise _unusable("placement.point_unreadable", f"line {number} is '{line}'", path)
         names.append(words[0] if len(words) == 7 else f"{len(rows) + 1} (line {number})")
         rows.append(numbers)
     if len(rows) < 3:
-        raise _unusable(f"holds {len(rows)} points", path)
+        raise _unusable("placement.too_few_points", f"holds {len(rows)} points", path)
     _check_header(header, path, in_metres)
     return tuple(names), np.array(rows)
 
@@ -198,10 +201,12 @@ def _check_header(header: str, path: str, in_metres: bool) -> None:
         return
     surveyed = [all(each & _SURVEYED for each in part) for part in (words[:3], words[3:])]
     if surveyed == [True, False]:
-        raise _unusable("names the surveyed coordinates before the model's", path)
+        raise _unusable("placement.sides_exchanged", "names the surveyed coordinates before the model's",
+            path)  # fmt: skip
     other = [cell.strip() for cell, each in zip(cells[-3:], words[3:], strict=True) if each & _OTHER_UNITS]
     if in_metres and other:
-        raise _unusable(f"states the survey under {', '.join(other)}, and it is read in metres", path)
+        raise _unusable("coordinates.unit_not_metres",
+            f"states the survey under {', '.join(other)}, and it is read in metres", path)  # fmt: skip
 
 
 def _numbers(words: list[str]) -> list[float] | None:
@@ -263,12 +268,9 @@ def placement_of(
     """
     if gcp is not None:
         if up or length:
-            raise InputError(
-                f"--gcp is given with {'--up' if up else '--length'}",
-                where="--gcp",
-                expected="control points alone: they say scale and attitude",
-                remedy="leave out the other option",
-            )
+            raise InputError("placement.given_twice", f"--gcp is given with {'--up' if up else '--length'}",
+                where="--gcp", expected="control points alone: they say scale and attitude",
+                remedy="leave out the other option")  # fmt: skip
         fit = fit_control_points(gcp, metres_per_unit)
         return Placement(
             fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.told}", says_up=True, says_scale=True
@@ -279,12 +281,10 @@ def placement_of(
     start, end, metres = np.asarray(length[0], float), np.asarray(length[1], float), float(length[2])
     apart = float(np.linalg.norm(end - start))
     if not (0.0 < apart < np.inf and 0.0 < metres < np.inf):
-        raise InputError(
-            f"two places {apart:g} apart are said to be {metres:g} m apart",
-            where="--length",
+        raise InputError("placement.length_unusable",
+            f"two places {apart:g} apart are said to be {metres:g} m apart", where="--length",
             expected="two different places X,Y,Z of the model and a length in metres above 0",
-            remedy="pick two marks whose distance was measured",
-        )
+            remedy="pick two marks whose distance was measured")  # fmt: skip
     by = f"--length: {apart:.6g} units are {metres:g} m" + (f"; {said}" if said else "")
     return Placement(metres / apart, turn, by=by, says_up=bool(up), says_scale=True)
 
@@ -308,12 +308,9 @@ def upward(axis: str | Sequence[float]) -> Array:
     except ValueError:
         vector = np.zeros(0)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise InputError(
-            f"'{_words(axis)}' is no direction",
-            where="--up",
+        raise InputError("placement.up_unreadable", f"'{_words(axis)}' is no direction", where="--up",
             expected=f"one of {', '.join(AXES)}, or three numbers X,Y,Z that point upward in the model",
-            remedy="write it like --up y, or --up 0,0.98,0.17",
-        )
+            remedy="write it like --up y, or --up 0,0.98,0.17")  # fmt: skip
     vector /= np.linalg.norm(vector)
     if vector[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -94,6 +94,7 @@ def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str
     """
     if step_m > _COARSEST_PER_HEIGHT * height_m:
         raise InputError(
+            "coordinates.too_coarse",
             f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
             where=where,
             expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
@@ -142,21 +143,13 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
         if len(points) + sum(left_out.values()) >= MINIMUM_POINTS:
             most = max(left_out, key=left_out.__getitem__)
             remedy = f"export again so that they do not count as points that {most.rstrip(',')}"
-        raise InputError(
-            f"holds {', and '.join([f'{len(points)} points', *others])}",
-            where=str(path),
-            expected=f"at least {MINIMUM_POINTS}",
-            remedy=remedy,
-        )
+        raise InputError("cloud.too_few_points", f"holds {', and '.join([f'{len(points)} points', *others])}",
+            where=str(path), expected=f"at least {MINIMUM_POINTS}", remedy=remedy)  # fmt: skip
     low, high = bounds_of(points)
     size = high - low
     if not size.any():
-        raise InputError(
-            "all points are one and the same",
-            where=str(path),
-            expected="points of a rock and its pedestal",
-            remedy="export the cloud again",
-        )
+        raise InputError("cloud.one_place", "all points are one and the same", where=str(path),
+            expected="points of a rock and its pedestal", remedy="export the cloud again")  # fmt: skip
     level = np.sort(np.maximum(-low, high)[:2])  # latitude is the smaller one, or comes first
     if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
@@ -165,6 +158,7 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
     if step > _COARSEST_STEP_M:
         if not (points % 1.0).any():
             raise InputError(
+                "coordinates.too_coarse",
                 f"coordinates are whole numbers: they come in steps of {scale[0]:.3g} m",
                 where=str(path),
                 expected=f"steps of at most {_COARSEST_STEP_M} m",
@@ -172,6 +166,7 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
                 "smaller unit, name it by --units",
             )
         raise InputError(
+            "coordinates.too_coarse",
             f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
             where=str(path),
             expected=f"steps of at most {_COARSEST_STEP_M} m",
@@ -216,6 +211,7 @@ def check_returns(points: Array, path: Path) -> None:
     away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
     if away > np.linalg.norm(high - low):
         raise InputError(
+            "cloud.empty_returns",
             f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others",
             where=str(path),
             expected="points that a beam came back from",
@@ -242,6 +238,7 @@ def check_axes(points_m: Array, path: Path) -> None:
     up = _middle(points_m) / _EARTH_AXES_M**2
     way = ",".join(f"{each:.6f}" for each in up / np.linalg.norm(up))
     raise InputError(
+        "coordinates.geocentric",
         "coordinates are about the Earth's centre (geocentric, as EPSG:4978): z points to the pole, not upward",
         where=str(path),
         expected="x east, y north and z up",

@@ -76,6 +76,7 @@ def of_user(text: str) -> Reference:
         return _of_crs(CRS.from_user_input(int(text) if text.strip().isdigit() else text), "--crs")
     except CRSError as error:
         raise InputError(
+            "coordinates.crs_unknown",
             f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})",
             where="--crs",
             expected="a projected coordinate system: EPSG:32611, or its WKT",
@@ -105,9 +106,8 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
         raise _not_understood(f"keys that state the unit of heights alone ({up} m)", where)
     if up is None and 0 < values.get(_VERTICAL_CODE, 0) < _USER_DEFINED:
         up = _vertical(int(values[_VERTICAL_CODE]))
-    return _reference(
-        plane["name"] if plane else "GeoTIFF keys", plane["epsg"] if plane else None, stated, up
-    )
+    return _reference(plane["name"] if plane else "GeoTIFF keys", plane["epsg"] if plane else None, stated,
+        up)  # fmt: skip
 
 
 def of_words(text: str, where: str) -> Reference | None:
@@ -220,16 +220,14 @@ def _vertical(code: int) -> float | None:
 
 
 def _geocentric(where: str) -> InputError:
-    return InputError(
-        "coordinates are geocentric: z does not point up",
-        where=where,
-        expected="projected or local coordinates, z up",
-        remedy="project the cloud first, such as to the UTM zone of the site, and export again",
-    )
+    return InputError("coordinates.geocentric", "coordinates are geocentric: z does not point up",
+        where=where, expected="projected or local coordinates, z up",
+        remedy="project the cloud first, such as to the UTM zone of the site, and export again")  # fmt: skip
 
 
 def _not_understood(what: str, where: str) -> InputError:
     return InputError(
+        "coordinates.crs_unknown",
         f"its coordinate system is not understood: {what}",
         where=where,
         expected="a projected or local coordinate system with units of length",

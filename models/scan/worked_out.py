@@ -158,24 +158,27 @@ class WorkedOut:
         """
         path = scene / WORKED_OUT
         if not path.is_file():
-            raise _unusable(f"keeps no {WORKED_OUT}", scene)
+            raise _unusable("scan.not_kept", f"keeps no {WORKED_OUT}", scene)
         if not (scene / "scene.json").is_file():
-            raise _unusable("keeps no scene.json", scene)
+            raise _unusable("scan.not_kept", "keeps no scene.json", scene)
         read_own(scene, (*GEOMETRY, LABELS, WORKED_OUT), stated=True)
         try:
             with zipfile.ZipFile(path) as archive:
                 if sum(each.file_size for each in archive.infolist()) > _MOST_BYTES:
-                    raise _unusable(f"would unpack to more than {_MOST_BYTES >> 30} GB", path)
+                    raise _unusable("file.too_large", f"would unpack to more than {_MOST_BYTES >> 30} GB",
+                        path)  # fmt: skip
             with np.load(path, allow_pickle=False) as kept:
                 arrays = {name: kept[name] for name in kept.files}
             told = json.loads(str(arrays["told"]))
             if told["schema_version"] != SCHEMA_VERSION:
-                raise _unusable(f"is of schema version {told['schema_version']}", path)
+                raise _unusable("document.schema_version", f"is of schema version {told['schema_version']}",
+                    path)  # fmt: skip
             return cls._of(arrays, told)
         except InputError:
             raise
         except Exception as error:  # NumPy and zipfile raise whatever their parsers raise
-            raise _unusable(f"cannot be read ({type(error).__name__}: {error})", path) from error
+            raise _unusable("file.unreadable", f"cannot be read ({type(error).__name__}: {error})",
+                path) from error  # fmt: skip
 
     @classmethod
     def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":

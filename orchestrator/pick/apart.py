@@ -94,6 +94,7 @@ class Apart:
             self._process.join()
             code, self._process = self._process.exitcode, None
         raise InputError(
+            "pick.process_died",
             f"the process that works the scan out has died (exit code {code})",
             where="the scan",
             expected="enough memory for this cloud",

@@ -65,7 +65,7 @@ class UserHints:
         Raises InputError if a name is none of a hint, or a value is no list of finite numbers of its length.
         """
         if not isinstance(content, Mapping):
-            raise _unusable(f"{shown(content)} is no table of hints", "the page")
+            raise _unusable("hint.value_unusable", f"{shown(content)} is no table of hints", "the page")
         values: dict[str, Any] = {}
         for name, value in content.items():
             if value is None and name in (*_ONE, *_WORDS, "length"):
@@ -80,10 +80,10 @@ class UserHints:
                 values[name] = _word(value, _WORDS[name], name)
             elif name in _MANY:
                 if not isinstance(value, list) or len(value) > _MOST_PLACES:
-                    raise _unusable(f"{name} is {shown(value)}", "the page")
+                    raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
                 values[name] = tuple(numbers(each, _MANY[name], name) for each in value)
             else:
-                raise _unusable(f"{shown(name)} is no hint", "the page")
+                raise _unusable("hint.unknown", f"{shown(name)} is no hint", "the page")
         return cls(**values)
 
     @property
@@ -125,7 +125,7 @@ _LONGEST_WORD = 100
 
 def _word(value: Any, among: tuple[str, ...], name: str) -> str:
     if not isinstance(value, str) or len(value) > _LONGEST_WORD or (among and value not in among):
-        raise _unusable(f"{name} is {shown(value)}", "the page")
+        raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
     if name == "up":
         upward(value)
     return value
@@ -133,7 +133,7 @@ def _word(value: Any, among: tuple[str, ...], name: str) -> str:
 
 def _length(value: Any) -> tuple[_Place, _Place, float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise _unusable(f"length is {shown(value)}", "the page")
+        raise _unusable("hint.value_unusable", f"length is {shown(value)}", "the page")
     start, end = (numbers(each, 3, "length") for each in value[:2])
     return start, end, numbers(value[2:], 1, "length")[0]
 
@@ -143,7 +143,7 @@ def numbers(value: Any, count: int, name: str) -> _Place:
     good = isinstance(value, list) and len(value) == count
     # NaN compares as false, and a whole number of any length compares without becoming a float.
     if not good or not all(type(each) in (int, float) and abs(each) <= sys.float_info.max for each in value):
-        raise _unusable(f"{name} is {shown(value)}", "the page")
+        raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
     return tuple(float(each) for each in value)
 
 

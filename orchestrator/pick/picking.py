@@ -214,6 +214,7 @@ class Picking:
         """Split the cloud by hints, and show it."""
         if self._kept is not None:
             raise InputError(
+                "pick.needs_clouds",
                 "this needs the clouds, of which the scan has kept the rock's surroundings only",
                 where="--again",
                 expected="hints on the base: touch, daylight, pull",
@@ -256,12 +257,9 @@ class Picking:
         """Write the scene of the latest hints."""
         answer = self._answer
         if answer is None or answer.survey is None or answer.said != self._said:
-            raise InputError(
-                "of these hints came no scene",
-                where="saving",
+            raise InputError("pick.no_scene", "of these hints came no scene", where="saving",
                 expected="hints of which a rock on its pedestal came",
-                remedy="undo the last hint, or give others",
-            )
+                remedy="undo the last hint, or give others")  # fmt: skip
         self._note("writing")
         self._write(answer.survey, answer.said)
         self._saved += 1

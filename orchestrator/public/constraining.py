@@ -42,37 +42,43 @@ def _check(question: Question, ages: int, of_runs: Mapping[str, object]) -> None
     of_events = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
     files = [path for path in question.paths if not path.is_dir()]
     if not count:
-        _refuse("no rock has topplings and survivals to tell its fragility by", "give a run that has both")
+        _refuse("fragility.none", "no rock has topplings and survivals to tell its fragility by",
+            "give a run that has both")  # fmt: skip
     if ages not in (0, 1, count):
-        _refuse(f"got {ages} ages for {count} rocks", "give one --age, or one per rock")
+        _refuse("age.count_differs", f"got {ages} ages for {count} rocks", "give one --age, or one per rock")
     if hazard and not ages:
-        _refuse("a hazard needs the rocks' ages, to turn rates into probabilities", "give --age")
+        _refuse("age.needed", "a hazard needs the rocks' ages, to turn rates into probabilities",
+            "give --age")  # fmt: skip
     if len(since) not in (0, 1, count):
-        _refuse(f"got {len(since)} dates for {count} rocks", "give one --fragile-since, or one per rock")
+        _refuse("age.dates_count_differs", f"got {len(since)} dates for {count} rocks",
+            "give one --fragile-since, or one per rock")  # fmt: skip
     if (option := _first(of_ages)) and not ages:
-        _refuse(f"{option} applies to ages", "give the rocks' --age too")
+        _refuse("age.needed", f"{option} applies to ages", "give the rocks' --age too")
     if (option := _first(of_hazard)) and not hazard:
-        _refuse(f"{option} applies to a hazard", "give --hazard too")
+        _refuse("hazard.needed", f"{option} applies to a hazard", "give --hazard too")
     if (option := _first(of_runs)) and files:
-        _refuse(f"{option} applies to jobs of runs, and {files[0]} is a file of curves", "give its run")
+        _refuse("run.needed", f"{option} applies to jobs of runs, and {files[0]} is a file of curves",
+            "give its run")  # fmt: skip
     if len(sites) > 1 and not question.event_set:
-        _refuse("several --site apply to a set of events", "give one: hazard curves are of one site")
+        _refuse("site.several_of_curves", "several --site apply to a set of events",
+            "give one: hazard curves are of one site")  # fmt: skip
     if question.apart and not hazard:
-        _refuse(
-            "two measures together, and a factor of --fragile-since, need the hazard", "give --hazard too"
-        )
+        _refuse("hazard.needed", "two measures together, and a factor of --fragile-since, need the hazard",
+            "give --hazard too")  # fmt: skip
     if (option := _first(of_events)) and not question.event_set:
-        _refuse(f"{option} applies to a set of events", "give one with --hazard, or leave it out")
+        _refuse("events.needed", f"{option} applies to a set of events",
+            "give one with --hazard, or leave it out")  # fmt: skip
     if options.correlation is not None and (len(asked.measures) < 2 or question.event_set):
-        _refuse("--correlation applies to curves of two measures", "name both measures, or leave it out")
+        _refuse("hazard.one_measure", "--correlation applies to curves of two measures",
+            "name both measures, or leave it out")  # fmt: skip
 
 
 def _first(options: Mapping[str, object]) -> str | None:
     return next((name for name, value in options.items() if value), None)
 
 
-def _refuse(what: str, remedy: str) -> None:
-    raise UsageError(what, where="constrain", expected="options that go together", remedy=remedy)
+def _refuse(code: str, what: str, remedy: str) -> None:
+    raise UsageError(code, what, where="constrain", expected="options that go together", remedy=remedy)
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,18 +190,16 @@ def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:
     """Rows asked for, some of which have an answer."""
     if run.rocks:
-        raise InputError(
-            f"is a run of {len(run.rocks)} rocks",
-            where=str(run.path),
+        raise InputError("run.several_rocks", f"is a run of {len(run.rocks)} rocks", where=str(run.path),
             expected="one rock",
-            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks",
-        )
+            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks")  # fmt: skip
     jobs = run.frame(where, trusted=trusted)
     if weighted:
         jobs = run.weighted(jobs)
     if not jobs["toppled"].notna().any():
         what = f"{len(jobs)} jobs, none with an answer"
         raise InputError(
+            "run.no_answers",
             what,
             where=str(run.path),
             expected="finished jobs",

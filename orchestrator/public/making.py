@@ -127,9 +127,8 @@ def in_files(error: InputError, files: list[str], contact: str | Path | None) ->
     if of_contact or error.where in files:
         return error
     names = ", ".join(files[:3]) + (" ..." if len(files) > 3 else "")
-    return InputError(
-        error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
-    )
+    return InputError(error.code, error.what, where=f"{names}: {error.where}", expected=error.expected,
+        remedy=error.remedy)  # fmt: skip
 
 
 def scan_again(
@@ -198,12 +197,9 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, Separ
     Raises InputError if a file cannot be read, or what is said contradicts itself.
     """
     if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
-        raise InputError(
-            "--near is given with --rock or --pedestal",
-            where="--near",
+        raise InputError("parts.near_needless", "--near is given with --rock or --pedestal", where="--near",
             expected="one word on which rock is meant",
-            remedy="leave out --near: what was separated is known",
-        )
+            remedy="leave out --near: what was separated is known")  # fmt: skip
     placement, system = placed_by(hints)
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)
@@ -225,6 +221,7 @@ def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
     crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
     if crs and length:
         raise InputError(
+            "placement.given_twice",
             "--crs is given with --length",
             where="--crs",
             expected="a coordinate system of surveyed coordinates",

@@ -85,6 +85,7 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
     widest, one, other = max(far, default=(0.0, "", ""))
     if hazard and widest > SITE_REACH_KM:
         raise InputError(
+            "site.far_apart",
             f"{one} and {other} lie {widest:,.0f} km apart",
             where="--hazard",
             expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
@@ -110,12 +111,10 @@ def standing_rock(
         curve = curve_over(jobs.frame, measure, SAMPLES, jobs.completeness, advance)
     if curve is None:
         no_answer = jobs is not None and answered(jobs.frame).empty
-        raise InputError(
+        raise InputError("run.no_answers" if no_answer else "fragility.none",
             what="has no job with an answer" if no_answer else f"has no fragility over {measure}",
-            where=str(path),
-            expected="a lognormal fragility over the measure of the hazard",
-            remedy="'toppling fragility RUN --fit' lists the measures that have one",
-        )
+            where=str(path), expected="a lognormal fragility over the measure of the hazard",
+            remedy="'toppling fragility RUN --fit' lists the measures that have one")  # fmt: skip
     return Standing(name, curve, years)
 
 
@@ -123,30 +122,21 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     """The jobs requested, with the weights of their records and bases."""
     run = open_run(path)
     if rocks := run.rocks:
-        raise InputError(
-            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}",
-            where=str(path),
-            expected="one rock",
-            remedy=f"choose one: {rocks[0].path}",
-        )
+        raise InputError("run.several_rocks",
+            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}", where=str(path),
+            expected="one rock", remedy=f"choose one: {rocks[0].path}")  # fmt: skip
     weights = run.weights()
     bare = run.frame(where, trusted=trusted)
     jobs = run.weighted(bare, weights)
     if where and jobs.empty:
-        raise InputError(
-            what=f"no job satisfies {where}",
-            where=str(path),
+        raise InputError("run.no_job_left", what=f"no job satisfies {where}", where=str(path),
             expected="a condition that some jobs satisfy",
-            remedy="'toppling query RUN --describe' names columns and units",
-        )
+            remedy="'toppling query RUN --describe' names columns and units")  # fmt: skip
     contacts = by_contact(answered(jobs))
     if len(contacts) > 1:
-        raise InputError(
-            what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
-            where=str(path),
-            expected="jobs of one contact",
-            remedy='choose one, such as --where "friction_static = 0.8"',
-        )
+        raise InputError("run.several_contacts", what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
+            where=str(path), expected="jobs of one contact",
+            remedy='choose one, such as --where "friction_static = 0.8"')  # fmt: skip
     if recorded:
         weights = _weighed(path, bare, recorded, weights)
         jobs = run.weighted(bare, weights)
@@ -199,12 +189,9 @@ def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> Non
     for path, basis in zip(rocks, rested, strict=True):
         of = basis.scene_id if basis else str(path.resolve())
         if of in seen:
-            raise InputError(
-                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""),
-                where=str(path),
-                expected="each rock once",
-                remedy="leave one of the two out",
-            )
+            raise InputError("rock.given_twice",
+                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""), where=str(path),
+                expected="each rock once", remedy="leave one of the two out")  # fmt: skip
         seen[of] = path
 
 

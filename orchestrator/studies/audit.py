@@ -102,6 +102,7 @@ def audit(work: Work, count: int) -> list[RunProgress]:
     able = _auditors(planned.campaign)
     if not able:
         raise InputError(
+            "audit.nothing_finer",
             "nothing that is installed can say more than this run, made with the finest preset",
             where=str(folder),
             expected="a run with preset fast or standard, or a second engine",
@@ -143,6 +144,7 @@ def check_versions(folder: Path) -> None:
     there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
     if there != here:
         raise InputError(
+            "run.versions_differ",
             f"the run was made with physics version {there}, here is {here}",
             where=str(folder),
             expected="one version, so that answers differ by the settings alone",
@@ -164,12 +166,8 @@ def _alone(folder: Path) -> Iterator[Path]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(
-                "another process audits this run",
-                where=str(folder),
-                expected="one at a time",
-                remedy="wait for it",
-            ) from None
+            raise InputError("run.locked", "another process audits this run", where=str(folder),
+                expected="one at a time", remedy="wait for it") from None  # fmt: skip
         yield home
 
 

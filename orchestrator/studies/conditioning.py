@@ -138,12 +138,9 @@ def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
     Raises InputError that names them.
     """
     if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
-        raise InputError(
-            f"the run counts {_and(twice)} already",
-            where="--stood",
+        raise InputError("record.given_twice", f"the run counts {_and(twice)} already", where="--stood",
             expected="each shaking once, as what is told twice would count twice",
-            remedy="leave it out: the run's own weights hold it",
-        )
+            remedy="leave it out: the run's own weights hold it")  # fmt: skip
 
 
 def joined(own: Weights, also: Weights) -> Weights:
@@ -179,6 +176,7 @@ def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
         messages = shakes["message"].dropna() if "message" in shakes else shakes["toppled"].dropna()
         reason = messages.mode()
         raise InputError(
+            "stood.no_answer",
             f"none of {len(shakes)} shakes with {name} has an answer"
             + (f" ({reason.iloc[0]})" if len(reason) else ""),
             where="--stood",

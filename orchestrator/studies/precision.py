@@ -147,6 +147,7 @@ def _target_of(asked: TargetSpec) -> Target:
         ]
         if len(trees) != 1 or len(trees[0].curves) != 1 or trees[0].measure not in LEVEL_MEASURES:
             raise InputError(
+                "hazard.several_curves",
                 f"holds {sum(len(tree.curves) for tree in trees)} curves of {', '.join(t.measure for t in trees)}",
                 where=str(asked.hazard),
                 expected=f"one hazard curve, of one of {', '.join(LEVEL_MEASURES)}",
@@ -166,12 +167,9 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
     wanted = [target.measure] if target.measure else list(LEVEL_MEASURES)
     usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
     if not usable:
-        raise InputError(
-            f"not every record has a {' or '.join(wanted)} above 0",
-            where=where,
-            expected="a measure by which levels can be chosen",
-            remedy="ask for another measure, or leave such records out",
-        )
+        raise InputError("ensemble.measure_missing", f"not every record has a {' or '.join(wanted)} above 0",
+            where=where, expected="a measure by which levels can be chosen",
+            remedy="ask for another measure, or leave such records out")  # fmt: skip
     return usable
 
 

@@ -57,6 +57,7 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     count = jobs or affordable(campaign, rows)
     if min(count, len(rows)) < LEAST_JOBS:
         raise InputError(
+            "audit.too_few_jobs",
             f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs is too small",
             where=str(run),
             expected=f"at least {LEAST_JOBS} jobs",

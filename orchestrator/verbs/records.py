@@ -245,9 +245,5 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
 
 def _no_record(files: int, where: str) -> InputError:
-    return InputError(
-        f"none of {files} files gave a record{instead(Path(where))}",
-        where=where,
-        expected="three-component records",
-        remedy="see the table above",
-    )
+    return InputError("record.none_found", f"none of {files} files gave a record{instead(Path(where))}",
+        where=where, expected="three-component records", remedy="see the table above")  # fmt: skip

@@ -21,7 +21,13 @@ _MOST_NOTES = 20
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
     """Print what was read and left out as JSON."""
     left_out = [
-        {"subject": r.subject, "what": r.reason.what, "where": r.reason.where, "remedy": r.reason.remedy}
+        {
+            "subject": r.subject,
+            "code": r.reason.code,
+            "what": r.reason.what,
+            "where": r.reason.where,
+            "remedy": r.reason.remedy,
+        }
         for r in outcome.refusals
     ]
     document = {
@@ -100,7 +106,9 @@ def show_refusals(refusals: "list[Refusal]") -> None:
 
     by_reason: dict[tuple[str, str], list[Refusal]] = {}
     for refusal in refusals:
-        by_reason.setdefault((refusal.reason.what, refusal.reason.remedy), []).append(refusal)
+        by_reason.setdefault(
+            (f"{refusal.reason.what} [{refusal.reason.code}]", refusal.reason.remedy), []
+        ).append(refusal)
     table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
     for head in ("left out", "why, and what to do"):
         table.add_column(head, overflow="fold", ratio=1)

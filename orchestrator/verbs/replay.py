@@ -68,12 +68,8 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         version = row["physics_version"]
         if spec.job_id != job_id:
             click.echo(f"The run was done with physics version {version}, not with this program's.", err=True)
-        raise InputError(
-            "; ".join(filter(None, differing)),
-            where=f"job {job_id}",
-            expected="the answer of the run",
-            remedy=_whence(row["kernels"]),
-        )
+        raise InputError("replay.differs", "; ".join(filter(None, differing)), where=f"job {job_id}",
+            expected="the answer of the run", remedy=_whence(row["kernels"]))  # fmt: skip
     else:
         click.echo("The answer is that of the run.")
 
@@ -129,16 +125,16 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
     run = opened.root
     path = run / "jobs.parquet"
     if not path.exists():
-        raise _error(
-            run, "the folder holds no plan (jobs.parquet)", "give the folder that 'toppling run' made"
-        )
+        raise _error("run.no_plan", run, "the folder holds no plan (jobs.parquet)",
+            "give the folder that 'toppling run' made")  # fmt: skip
     required = has_digests(run)
     check(run / "campaign.toml", required=required)
     jobs = read_table(path, required=required)
     found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
     if len(found) != 1:
         what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"
-        raise _error(run, what, 'see the ids with: toppling query RUN "select job_id from results"')
+        raise _error("run.job_unknown", run, what,
+            'see the ids with: toppling query RUN "select job_id from results"')  # fmt: skip
     campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
     job_id = chosen.pop("job_id")
     # Plans of earlier versions are of one scene and do not name it.
@@ -171,5 +167,5 @@ def _difference(name: str, was: object, now: object) -> str:
     return "" if same else f"{name} is {now}, but was {was} in the run"
 
 
-def _error(run: Path, what: str, remedy: str) -> InputError:
-    return InputError(what, where=str(run), expected="one job of this run", remedy=remedy)
+def _error(code: str, run: Path, what: str, remedy: str) -> InputError:
+    return InputError(code, what, where=str(run), expected="one job of this run", remedy=remedy)

@@ -146,12 +146,9 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     if gone is None or not kept.is_file() or kept.samefile(campaign):
         return
     again = shlex.join(["toppling", "run", str(kept), "--out", str(folder)])
-    raise InputError(
-        f"{gone} is not there",
-        where=str(campaign),
+    raise InputError("file.absent", f"{gone} is not there", where=str(campaign),
         expected="the folders that it names",
-        remedy=f"put it back, or go on with the copy that the run keeps: {again}",
-    )
+        remedy=f"put it back, or go on with the copy that the run keeps: {again}")  # fmt: skip
 
 
 @contextmanager

@@ -281,10 +281,7 @@ def _coordinates(text: str, where: str) -> tuple[float, ...]:
     try:
         x, y, z = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
-        raise InputError(
-            f"'{text}' is not a place",
-            where=where,
+        raise InputError("hint.place_unreadable", f"'{text}' is not a place", where=where,
             expected="three numbers: x,y,z in survey coordinates",
-            remedy=f"write it like {where} 331250.1,3777309.2,480.3",
-        ) from None
+            remedy=f"write it like {where} 331250.1,3777309.2,480.3") from None  # fmt: skip
     return x, y, z

@@ -106,9 +106,8 @@ def beside_each_other(
     shared = _shared([jobs for _, jobs in chosen], runs)
     if only_shared and not (shared.records and shared.levels_m_s2):
         remedy = "leave --shared out, or compare rocks of one campaign"
-        raise InputError(
-            shared.sentence, where="atlas", expected="records and levels in common", remedy=remedy
-        )
+        raise InputError("atlas.nothing_shared", shared.sentence, where="atlas",
+            expected="records and levels in common", remedy=remedy)  # fmt: skip
     found = []
     for run, (contact, jobs) in zip(runs, chosen, strict=True):
         used = jobs

@@ -42,12 +42,11 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     levels = (_spread(float(level), jobs) for level, jobs in rows.groupby("level_pga_m_s2"))
     found = [one for one in levels if one is not None]
     if not found:
-        raise InputError(
+        raise InputError("run.too_few_realisations",
             "no level has three records and three realisations that were all answered",
             where="the spread of toppling",
             expected=f"a campaign with realisations of at least {_LEAST + 1}, and {_LEAST} records or more",
-            remedy="set realisations = 20 or so in the campaign, and run it with another --out",
-        )
+            remedy="set realisations = 20 or so in the campaign, and run it with another --out")  # fmt: skip
     table = pd.DataFrame(found)
     means = {**table.mean(numeric_only=True), "level_pga_m_s2": None, "jobs": int(table["jobs"].sum())}
     means |= {name: int(table[name].max()) for name in ("records_drawn", "bases")}

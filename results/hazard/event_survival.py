@@ -125,11 +125,10 @@ def topples(fragility: Fragility, motions: Motions) -> Array:
     """
     lacking = [name for name in fragility.measures if name not in motions]
     if lacking:
-        raise InputError(
+        raise InputError("hazard.measure_other",
             what=f"states {', '.join(motions)}, and no {', '.join(lacking)}", where="--hazard",
             expected=f"motions in {', '.join(fragility.measures)}, as the rock's fragility is over them",
-            remedy="choose another --measure, or compute fields of that measure too",
-        )  # fmt: skip
+            remedy="choose another --measure, or compute fields of that measure too")  # fmt: skip
     if isinstance(fragility, Surface):
         return fragility.probability(motions)
     return fragility.probability(motions[fragility.measure])
@@ -299,10 +298,9 @@ def check_measures(rocks: Sequence[FeltRock], events: EventSet) -> None:
     for rock in rocks:
         topples(rock.fragility, {name: np.empty(0) for name in events.measures})
         if not 0 <= rock.site < len(events.sites):
-            raise InputError(
-                what=f"{rock.name} stands at site number {rock.site}", where=events.source,
-                expected=f"one of {len(events.sites)} sites", remedy="choose its site with --site",
-            )  # fmt: skip
+            raise InputError("site.unknown", what=f"{rock.name} stands at site number {rock.site}",
+                where=events.source, expected=f"one of {len(events.sites)} sites",
+                remedy="choose its site with --site")  # fmt: skip
 
 
 def _log_standing(fragility: Fragility, motions: Motions) -> Array:

@@ -60,7 +60,7 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
             name = _first({**properties, "fid": feature.get("id")}, (*_NAMES, "fid"), f"fault {number + 1}")
             traces.append(FaultTrace(str(name), tuple(lines), _magnitude(properties, path)))
     if not traces:
-        raise _fault_error(f"holds no line among {len(features)} features", path)
+        raise _fault_error("faults.no_line", f"holds no line among {len(features)} features", path)
     return traces
 
 
@@ -95,7 +95,8 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
     except (TypeError, ValueError, IndexError, KeyError):
         points = np.empty((0, 2))
     if not (len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()):
-        raise _fault_error(f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)
+        raise _fault_error("faults.line_unusable",
+            f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)  # fmt: skip
     return azimuthal_km(_straight(points), site)
 
 
@@ -145,5 +146,5 @@ def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
     except (TypeError, ValueError):
         magnitude = math.nan
     if not 0 < magnitude < 11:
-        raise _fault_error(f"states the magnitude {found!r}", path)
+        raise _fault_error("faults.magnitude_unusable", f"states the magnitude {found!r}", path)
     return magnitude

@@ -45,12 +45,9 @@ def check_place(asked: Place) -> None:
     Raises InputError if it is none.
     """
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
-        raise InputError(
-            what=f"{asked[0]:g} {asked[1]:g} is no place on Earth",
-            where="--site",
-            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
-            remedy="give the longitude first: --site LONGITUDE LATITUDE",
-        )
+        raise InputError("site.out_of_range", what=f"{asked[0]:g} {asked[1]:g} is no place on Earth",
+            where="--site", expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE")  # fmt: skip
 
 
 def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
@@ -61,10 +58,9 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
         known = some_of([*dict.fromkeys(filter(None, names))]) or "none that has a name"
-        raise InputError(
-            f"has no site called {asked!r}: it has {known}", where=where, expected="the name of one of its sites",
-            remedy="give one of its names, or --site LONGITUDE LATITUDE",
-        )  # fmt: skip
+        raise InputError("site.unknown", f"has no site called {asked!r}: it has {known}", where=where,
+            expected="the name of one of its sites",
+            remedy="give one of its names, or --site LONGITUDE LATITUDE")  # fmt: skip
     return found
 
 
@@ -79,6 +75,7 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
         raise InputError(
+            "site.too_far",
             what=f"the nearest site to {asked[0]:g} {asked[1]:g}, at longitude {sites[number][0]:g} and latitude "
             f"{sites[number][1]:g}, is {away_km[number]:.0f} km away",
             where=where,

@@ -73,9 +73,10 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> tuple
     Raises InputError if the curves are over one measure, or the scatter is none.
     """
     if first.measure == second.measure:
-        raise _vector_error(f"two curves over {first.measure}", "curves of two measures")
+        raise _vector_error("hazard.measure_given_twice", f"two curves over {first.measure}",
+            "curves of two measures")  # fmt: skip
     if not 0 <= scatter < 5:
-        raise _vector_error(f"a scatter of {scatter:g}", "a scatter near 0.45")
+        raise _vector_error("hazard.scatter_unusable", f"a scatter of {scatter:g}", "a scatter near 0.45")
     low, high = math.log(first.intensity[0]) - _EXTENDED, math.log(first.intensity[-1]) + _EXTENDED
     edges = np.linspace(low, high, math.ceil((high - low) * _BINS_PER_E_FOLD) + 1)
     rates = np.exp(_log_rate(first, edges))
@@ -137,10 +138,6 @@ def _coupled(second: HazardCurve, part: Array, reached: Array, scatter: float) -
     return centre, float(np.abs(found / second.rate(stated) - 1.0).max())
 
 
-def _vector_error(what: str, expected: str) -> InputError:
-    return InputError(
-        what,
-        where="--hazard",
-        expected=expected,
-        remedy="give one curve of each measure, of one site and component",
-    )
+def _vector_error(code: str, what: str, expected: str) -> InputError:
+    return InputError(code, what, where="--hazard", expected=expected,
+        remedy="give one curve of each measure, of one site and component")  # fmt: skip

@@ -188,14 +188,10 @@ def test_the_composed_scheduler_lets_in_only_who_holds_the_key(composed):
 @pytest.mark.parametrize(
     ("address", "warns"),
     [
-        ("tcp://10.0.0.1:8786", True),
-        ("tcp://node1:8786", True),
-        ("tcp://[fe80::1]:8786", True),
-        ("tcp://127.0.0.1:8786", False),
-        ("tcp://[::1]:8786", False),
-        ("tls://10.0.0.1:8786", False),
+        ("tcp://10.0.0.1:8786", True), ("tcp://node1:8786", True), ("tcp://[fe80::1]:8786", True),
+        ("tcp://127.0.0.1:8786", False), ("tcp://[::1]:8786", False), ("tls://10.0.0.1:8786", False),
     ],
-)
+)  # fmt: skip
 def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_told(address, warns, caplog):
     _warn_of_open_door(address)
     assert ("asks nobody for a key" in caplog.text) is warns

@@ -79,13 +79,8 @@ WORKER_SIGNALS = {
     "worker frozen": signal.SIGSTOP,
 }
 STRIKES = [
-    *WORKER_SIGNALS,
-    *["worker killed"] * 3,
-    "torn part",
-    "flipped part",
-    "flipped part",
-    "foreign file",
-]
+    *WORKER_SIGNALS, *["worker killed"] * 3, "torn part", "flipped part", "flipped part", "foreign file",
+]  # fmt: skip
 STRIKES_ON_A_CLUSTER = [
     *STRIKES, "worker leaves", "host of a worker lost", "network cut", "network cut",
     "worker without the run joins", "worker of another version joins",

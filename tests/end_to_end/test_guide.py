@@ -308,13 +308,11 @@ def test_each_page_of_the_guide_is_in_its_list_and_in_the_site():
 @pytest.mark.parametrize(
     "page",
     [
-        *PAGES,
-        *sorted((ROOT / "docs").glob("*.md")),
-        *sorted((ROOT / "docs" / "decisions").glob("*.md")),
+        *PAGES, *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "decisions").glob("*.md")),
         *sorted((ROOT / "benchmarks" / "reports").glob("*.md")),
     ],
     ids=lambda page: f"{page.parent.name}-{page.stem}",
-)
+)  # fmt: skip
 def test_links_lead_to_pages_and_sections_that_are_there(page):
     def anchors(path):
         heads = re.findall(r"^#+ (.*)$", path.read_text(), re.M)

@@ -33,13 +33,8 @@ TOKENS = [
     b"\x1a", b"\x0c", b"\x85", b"\xb2", b"0,5", b"G", b"PA", b"M/S**2 ",
 ]  # fmt: skip
 WORDS = [
-    b"\xff\xff\xff\xff",
-    b"\xff\xff\xff\x7f",
-    b"\0\0\0\x80",
-    b"\0\0\0\0",
-    b"\0\0\xf0\x7f",
-    b"\0\0\xc8\x42",
-]
+    b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0\0\0\0", b"\0\0\xf0\x7f", b"\0\0\xc8\x42",
+]  # fmt: skip
 
 places = st.integers(0, (1 << 20) - 1)
 """Share of the file or, for every second change, of its head, where headers are."""

@@ -120,11 +120,8 @@ def sound_scene(tmp_path_factory):
 
 
 RIGHT = (
-    ("id", "text"),
-    ("interface.slope_deg", 7),
-    ("quasi_static_toppling_m_s2", []),
-    ("report", {"x": {}}),
-)
+    ("id", "text"), ("interface.slope_deg", 7), ("quasi_static_toppling_m_s2", []), ("report", {"x": {}}),
+)  # fmt: skip
 """Of the right kind, and no part of the scene's identity, which is compared last."""
 
 

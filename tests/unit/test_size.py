@@ -11,7 +11,7 @@ import toppling
 ROOT = Path(__file__).parents[2]
 ROOMS = ("models", "workers", "orchestrator", "results")
 FILE_LINES, FUNCTION_LINES, PARAMETERS = 800, 80, 7
-SOURCE_LINES, TEST_LINES = 65_400, 39_900
+SOURCE_LINES, TEST_LINES = 65_310, 39_900
 """Lines in all. Each landing that removes some lowers these; nothing raises them."""
 
 WORDS_OF_DOCS = 13_000
@@ -66,8 +66,9 @@ def test_the_source_and_the_tests_have_no_more_lines_than_they_had():
 
 
 def test_the_docs_have_no_more_words_than_one_reads():
-    """Of reports, which benchmarks write, there may be more: these lie elsewhere."""
-    text = " ".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    """Of reports, which benchmarks write, there may be more: these lie elsewhere; of codes there is a table."""
+    pages = [path for path in (ROOT / "docs").rglob("*.md") if path.name != "errors.md"]
+    text = " ".join(path.read_text("utf-8") for path in pages)
     assert sum(any(letter.isalnum() for letter in word) for word in text.split()) <= WORDS_OF_DOCS
 
 

@@ -222,15 +222,9 @@ def test_addresses_of_stores_are_told_from_paths(path):
 @pytest.mark.parametrize(
     "path",
     [
-        "runs/first",
-        "file:///tmp/x",
-        "memory://x",
-        "tcp://node:1",
-        "https://host/run",
-        "s3:run",
-        "c/s3://b/run",
-        "s3://",
+        "runs/first", "file:///tmp/x", "memory://x", "tcp://node:1", "https://host/run", "s3:run",
+        "c/s3://b/run", "s3://",
     ],
-)
+)  # fmt: skip
 def test_paths_and_other_addresses_are_no_stores(path):
     assert not is_store(path)

@@ -58,16 +58,12 @@ def listed(tree):
 @pytest.mark.parametrize(
     ("changed", "run_again"),
     [
-        ("models/low.py", {"high", "door", "whole"}),
-        ("models/high.py", {"high", "whole"}),
-        ("results/apart.py", {"helped", "whole"}),
-        ("tests/helper.py", {"helped"}),
-        ("tests/test_high.py", {"high"}),
-        ("tests/test_fast.py", set()),
-        ("tests/conftest.py", EVERY),
+        ("models/low.py", {"high", "door", "whole"}), ("models/high.py", {"high", "whole"}),
+        ("results/apart.py", {"helped", "whole"}), ("tests/helper.py", {"helped"}),
+        ("tests/test_high.py", {"high"}), ("tests/test_fast.py", set()), ("tests/conftest.py", EVERY),
         ("requirements.lock", EVERY),
     ],
-)
+)  # fmt: skip
 def test_what_depends_on_a_changed_file_runs_again_and_nothing_else(tree, changed, run_again):
     assert listed(tree) == set()
     with (tree / changed).open("a") as file:

@@ -186,11 +186,9 @@ def test_a_slow_ramp_topples_at_the_static_acceleration(preset, azimuth_deg, sha
 
 
 SLIPS = [
-    (0.6, 0, 0, 1.2, 0.1, 0),
-    (0.6, 0, 0, 1.2, 0.1, 30),
-    (0.6, 5, 135, 1.2, 0.1, 315),
+    (0.6, 0, 0, 1.2, 0.1, 0), (0.6, 0, 0, 1.2, 0.1, 30), (0.6, 5, 135, 1.2, 0.1, 315),
     (0.3, 10, 20, 0.8, 0.2, 200),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -340,11 +338,9 @@ def test_the_threshold_converges_with_the_time_step():
 @pytest.mark.parametrize(
     "corners",
     [
-        8,
-        16,
-        pytest.param(32, marks=pytest.mark.slow),
+        8, 16, pytest.param(32, marks=pytest.mark.slow),
     ],
-)
+)  # fmt: skip
 def test_a_body_that_rolls_over_an_arc_of_corners_keeps_the_energy_of_its_impacts(corners):
     # Measured .007, .006 and -.17 %.
     assert abs(case.many_corners_error(corners, "standard")) < 2.5e-3

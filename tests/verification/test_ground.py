@@ -127,15 +127,10 @@ def cone_programme(scene, azimuth_deg):
 @pytest.mark.parametrize(
     ("left", "right", "friction"),
     [
-        (5, 5, 0.6),
-        (30, 30, 0.6),
-        (30, 30, 0.8),
-        (-15, -15, 0.8),
-        (-30, -30, 0.6),
-        (0, -30, 0.8),
+        (5, 5, 0.6), (30, 30, 0.6), (30, 30, 0.8), (-15, -15, 0.8), (-30, -30, 0.6), (0, -30, 0.8),
         (0, 15, 0.6),
     ],
-)
+)  # fmt: skip
 def test_static_threshold_on_two_facets_is_that_of_the_friction_cones(left, right, friction):
     scene = block_on(left, right, friction)
     azimuths = [0.0, 180.0, 90.0]
@@ -517,7 +512,9 @@ def test_two_meshes_on_which_no_drawn_base_stands_are_taken_as_they_are():
     )
 
     def contradicted():
-        raise ContradictionError("the weight", where="standing", expected="rest", remedy="none")
+        raise ContradictionError(
+            "base.contradicted", "the weight", where="standing", expected="rest", remedy="none"
+        )
 
     made = meshes.surveyed(contradicted, hinted=False)
     assert "no interval" in " ".join(made.notes)

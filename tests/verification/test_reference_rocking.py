@@ -24,12 +24,10 @@ def alpha_p(b, h):
 @pytest.mark.parametrize(
     ("b", "h", "share", "printed"),
     [
-        (0.2, 0.6, 0.1, 0.137963),
-        (0.2, 0.6, 0.5, 0.387295),
-        (0.2, 0.6, 0.9, 0.878271),
+        (0.2, 0.6, 0.1, 0.137963), (0.2, 0.6, 0.5, 0.387295), (0.2, 0.6, 0.9, 0.878271),
         (0.3, 1.5, 0.5, 0.601184),
     ],
-)
+)  # fmt: skip
 def test_free_rocking_lands_at_the_printed_time(b, h, share, printed):
     alpha, p = alpha_p(b, h)
     closed = exact.free_rocking_time_s(alpha, p, share)

@@ -30,12 +30,8 @@ def engine_named(name: str) -> Engine:
         If there is none.
     """
     if name not in ENGINES:
-        raise InputError(
-            f"no engine {name!r}",
-            where="engine",
-            expected=", ".join(ENGINES),
-            remedy=f"leave it out: {DEFAULT!r} does all",
-        )
+        raise InputError("engine.unknown", f"no engine {name!r}", where="engine", expected=", ".join(ENGINES),
+            remedy=f"leave it out: {DEFAULT!r} does all")  # fmt: skip
     return ENGINES[name]
 
 
@@ -51,10 +47,6 @@ def options_of(preset: str | NumericalOptions, engine: str = DEFAULT) -> Numeric
     if isinstance(preset, NumericalOptions):
         return preset
     if not isinstance(preset, str) or preset not in presets:
-        raise InputError(
-            f"no preset {preset!r}",
-            where="preset",
-            expected=", ".join(PRESETS),
-            remedy="'standard' suits most runs",
-        )
+        raise InputError("engine.preset_unknown", f"no preset {preset!r}", where="preset",
+            expected=", ".join(PRESETS), remedy="'standard' suits most runs")  # fmt: skip
     return presets[preset]

@@ -172,6 +172,7 @@ class Engine:
         """
         if not _is_there(self.imports):
             raise InputError(
+                "package.not_installed",
                 f"{self.title} is not installed here",
                 where=f"engine {self.name}",
                 expected=f"the extra '{self.extra}'" if self.extra else f"the package {self.name}",
@@ -208,12 +209,9 @@ class Engine:
         """Make sure that it is installed and knows the contact."""
         self.require()
         if (what := self.beyond(contact)) is not None:
-            raise InputError(
-                what,
-                where=f"engine {self.name}",
+            raise InputError("engine.contact_unknown", what, where=f"engine {self.name}",
                 expected="restitution 0 and one coefficient of friction",
-                remedy="shake with the default engine, or change the contact's properties",
-            )
+                remedy="shake with the default engine, or change the contact's properties")  # fmt: skip
 
     def process_pool(self) -> Pool:
         """What this process keeps of the engine."""

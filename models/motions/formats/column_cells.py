@@ -73,7 +73,8 @@ def time_step(file: RecordText, first: int, time: NDArray[np.float64], printed: 
     """
     if time[-1] < time[0]:
         what = f"the time goes back from {time[0]:g} to {time[-1]:g}"
-        file.refuse(first, what, "times that rise", "put the rows in the order of their times")
+        file.refuse("record.time_falls", first, what, "times that rise",
+            "put the rows in the order of their times")  # fmt: skip
     steps = np.diff(time)
     mean = file.positive(first, float((time[-1] - time[0]) / len(steps)), "time step")
     usual, digit = float(np.median(steps)), _print_error(printed)
@@ -87,7 +88,7 @@ def time_step(file: RecordText, first: int, time: NDArray[np.float64], printed: 
     if len(wrong):
         what = f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
         remedy = "fill or cut the gap, or resample the record to one step first"
-        file.refuse(first + 1 + int(wrong[0]), what, "equal time steps", remedy)
+        file.refuse("record.step_uneven", first + 1 + int(wrong[0]), what, "equal time steps", remedy)
     return _round_step(mean, digit / len(steps))
 
 

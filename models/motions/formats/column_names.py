@@ -162,7 +162,7 @@ def refuse_names(file: RecordText, at: int, columns: list[Column], width: int) -
         else f"rows of {width} numbers stand below"
     )
     expected = "the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v"
-    file.refuse(at, f"{what} {names}", expected, f"name them so, or {other}")
+    file.refuse("record.columns_unknown", at, f"{what} {names}", expected, f"name them so, or {other}")
 
 
 def label_of(name: str) -> str:

@@ -198,7 +198,7 @@ def read(file: RecordText) -> list[Component]:
     lines = file.lines
     layout = _layout(lines[:_MOST_ABOVE])
     if layout is None:
-        file.refuse(0, "no rows of numbers follow on each other", "columns of numbers")
+        file.refuse("record.no_rows", 0, "no rows of numbers follow on each other", "columns of numbers")
     first, width = layout.first, layout.width
     end, warnings = _end(file, layout)
     remarks = [line.strip() for line in lines[first:end] if line.lstrip().startswith(_REMARK)]
@@ -216,7 +216,8 @@ def read(file: RecordText) -> list[Component]:
         if row.strip() and len(row.split()) != width:
             what = f"{len(row.split())} numbers where the lines before have {width}"
             remedy = "fill an empty cell, or fetch the file again if it is damaged or truncated here"
-            file.refuse(first + offset, what, "the same columns on every line", remedy)
+            file.refuse("record.row_wrong_length", first + offset, what, "the same columns on every line",
+                remedy)  # fmt: skip
     _refuse_two_commas(file, layout, rows)
     values = RecordText(file.path, rows, first).numbers(0).reshape(-1, 1 if wrapped else width)
     roles = Roles(None, {0: ""}) if wrapped else _roles(layout)
@@ -282,7 +283,8 @@ def _step(
     if not clock and unit not in UNITS_S:
         expected = f"one of {', '.join(filter(None, UNITS_S))}"
         remedy = "correct the unit, or give the time in seconds"
-        file.refuse(layout.names_at or 0, f"the time is in {unit!r}", expected, remedy)
+        file.refuse("record.time_unit_unknown", layout.names_at or 0, f"the time is in {unit!r}", expected,
+            remedy)  # fmt: skip
     printed = [row.split()[roles.time] for row in rows if row.strip()]
     time = past_midnight(values[:, roles.time]) if clock else values[:, roles.time]
     return time_step(file, layout.first, time, printed) * (
@@ -294,7 +296,8 @@ def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:
     if layout.columns:
         refuse_names(file, layout.names_at or 0, list(layout.columns), layout.width)
     remedy = "name them in a line above, such as 'Time (s),NS (cm/s2),EW (cm/s2)'"
-    file.refuse(layout.first, f"{layout.width} columns without names", _USUAL, remedy)
+    file.refuse("record.columns_unnamed", layout.first, f"{layout.width} columns without names", _USUAL,
+        remedy)  # fmt: skip
 
 
 def _refuse_derived(file: RecordText, first: int, values: NDArray[np.float64]) -> None:
@@ -305,12 +308,10 @@ def _refuse_derived(file: RecordText, first: int, values: NDArray[np.float64]) -
         pair = np.stack([means[:, place - 1], slopes[:, place]])
         if pair.std(axis=1).min() == 0 or np.asarray(np.corrcoef(pair))[0, 1] < _DERIVED:
             return
-    file.refuse(
-        first,
+    file.refuse("record.columns_are_integrals", first,
         "its last two columns are integrals of the second: velocity and displacement beside the acceleration",
         _USUAL,
-        "leave the columns of velocity and displacement out, and give one file a component",
-    )
+        "leave the columns of velocity and displacement out, and give one file a component")  # fmt: skip
 
 
 def _component(
@@ -320,17 +321,17 @@ def _component(
     unit, no_unit = counted_unit(column.unit), None
     if unit is not None and unit.quantity != "acceleration":
         what = f"the column {column.name!r} is in {column.unit!r}, a unit of {unit.quantity}"
-        file.refuse(first, what, "acceleration", "differentiate it to acceleration first")
+        file.refuse("record.not_acceleration", first, what, "acceleration",
+            "differentiate it to acceleration first")  # fmt: skip
     if unit is not None and above is not None and not math.isclose(unit.factor, above):
         what = f"the column {column.name!r} is in {column.unit!r}, and the text above names another unit"
-        file.refuse(first, what, "one unit of acceleration", "correct the text, or the names of the columns")
+        file.refuse("record.unit_contradicted", first, what, "one unit of acceleration",
+            "correct the text, or the names of the columns")  # fmt: skip
     if unit is None and column.unit:
-        no_unit = InputError(
+        no_unit = InputError("record.unit_unknown",
             f"{column.unit!r} in the names of the columns does not say in which unit the samples are",
-            where=file.where(first),
-            expected=f"one of {known_names()}",
-            remedy="correct it, or give a metadata table with the column 'unit' (--metadata)",
-        )
+            where=file.where(first), expected=f"one of {known_names()}",
+            remedy="correct it, or give a metadata table with the column 'unit' (--metadata)")  # fmt: skip
     factor = unit.factor if unit else None if column.unit else above
     return file.channel(
         first,
@@ -354,9 +355,7 @@ def _refuse_two_commas(file: RecordText, layout: _Layout, rows: list[str]) -> No
         return
     if width in _WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
         return
-    file.refuse(
-        layout.first,
+    file.refuse("record.commas_ambiguous", layout.first,
         f"{example.strip()[:60]!r} has commas, which may stand between its numbers or within them",
         "a decimal point, or semicolons, tabs or blanks between numbers with decimal commas",
-        "export the file with a decimal point",
-    )
+        "export the file with a decimal point")  # fmt: skip

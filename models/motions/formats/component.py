@@ -64,9 +64,9 @@ class Component:
         """File and line, as an error names them."""
         return f"{self.path}:{self.line}" if self.line else str(self.path)
 
-    def refuse(self, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
+    def refuse(self, code: str, what: str, expected: str, remedy: str = "fetch the file again") -> NoReturn:
         """Refuse the channel."""
-        refuse_file(self.where, what, expected, remedy)
+        refuse_file(code, self.where, what, expected, remedy)
 
 
 no_record = refusals(expected="a record", remedy="fetch the file again, or cut the shaking out of a long one")
@@ -74,10 +74,10 @@ no_record = refusals(expected="a record", remedy="fetch the file again, or cut t
 
 
 def refuse_file(
-    where: object, what: str, expected: str = "a record", remedy: str = "fetch the file again"
+    code: str, where: object, what: str, expected: str = "a record", remedy: str = "fetch the file again"
 ) -> NoReturn:
     """Refuse a file of records, or a place in one."""
-    raise InputError(what, where=str(where), expected=expected, remedy=remedy)
+    raise InputError(code, what, where=str(where), expected=expected, remedy=remedy)
 
 
 def check_time_step(value_s: float, where: str) -> float:
@@ -88,9 +88,8 @@ def check_time_step(value_s: float, where: str) -> float:
     least, most = TIME_STEPS_S
     if not least <= value_s <= most:
         remedy = "correct the time step or its unit, or fetch the file again"
-        refuse_file(
-            where, f"the time step is {value_s:g} s", f"a time step of {least:g} to {most:g} s", remedy
-        )
+        refuse_file("record.step_out_of_range", where, f"the time step is {value_s:g} s",
+            f"a time step of {least:g} to {most:g} s", remedy)  # fmt: skip
     return value_s
 
 
@@ -101,7 +100,7 @@ def check_samples(
     wrong = np.flatnonzero(~(np.abs(values) <= largest))
     if len(wrong):
         what = f"sample {wrong[0]}{f' of {of}' if of else ''} is {values[wrong[0]]:g}"
-        refuse_file(where, what, "finite samples of a record")
+        refuse_file("record.sample_out_of_range", where, what, "finite samples of a record")
 
 
 def bearing(label: str) -> float | str | None:

@@ -68,7 +68,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
     version = _VERSION.search(lines[start])
     if not version:
         what = f"{lines[start].strip()[:60]!r} where a channel should begin"
-        file.refuse(start, what, "a line with '(Format v01.20 with 13 text lines)'")
+        file.refuse("record.header_missing", start, what, "a line with '(Format v01.20 with 13 text lines)'")
     title = lines[start : start + int(version[2])]
     integers, at = _header(file, start + int(version[2]), "integer")
     reals, at = _header(file, at, "real")
@@ -78,6 +78,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
     data = _DATA.match(lines[at]) if at < len(lines) else None
     if not data:
         file.refuse(
+            "record.header_missing",
             at,
             "no line with the number, the unit and the format of the samples",
             "a line such as '13400 acceleration pts, approx 67 secs, units=g.(02)Format=(8f9.6)'",
@@ -86,7 +87,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
     stop = next((i for i in range(at + 1, len(lines)) if _LAST.match(lines[i])), len(lines))
     if stop == len(lines) and len(file.numbers(at + 1, None, width)) != count:
         what = f"no 'End-of-data' after {count} samples: the file is truncated or the count is wrong"
-        file.refuse(at, what, "'End-of-data' after the samples")
+        file.refuse("record.end_missing", at, what, "'End-of-data' after the samples")
     if "accel" not in data[2].lower():
         return None, stop + 1
     found = file.counted(at, count, at + 1, stop, width)
@@ -117,7 +118,7 @@ def _header(file: RecordText, at: int, kind: str) -> tuple[NDArray[np.float64], 
     block = _BLOCK.match(file.lines[at]) if at < len(file.lines) else None
     if not block:
         expected = "a line such as '100 Integer-header values follow on 10 lines, Format= (10I8)'"
-        file.refuse(at, f"no {kind} header", expected)
+        file.refuse("record.header_missing", at, f"no {kind} header", expected)
     stop = min(at + 1 + int(block[2]), len(file.lines))
     return file.exactly(at, file.numbers(at + 1, stop, int(block[4])), int(block[1])), stop
 
@@ -133,13 +134,15 @@ def _factor(file: RecordText, at: int, code: int, unit: str, reals: NDArray[np.f
     coded = _UNIT_CODES_M_S2.get(code)
     if coded and named and not (named.quantity == "acceleration" and math.isclose(named.factor, coded)):
         what = f"the unit is {unit!r} by its name, and {coded:g} m/s2 by its code {code:02d}"
-        file.refuse(at, what, "one unit of the samples", "correct the line, or fetch the file again")
+        file.refuse("record.unit_contradicted", at, what, "one unit of the samples",
+            "correct the line, or fetch the file again")  # fmt: skip
     if coded:
         return coded, ""
     bit, sensitivity = _real(reals, _LEAST_BIT), _real(reals, _SENSITIVITY)
     if code != _COUNTS or not (bit > 0 and sensitivity > 0):
         expected = "g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header"
-        file.refuse(at, f"unit {unit!r} with code {code}", expected, "fetch the file in g or cm/sec2")
+        file.refuse("record.unit_unknown", at, f"unit {unit!r} with code {code}", expected,
+            "fetch the file in g or cm/sec2")  # fmt: skip
     stated = _real(reals, _GAIN)
     gain = 1.0 if stated == _UNKNOWN else file.positive(at, stated, f"sensor gain (real header {_GAIN})")
     factor = bit * 1e-6 / sensitivity / gain * 9.80665

@@ -35,18 +35,16 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
     kind = _FIRST.match(file.lines[start])
     title = file.lines[start : start + _TEXT_LINES]
     if not kind or len(title) < _TEXT_LINES:
-        file.refuse(
-            start,
+        file.refuse("record.header_missing", start,
             f"{file.lines[start].strip()[:60]!r} where a component should begin",
             "'Corrected accelerogram' or 'Uncorrected accelerogram' and its header",
-            "the file is damaged or truncated before: fetch it again",
-        )
+            "the file is damaged or truncated before: fetch it again")  # fmt: skip
     at = start + _TEXT_LINES
     integers = file.exactly(at, file.numbers(at, at + 4, _WIDTH), 40).astype(int)
     counts = [int(n) for n in integers[_COUNTS_AT : _COUNTS_AT + 3]]
     if min(counts) < 0:  # the next component would be looked for before this one
         what = f"the header counts {', '.join(map(str, counts))} samples"
-        file.refuse(at, what, "counts of acceleration, velocity and displacement")
+        file.refuse("record.count_unusable", at, what, "counts of acceleration, velocity and displacement")
     at += _NUMBER_LINES
     rows = [-(-count // _ACROSS) for count in counts]
     values = file.exactly(start + 9, file.numbers(at, at + rows[0], _WIDTH), counts[0])
@@ -59,9 +57,10 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
     if not step or not component:
         what = "no time step or component in the header"
         expected = "'... at 0.020 sec intervals' and 'Component N28W'"
-        file.refuse(start + 10, what, expected)
+        file.refuse("record.header_missing", start + 10, what, expected)
     if unit is None or unit.quantity != "acceleration":
-        file.refuse(start + 10, f"readings in units of {stated and stated[1]!r}", f"one of {known_names()}")
+        file.refuse("record.unit_unknown", start + 10, f"readings in units of {stated and stated[1]!r}",
+            f"one of {known_names()}")  # fmt: skip
     return file.channel(
         at,
         Counted(values),

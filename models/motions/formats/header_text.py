@@ -140,7 +140,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     stated = stated_step_s(lines, shape[0])
     if stated is not None and abs(stated - step_s) > _STEP_OFF * step_s:
         what = f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above"
-        refuse_file(path, what, "one time step", "correct the text, or the times")
+        refuse_file("record.step_contradicted", path, what, "one time step", "correct the text, or the times")
     counts = stated_counts(lines)
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
@@ -149,7 +149,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     if len(counts) == 1 and not near:
         what = f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above"
         remedy = "fetch the file again if it is cut, or correct the text"
-        refuse_file(path, what, "as many samples as stated", remedy)
+        refuse_file("record.count_contradicted", path, what, "as many samples as stated", remedy)
 
 
 def stated_peak_m_s2(lines: Sequence[str]) -> float | None:

@@ -41,10 +41,10 @@ class esm:  # noqa: N801  (a reader, as the modules are)
         }
         if header.get("DATA_TYPE", "").upper() != "ACCELERATION":
             what = f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}"
-            file.refuse(0, what, "ACCELERATION", "give the file of acceleration")
+            file.refuse("record.not_acceleration", 0, what, "ACCELERATION", "give the file of acceleration")
         unit = acceleration_m_s2(header.get("UNITS", ""))
         if unit is None:
-            file.refuse(0, f"UNITS is {header.get('UNITS')!r}", "cm/s^2")
+            file.refuse("record.unit_unknown", 0, f"UNITS is {header.get('UNITS')!r}", "cm/s^2")
         step = _number(file, header, "SAMPLING_INTERVAL_S")
         count = int(_number(file, header, "NDATA"))
         _refuse_other_duration(file, _optional(header.get("DURATION_S")), count, step)
@@ -91,21 +91,22 @@ class unam:  # noqa: N801
         lines = file.lines
         at = next((i for i, line in enumerate(lines) if _UNAM_SAMPLES.match(line)), None)
         if at is None:
-            file.refuse(len(lines) - 1, "no 'DATOS DE ACELERACION:'", "samples")
+            file.refuse("record.no_samples", len(lines) - 1, "no 'DATOS DE ACELERACION:'", "samples")
         header = {
             key.strip(): value.strip() for key, _, value in (line.partition(" : ") for line in lines[:at])
         }
         unit = acceleration_m_s2(header.get("UNIDADES DE LOS DATOS", "").partition("(")[0])
         if unit is None:
             what = f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}"
-            file.refuse(at, what, "Gal (cm/s/s)")
+            file.refuse("record.unit_unknown", at, what, "Gal (cm/s/s)")
         labels, steps, counts = _channels(file, header)
         numbered = (i for i in range(at + 1, len(lines)) if _is_row(lines[i]))
         first = next(numbered, len(lines))
         count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
         found = file.counted(first, count, first, channels=len(labels))
         if len(found.values) % len(labels):
-            file.refuse(first, f"{len(found.values)} numbers of {len(labels)} channels", "whole rows")
+            file.refuse("record.row_wrong_length", first,
+                f"{len(found.values)} numbers of {len(labels)} channels", "whole rows")  # fmt: skip
         table = found.values.reshape(-1, len(labels))
         peaks = [_optional(text) for text in _slashed(header, "ACEL. MAX.(Gal), C1-C6")]
         moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
@@ -151,7 +152,7 @@ class cwb:  # noqa: N801
         order = re.findall(r"Time|[UNE](?=\()", header.get("DataSequence", ""))
         if sorted(order) != ["E", "N", "Time", "U"] or "gal" not in header.get("AmplitudeUnit", "").lower():
             what = f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}"
-            file.refuse(0, what, "Time U(+); N(+); E(+) in gal")
+            file.refuse("record.layout_unknown", 0, what, "Time U(+); N(+); E(+) in gal")
         first = max(i for i, line in enumerate(lines) if line.startswith("#")) + 1
         table = file.numbers(first)
         rate = file.positive(0, _number(file, header, "SampleRate(Hz)"), "SampleRate(Hz)")
@@ -159,7 +160,8 @@ class cwb:  # noqa: N801
         rows = len(table) // 4
         if len(table) % 4 or abs(rows - count) > 1:
             what = f"{len(table)} numbers where {count} rows of 4 are announced: truncated"
-            file.refuse(len(lines) - 1, what, f"{count} rows of time, up, north and east")
+            file.refuse("record.count_contradicted", len(lines) - 1, what,
+                f"{count} rows of time, up, north and east")  # fmt: skip
         table = table.reshape(rows, 4)
         _refuse_gap(file, first, table[:, order.index("Time")], 1 / rate)
         magnitude = next((value for key, value in header.items() if key.startswith("Magnitude")), None)
@@ -195,7 +197,8 @@ def _refuse_other_duration(file: RecordText, duration_s: float | None, count: in
         return
     what = f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}"
     remedy = "correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again"
-    file.refuse(0, what, "a duration that is the number of samples by their time step", remedy)
+    file.refuse("record.duration_contradicted", 0, what,
+        "a duration that is the number of samples by their time step", remedy)  # fmt: skip
 
 
 def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: float) -> None:
@@ -204,7 +207,7 @@ def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: f
     if len(wrong):
         before, after = time[wrong[0]], time[wrong[0] + 1]
         what = f"the time goes from {before:g} to {after:g} s where the step is {step:g} s"
-        file.refuse(first + int(wrong[0]) + 1, what, "equal time steps")
+        file.refuse("record.step_uneven", first + int(wrong[0]) + 1, what, "equal time steps")
 
 
 def _is_row(line: str) -> bool:
@@ -218,7 +221,7 @@ def _channels(file: RecordText, header: dict[str, str]) -> tuple[list[str], list
     counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
     if not labels or not (len(labels) == len(steps) == len(counts)):
         what = f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts"
-        file.refuse(0, what, "one of each for every channel")
+        file.refuse("record.channels_contradicted", 0, what, "one of each for every channel")
     return labels, steps, counts
 
 
@@ -230,7 +233,7 @@ def _slashed(header: dict[str, str], key: str) -> list[str]:
 def _number(file: RecordText, header: dict[str, str], key: str) -> float:
     text = header.get(key, "").replace(",", ".")
     if not _is_number(text):
-        file.refuse(0, f"{key} is {text!r}", "a number")
+        file.refuse("record.header_unreadable", 0, f"{key} is {text!r}", "a number")
     return float(text)
 
 

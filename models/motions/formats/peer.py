@@ -46,7 +46,8 @@ def read(file: RecordText) -> list[Component]:
     if "ACCELERATION" not in lines[at].upper() or unit is None:
         what = f"the title of the series is {lines[at].strip()[:60]!r}"
         expected = "'ACCELERATION TIME SERIES IN UNITS OF G'"
-        file.refuse(at, what, expected, "give the acceleration file (.AT2), not velocity or displacement")
+        file.refuse("record.not_acceleration", at, what, expected,
+            "give the acceleration file (.AT2), not velocity or displacement")  # fmt: skip
     numbers = next((n for n in range(at + 1, min(at + 3, len(lines))) if _numbers_of(lines[n])), at + 1)
     count, step = _count_and_step(file, numbers)
     first = numbers + 1
@@ -94,7 +95,8 @@ def _count_and_step(file: RecordText, at: int) -> tuple[int | None, float]:
     if not is_numeral(number):
         what = f"{file.lines[at].strip()[:60]!r} has no readable time step"
         remedy = "write NPTS and DT into this line, or fetch the file again"
-        file.refuse(at, what, "a line such as 'NPTS=  5437, DT= .0050 SEC'", remedy)
+        file.refuse("record.header_unreadable", at, what, "a line such as 'NPTS=  5437, DT= .0050 SEC'",
+            remedy)  # fmt: skip
     return (None if count is None else int(count)), file.positive(at, float(number), "time step")
 
 

@@ -67,7 +67,7 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     """
     content = bytes_given(path, no_record, _LARGEST_BYTES)
     if not content.strip(b"\0\x1a \t\r\n"):
-        refuse_file(path, "the file is empty")
+        refuse_file("file.empty", path, "the file is empty")
     text = text_of(content)
     reader = next((reader for reader in _TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
@@ -78,12 +78,11 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     if found is None:
         for beginning, what, remedy in _NO_RECORDS:
             if re.match(beginning, head, re.IGNORECASE):
-                refuse_file(path, f"the file is {what}", remedy=remedy)
+                refuse_file("record.format_not_read", path, f"the file is {what}", remedy=remedy)
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         remedy = "convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'"
-        refuse_file(
-            path, "the format is not known", f"{names}, miniSEED, SAC, K-NET or Kinemetrics EVT", remedy
-        )
+        refuse_file("record.format_unknown", path, "the format is not known",
+            f"{names}, miniSEED, SAC, K-NET or Kinemetrics EVT", remedy)  # fmt: skip
     return _checked(found, path)
 
 
@@ -92,14 +91,15 @@ def _read_text(reader: Reader, file: RecordText) -> list[Component]:
     lengths = list(map(len, file.lines))
     if max(lengths) > _LONGEST_LINE:
         expected = f"{reader.NAME}, with lines of at most {_LONGEST_LINE} characters"
-        file.refuse(lengths.index(max(lengths)), f"the line has {max(lengths)} characters", expected)
+        file.refuse("file.line_too_long", lengths.index(max(lengths)),
+            f"the line has {max(lengths)} characters", expected)  # fmt: skip
     try:
         return reader.read(file)
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
         what = f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})"
-        refuse_file(file.path, what, "a whole file of one format")
+        refuse_file("record.damaged", file.path, what, "a whole file of one format")
 
 
 def _checked(components: list[Component], path: Path) -> list[Component]:
@@ -108,10 +108,10 @@ def _checked(components: list[Component], path: Path) -> list[Component]:
             components[number] = replace(component, place=place_in_name(component.station))
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
-            component.refuse(f"{len(a)} samples", "at least two samples")
+            component.refuse("record.too_few_samples", f"{len(a)} samples", "at least two samples")
         check_samples(a, component.label, component.where, _LARGEST_SAMPLE)
         if not math.isnan(step):
             check_time_step(step, component.where)
     if not components:
-        refuse_file(path, "no channel", "at least one channel")
+        refuse_file("record.no_channel", path, "no channel", "at least one channel")
     return components

@@ -47,7 +47,7 @@ class RecordText(TextFile):
         """Value of a header, if it is a positive finite number."""
         if not (np.isfinite(value) and value > 0):
             remedy = "correct the header, or fetch the file again"
-            self.refuse(at, f"{name} is {value:g}", f"a positive {name}", remedy)
+            self.refuse("record.header_unreadable", at, f"{name} is {value:g}", f"a positive {name}", remedy)
         return value
 
     def numbers(self, start: int, stop: int | None = None, width: int | None = None) -> NDArray[np.float64]:
@@ -75,10 +75,9 @@ class RecordText(TextFile):
                 left -= 1
                 if not (is_numeral(token) and np.isfinite(float(token))):
                     end = ": the file is truncated" if left == 0 and _floats([token]) is None else ""
-                    self.refuse(
-                        at, f"{token.strip()!r} is not a finite number{end}", "one finite number after another",
-                        "fetch the file again, or cut the damaged part and correct its count",
-                    )  # fmt: skip
+                    self.refuse("record.number_unreadable", at,
+                        f"{token.strip()!r} is not a finite number{end}", "one finite number after another",
+                        "fetch the file again, or cut the damaged part and correct its count")  # fmt: skip
         return np.empty(0)
 
     def exactly(self, at: int, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -95,7 +94,7 @@ class RecordText(TextFile):
         if found < count:
             end, remedy = ": the file is truncated", "fetch the file again"
         what = f"{found:.10g} samples follow where the header counts {count}{end}"
-        self.refuse(at, what, f"{count} samples", remedy)
+        self.refuse("record.count_contradicted", at, what, f"{count} samples", remedy)
 
     def counted(
         self,
@@ -145,7 +144,7 @@ class RecordText(TextFile):
         """
         time, values = pairs.T
         if len(time) < 2:
-            self.refuse(start, "fewer than two samples", "a record")
+            self.refuse("record.too_few_samples", start, "fewer than two samples", "a record")
         steps = np.diff(time)
         step = (time[-1] - time[0]) / len(steps)
         wrong = np.flatnonzero((steps < 0) | (steps > max(_GAP_STEPS * step, _GAP_S) + _PRINTED_TIME_S))
@@ -153,7 +152,8 @@ class RecordText(TextFile):
             at = int(wrong[0]) if len(wrong) else 0
             what = f"the time goes from {time[at]:g} to {time[at + 1]:g} s: a gap or a damaged line"
             remedy = "cut the record at the gap, or fetch the file again"
-            self.refuse(start + at // pairs_a_line, what, f"times about {step:.4g} s apart", remedy)
+            self.refuse("record.step_uneven", start + at // pairs_a_line, what,
+                f"times about {step:.4g} s apart", remedy)  # fmt: skip
         check_time_step(step, self.where(start))  # before the record is interpolated
         span, nice = time[-1] - time[0], round(step, 3)
         nice = nice if nice and abs(nice * len(steps) - span) <= 1.5 * _PRINTED_TIME_S else step

@@ -65,12 +65,12 @@ def responses(path: Path) -> Any:
             "declares entities, which may name other files",
             "StationXML without a document type declaration",
         )
-        refuse_file(path, what, expected, "fetch it again with level=response")
+        refuse_file("document.has_entities", path, what, expected, "fetch it again with level=response")
     try:
         return obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
         what, expected = f"not readable as StationXML ({error})", "StationXML with the channels' responses"
-        refuse_file(path, what, expected, "fetch it again with level=response")
+        refuse_file("document.unreadable", path, what, expected, "fetch it again with level=response")
 
 
 def is_station_xml(head: str) -> bool:
@@ -99,7 +99,7 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
-        _refuse_response(f"the response of {trace.id} is incomplete ({error})", path)
+        _refuse_response("response.incomplete", f"the response of {trace.id} is incomplete ({error})", path)
 
 
 def location_of(stats: Any, inventory: Any) -> str:
@@ -139,7 +139,8 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
                 output="ACC", pre_filt=band, water_level=None, hide_sensitivity_mismatch_warning=True
             )
         except Exception as error:
-            _refuse_response(f"the response of {trace.id} cannot be removed ({error})", path)
+            _refuse_response("response.not_removable",
+                f"the response of {trace.id} cannot be removed ({error})", path)  # fmt: skip
     note = f"response removed between {band[1]:g} and {band[2]:g} Hz"
     said = (*said, *(f"of the response of {trace.id}: {text}" for text in spoken))
     return Converted(np.asarray(work.data, float) * unit.factor, True, (note,), said)
@@ -155,39 +156,38 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     there = [s for network, s in stations if network == stats.network]
     if not there:
         others = [f"{n.code}.{s.code}" for n in inventory for s in n]
-        raise _no_response(
-            f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}", path
-        )
+        raise _no_response("response.station_other",
+            f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}",
+            path)  # fmt: skip
     coded = [c for station in there for c in station if c.code == stats.channel]
     if not coded:
         codes = [c.code for s in there for c in s]
-        raise _no_response(
-            f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path
-        )
+        raise _no_response("response.channel_other",
+            f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}",
+            path)  # fmt: skip
     location = location_of(stats, inventory)
     placed = [c for c in coded if c.location_code == location]
     if not placed:
         at = _some([repr(c.location_code) for c in coded])
-        raise _no_response(
-            f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}", path
-        )
+        raise _no_response("response.location_other",
+            f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}",
+            path)  # fmt: skip
     timed = [c for c in placed if c.is_active(time=stats.starttime)]
     if not timed:
         spans = [(_day(c.start_date, "the beginning"), _day(c.end_date, "today")) for c in placed]
         epochs = _some([f"{start} to {end}" for start, end in spans])
-        raise _no_response(
-            f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}", path
-        )
+        raise _no_response("response.epoch_other",
+            f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}",
+            path)  # fmt: skip
     answering = [c for c in timed if c.response is not None]
     if not answering:
-        raise _no_response(f"the StationXML names {name} without its response", path)
+        raise _no_response("response.missing", f"the StationXML names {name} without its response", path)
     stated = [c.response.instrument_sensitivity for c in answering if c.response.instrument_sensitivity]
     gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
-        raise _no_response(
-            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path
-        )
+        raise _no_response("response.given_twice",
+            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path)  # fmt: skip
     return answering[0]
 
 
@@ -199,9 +199,11 @@ def _day(time: Any, otherwise: str) -> str:
     return str(time.date) if time is not None and time.year < 2200 else otherwise
 
 
-def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> NoReturn:
+def _refuse_response(
+    code: str, what: str, path: Path, expected: str = "StationXML with a whole response"
+) -> NoReturn:
     remedy = "fetch the StationXML with level=response, or correct it"
-    refuse_file(path, what, expected, remedy)
+    refuse_file(code, path, what, expected, remedy)
 
 
 def _input_unit(response: Any, name: str, path: Path) -> Unit:
@@ -211,21 +213,20 @@ def _input_unit(response: Any, name: str, path: Path) -> Unit:
     sensitivity = response.instrument_sensitivity
     named = [part.input_units.strip() for part in (sensitivity, first) if part and part.input_units]
     if not any(named):
-        _refuse_response(f"the StationXML does not say in which unit the response of {name} is", path)
+        _refuse_response("response.unit_missing",
+            f"the StationXML does not say in which unit the response of {name} is", path)  # fmt: skip
     units = []
     for each in filter(None, named):
         unit = unit_of(each)
         if unit is None:
-            _refuse_response(
+            _refuse_response("response.unit_unknown",
                 f"the StationXML gives the response of {name} in {each!r}, which is no unit of ground motion",
-                path,
-                expected=f"{known_names()}, or the same of velocity or displacement",
-            )
+                path, expected=f"{known_names()}, or the same of velocity or displacement")  # fmt: skip
         units.append(unit)
     if units[0] != units[-1]:
-        _refuse_response(
-            f"the response of {name} is in {named[0]!r} and its first stage in {named[-1]!r}", path
-        )
+        _refuse_response("response.unit_contradicted",
+            f"the response of {name} is in {named[0]!r} and its first stage in {named[-1]!r}",
+            path)  # fmt: skip
     return units[0]
 
 
@@ -234,13 +235,13 @@ def _refuse_what_is_not_evaluated(response: Any, unit: Unit, name: str, path: Pa
 
     stages = response.response_stages
     if response.instrument_polynomial or any(isinstance(stage, PolynomialResponseStage) for stage in stages):
-        _refuse_response(
-            f"the response of {name} is a polynomial", path, "poles and zeros, coefficients or a gain"
-        )
+        _refuse_response("response.polynomial", f"the response of {name} is a polynomial", path,
+            "poles and zeros, coefficients or a gain")  # fmt: skip
     stated = response.instrument_sensitivity
     if not stages and (unit.quantity != "acceleration" or stated is None or stated.value is None):
         sensor = f"a sensor of {unit.quantity}" if stated else "without a sensitivity"
-        _refuse_response(f"the StationXML has no stages of the response of {name}, {sensor}", path)
+        _refuse_response("response.stages_missing",
+            f"the StationXML has no stages of the response of {name}, {sensor}", path)  # fmt: skip
 
 
 def _in_si(response: Any) -> Any:
@@ -269,7 +270,7 @@ def _checked_sensitivity(
         return None, ()
     value = float(stated.value)
     if not np.isfinite(value) or value == 0:
-        _refuse_response(f"the sensitivity of {trace.id} is {value:g}", path)
+        _refuse_response("response.sensitivity_unusable", f"the sensitivity of {trace.id} is {value:g}", path)
     nyquist = 0.5 / trace.stats.delta
     frequency = stated.frequency if stated.frequency and 0 < stated.frequency < nyquist else 1.0
     gain = _gain(response, np.array([float(frequency)]), _OBSPY_OUTPUTS[unit.quantity])
@@ -279,9 +280,8 @@ def _checked_sensitivity(
     stages = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz"
     difference = f"{stages}, its sensitivity is {value:.6g}"
     if not 1 / _SAME_GAIN <= ratio <= _SAME_GAIN:
-        _refuse_response(
-            difference, path, f"a sensitivity within a factor of {_SAME_GAIN:g} of what the stages make"
-        )
+        _refuse_response("response.sensitivity_contradicted", difference, path,
+            f"a sensitivity within a factor of {_SAME_GAIN:g} of what the stages make")  # fmt: skip
     return value, () if abs(ratio - 1) <= _FLATNESS else (difference,)
 
 

@@ -88,15 +88,17 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         except Exception as error:
             _unreadable(path, error)
     if file_format == "KNET" and not _KNET_UNIT.search(plain):
-        refuse_file(path, "the scale factor is not in gal", "'Scale Factor 2000(gal)/8388608'")
+        refuse_file("record.unit_unknown", path, "the scale factor is not in gal",
+            "'Scale Factor 2000(gal)/8388608'")  # fmt: skip
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
         _unreadable(path, doubt[0])
     for trace in stream:
         if np.ma.isMaskedArray(trace.data):
-            refuse_file(path, f"samples of {trace.id} are missing", "all samples")
+            refuse_file("record.samples_missing", path, f"samples of {trace.id} are missing", "all samples")
         if trace.data.dtype.kind not in "iuf":
-            refuse_file(path, f"{trace.id} holds no numbers", "samples", "give the record's file")
+            refuse_file("record.no_samples", path, f"{trace.id} holds no numbers", "samples",
+                "give the record's file")  # fmt: skip
     headers = [_header(trace.stats) for trace in stream]
     if file_format == "KINEMETRICS_EVT":
         whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) >= _LEAST_OF_24_BIT
@@ -144,7 +146,8 @@ def recogniser(file_format: str) -> Any:
 
 
 def _unreadable(path: Path, error: object) -> NoReturn:
-    refuse_file(path, f"ObsPy cannot read it ({error})", "a whole file of a format that ObsPy knows")
+    refuse_file("record.damaged", path, f"ObsPy cannot read it ({error})",
+        "a whole file of a format that ObsPy knows")  # fmt: skip
 
 
 def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
@@ -155,7 +158,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     Raises InputError if there is a gap, or an overlap with other samples.
     """
     if len(stream) == 0:
-        refuse_file(path, "no samples")
+        refuse_file("record.no_samples", path, "no samples")
     pieces: dict[str, list[Any]] = {}
     for trace in stream:
         check_time_step(float(trace.stats.delta), str(path))  # by which pieces and responses divide
@@ -174,18 +177,20 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
     step = whole.stats.delta
     if abs(piece.stats.delta / step - 1) > _SAME_STEP:
         what = f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s"
-        refuse_file(path, what, "one time step")
+        refuse_file("record.step_contradicted", path, what, "one time step")
     place = round((piece.stats.starttime - whole.stats.starttime) / step)
     overlap = len(whole.data) - place
     edges = sorted([whole.stats.endtime, piece.stats.starttime])
     where = f"from {edges[0]} to {edges[1]}"
     if overlap < 0:
         what = f"{whole.id} has a gap of {-overlap * step:g} s {where}"
-        refuse_file(path, what, "one unbroken record a channel", "cut the record before or after the gap")
+        refuse_file("record.gap", path, what, "one unbroken record a channel",
+            "cut the record before or after the gap")  # fmt: skip
     twice = min(overlap, len(piece.data))
     if not np.array_equal(whole.data[place : place + twice], piece.data[:twice]):
         what = f"{whole.id} overlaps itself by {twice * step:g} s with other samples {where}"
-        refuse_file(path, what, "one unbroken record a channel", "leave one of the two pieces out")
+        refuse_file("record.overlap", path, what, "one unbroken record a channel",
+            "leave one of the two pieces out")  # fmt: skip
     whole.data = np.concatenate([whole.data, piece.data[twice:]])
     return f"{twice} samples of {whole.id} came twice, the same: merged" if twice else ""
 
@@ -246,7 +251,7 @@ def _counted(file: RecordText, duration_s: float, rate_hz: float) -> int:
     count = duration_s * rate_hz
     if not 0 < count < _MOST_SAMPLES:
         what = f"the header's duration is {duration_s:g} s"
-        file.refuse(_KNET_DURATION_AT, what, "the duration of the samples")
+        file.refuse("record.duration_contradicted", _KNET_DURATION_AT, what, "the duration of the samples")
     return round(count)
 
 
@@ -269,13 +274,11 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
     quantity = _SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
     if quantity not in {"acceleration", "unknown"}:
         what = f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration"
-        refuse_file(path, what, "acceleration (idep 8)", "differentiate it to acceleration first")
-    silent = InputError(
-        "SAC does not say in which unit its samples are",
-        where=str(path),
-        expected="a unit in the metadata table",
-        remedy="give a metadata table with the column 'unit' (--metadata)",
-    )
+        refuse_file("record.not_acceleration", path, what, "acceleration (idep 8)",
+            "differentiate it to acceleration first")  # fmt: skip
+    silent = InputError("record.unit_unknown", "SAC does not say in which unit its samples are",
+        where=str(path), expected="a unit in the metadata table",
+        remedy="give a metadata table with the column 'unit' (--metadata)")  # fmt: skip
     return Converted(values, no_unit=silent)
 
 

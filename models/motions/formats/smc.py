@@ -35,7 +35,7 @@ def read(file: RecordText) -> list[Component]:
     if kind is None or "CORRECTED" not in kind[2].upper():
         what = f"the first line says {lines[0].strip()!r}"
         expected = "an uncorrected (1) or corrected (2) accelerogram"
-        file.refuse(0, what, expected, "give the file of acceleration")
+        file.refuse("record.not_acceleration", 0, what, expected, "give the file of acceleration")
     integers = file.exactly(_TEXT_LINES, file.numbers(_TEXT_LINES, _REALS_AT, _INTEGER_WIDTH), 48).astype(int)
     reals = file.exactly(_REALS_AT, file.numbers(_REALS_AT, _REALS_AT + _REAL_LINES, _REAL_WIDTH), 50)
     first = _REALS_AT + _REAL_LINES + max(int(integers[15]), 0)
@@ -43,7 +43,7 @@ def read(file: RecordText) -> list[Component]:
     if not reals[1] < _NO_REAL:
         what = "no sampling rate in the header: its samples are pairs of time and acceleration"
         remedy = "give the corrected record, or columns of time and acceleration at equal steps"
-        file.refuse(_REALS_AT, what, "samples at one rate", remedy)
+        file.refuse("record.step_missing", _REALS_AT, what, "samples at one rate", remedy)
     station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)(?<!\s)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""

@@ -66,7 +66,8 @@ def read(file: RecordText) -> list[Component]:
         if not any(map(_HEADING.search, lines[start:stop])):
             what = f"{stop - start} lines of numbers follow after the end of a channel"
             expected = "a channel that begins with its title, or the end of the file"
-            file.refuse(start, what, expected, "fetch the file again, or cut them off")
+            file.refuse("record.numbers_after_end", start, what, expected,
+                "fetch the file again, or cut them off")  # fmt: skip
     return [_channel(file.part(start, stop)) for start, stop in blocks]
 
 
@@ -112,7 +113,8 @@ def _equally_spaced(file: RecordText, heading: int) -> tuple[Counted, float, flo
     factor = acceleration_m_s2(unit[1]) if unit else None
     if match is None or not (spaced or rate) or unit is None or factor is None:
         expected = "'10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'"
-        file.refuse(heading, f"{text.strip()!r} does not say time step and unit", expected)
+        file.refuse("record.header_unreadable", heading, f"{text.strip()!r} does not say time step and unit",
+            expected)  # fmt: skip
     step = float(spaced[1]) if spaced else 1 / file.positive(heading, float(rate[1] if rate else 0), "rate")
     first, end = heading + 1, len(file.lines)
     stop = next((i for i in range(first, end) if _HEADING.search(file.lines[i])), end)
@@ -129,10 +131,10 @@ def _headed_by_count(file: RecordText) -> tuple[Counted, float, tuple[str, ...]]
     unit = next((text for text in lines[:_HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
     if at is None or "G/10" not in unit.upper().replace(" ", ""):
         what = "no 'NO. OF POINTS' and 'UNITS ARE SEC AND G/10' in the header"
-        file.refuse(0, what, "the header of a volume 1 channel")
+        file.refuse("record.header_missing", 0, what, "the header of a volume 1 channel")
     count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
     if len(lines) <= _HEADER_LINES:
-        file.refuse(_HEADER_LINES, "no samples after the header", "samples")
+        file.refuse("record.no_samples", _HEADER_LINES, "no samples after the header", "samples")
     if re.search("[EeDd]", lines[_HEADER_LINES]):
         length = _LENGTH.search(lines[at])
         found = file.counted(at, count, _HEADER_LINES, None, _BHRC_WIDTH)
@@ -141,7 +143,7 @@ def _headed_by_count(file: RecordText) -> tuple[Counted, float, tuple[str, ...]]
     file = replace(file, lines=[*lines[:_HEADER_LINES], *_uncontrolled(lines[_HEADER_LINES:])])
     if len(file.numbers(_HEADER_LINES, None, _PAIR_WIDTH)) % 2:
         what = "a time without an acceleration at the end: the file is truncated"
-        file.refuse(len(file.lines) - 1, what, "pairs of time and acceleration")
+        file.refuse("record.truncated", len(file.lines) - 1, what, "pairs of time and acceleration")
     found = file.counted(at, 2 * count, _HEADER_LINES, None, _PAIR_WIDTH)
     pairs = found.values.reshape(-1, 2)
     values, step, notes = file.evenly(_HEADER_LINES, pairs, _PAIRS_A_LINE, _UNEVEN_STEP_S)
@@ -162,7 +164,7 @@ def _label(file: RecordText) -> str:
     match = first_found(_CHANNEL, file.lines[:12])
     if match is None:
         what = "no line 'CHAN' or 'COMP' names the component"
-        file.refuse(0, what, "a component such as 'CHAN 1: 90 DEG'")
+        file.refuse("record.component_unnamed", 0, what, "a component such as 'CHAN 1: 90 DEG'")
     return _BEHIND_LABEL.sub("", match[1]).strip()
 
 

@@ -53,12 +53,9 @@ class Content:
         """All rows, weighted if the run's records or bases have unequal weights."""
         frame = self.run.weighted(self.run.frame())
         if not frame["toppled"].notna().any():
-            raise InputError(
-                what=f"{len(frame)} jobs, none with an answer",
-                where=str(self.run.path),
-                expected="finished jobs",
-                remedy="'toppling status RUN' shows how far the run is",
-            )
+            raise InputError("run.no_answers", what=f"{len(frame)} jobs, none with an answer",
+                where=str(self.run.path), expected="finished jobs",
+                remedy="'toppling status RUN' shows how far the run is")  # fmt: skip
         return frame
 
     @cached_property

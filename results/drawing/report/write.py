@@ -53,6 +53,7 @@ def _printed_by_browser(text: str, target: Path) -> Path:
     browser = next(filter(None, map(shutil.which, _BROWSERS.split())), None)
     if browser is None:
         raise InputError(
+            "package.not_installed",
             "no program that prints to PDF is installed",
             where=str(target),
             expected="WeasyPrint, or Chromium, Chrome or Edge on the PATH",

@@ -92,7 +92,8 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
     found = []
     files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
     if len(files) > _MOST_FILES:
-        refuse(path, f"holds {len(files):,} files", "give the folder of one calculation")
+        refuse("hazard.too_many_files", path, f"holds {len(files):,} files",
+            "give the folder of one calculation")  # fmt: skip
     others = []
     for one in files:
         if any(part.startswith(".") for part in one.relative_to(path).parts):
@@ -105,19 +106,20 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
             found.append(_read(one, hints))
     if not found:
         for file, other in others:
-            file.refuse(*other)
+            file.refuse("hazard.other_output", *other)
         for one in path.glob("*.hdf5"):
-            refuse(one, *_BINARY[b"\x89HDF"])
-        refuse(path, f"holds no file of hazard among {len(files)} of text", "give the folder with the curves")
+            refuse("file.binary", one, *_BINARY[b"\x89HDF"])
+        refuse("hazard.no_file", path, f"holds no file of hazard among {len(files)} of text",
+            "give the folder with the curves")  # fmt: skip
     return found
 
 
 def _text(path: Path) -> str:
     content = bytes_given(path, refused, _MOST_BYTES)
     if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
-        refuse(path, *binary)
+        refuse("file.binary", path, *binary)
     text = text_of(content)
-    return refuse(path, "is no text") if text is None else text
+    return refuse("file.not_text", path, "is no text") if text is None else text
 
 
 def _beginning(path: Path) -> HazardFile | None:
@@ -142,14 +144,14 @@ def _other_output(file: HazardFile) -> tuple[str, str] | None:
 def _read(path: Path, hints: Hints) -> Stated:
     file = HazardFile(path, _text(path), hints)
     if not file.text.strip():
-        refuse(path, "is empty")
+        refuse("file.empty", path, "is empty")
     dialects = _DIALECTS[file.kind]
     try:
         dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
         if other := _other_output(file):
-            file.refuse(*other)
+            file.refuse("hazard.other_output", *other)
         return dialect.read(file)
     except InputError:
         raise
     except (ValueError, LookupError, ArithmeticError, StopIteration) as error:
-        refuse(path, f"cannot be read ({error})")
+        refuse("file.unreadable", path, f"cannot be read ({error})")

@@ -17,8 +17,9 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     """
     weights = [one for one in stated if isinstance(one, Realisations)]
     if len(weights) > 1:
-        _refuse(where, f"holds the realisations of {len(weights)} calculations: {some_of([w.source for w in weights])}",
-                "give the folder of one calculation")  # fmt: skip
+        _refuse("hazard.several_calculations", where,
+            f"holds the realisations of {len(weights)} calculations: {some_of([w.source for w in weights])}",
+            "give the folder of one calculation")  # fmt: skip
     groups: dict[tuple, list[Statement]] = {}
     for files in stated:
         for one in [] if isinstance(files, Realisations) else files:
@@ -26,7 +27,8 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
             at = tuple(round(degree, 4) for degree in curve.site) if curve.site else curve.site_name
             groups.setdefault((curve.measure, at), []).append(one)
     if not groups:
-        _refuse(where, "states weights of realisations, but no curve", "give the hazard_curve-rlz files too")
+        _refuse("hazard.curves_missing", where, "states weights of realisations, but no curve",
+            "give the hazard_curve-rlz files too")  # fmt: skip
     trees = [_tree(group, weights[0] if weights else None, where) for group in groups.values()]
     found = [tree for tree in trees if tree is not None]
     if not found:
@@ -61,20 +63,24 @@ def _branches(
     realisations: Sequence[Statement], weights: Realisations | None, where: str
 ) -> tuple[Branch, ...]:
     if weights is None:
-        _refuse(where, f"holds {len(realisations)} realisations, but no realizations.csv that states their weights",
-                "add the engine's realizations.csv, or give each file as --hazard FILE=WEIGHT")  # fmt: skip
+        _refuse("hazard.weights_missing", where,
+            f"holds {len(realisations)} realisations, but no realizations.csv that states their weights",
+            "add the engine's realizations.csv, or give each file as --hazard FILE=WEIGHT")  # fmt: skip
     by_number = {int(one.key or 0): one.curve for one in realisations}
     if absent := [n for n, weight in weights.weights.items() if weight > 0 and n not in by_number]:
         curve = realisations[0].curve
         at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
-        _refuse(weights.source, f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
-                f"{curve.measure}{at}: {some_of([f'rlz-{n:03}' for n in absent])}",
-                "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
+        _refuse("hazard.realisations_missing", weights.source,
+            f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
+            f"{curve.measure}{at}: {some_of([f'rlz-{n:03}' for n in absent])}",
+            "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
     if unknown := [n for n in by_number if n not in weights.weights]:
-        _refuse(weights.source, f"states no weight of {some_of([f'rlz-{n:03}' for n in unknown])}",
-                "give the realizations.csv of the same calculation")  # fmt: skip
+        _refuse("hazard.weights_incomplete", weights.source,
+            f"states no weight of {some_of([f'rlz-{n:03}' for n in unknown])}",
+            "give the realizations.csv of the same calculation")  # fmt: skip
     if not all(0 <= weight <= 1 for weight in weights.weights.values()):
-        _refuse(weights.source, "states weights outside 0 to 1", "give weights that sum to 1")
+        _refuse("hazard.weight_unusable", weights.source, "states weights outside 0 to 1",
+            "give weights that sum to 1")  # fmt: skip
     return tuple(
         Branch(f"rlz-{n:03}", weights.weights[n], by_number[n], weights.paths[n], n)
         for n in sorted(by_number)
@@ -88,23 +94,28 @@ def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
         key = next(key for key in keys if keys.count(key) > 1)
         alike = [one.curve.source for one in several if one.key == key]
         which = kind if key is None else f"{kind} {key}"
-        _refuse(where, f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
-                f"{some_of(alike)}", "give the files of one calculation, each once")  # fmt: skip
+        _refuse("hazard.curve_repeated", where,
+            f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
+            f"{some_of(alike)}", "give the files of one calculation, each once")  # fmt: skip
     calculations = {one.calculation for one in several if one.calculation}
     if kind == "realisation" and len(calculations) > 1:
-        _refuse(where, f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
-                "give the files of one calculation")  # fmt: skip
+        _refuse("hazard.several_calculations", where,
+            f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
+            "give the files of one calculation")  # fmt: skip
 
 
 def _refuse_alone(group: Sequence[Statement], where: str) -> NoReturn:
     kinds = {one.kind for one in group}
     if "fractile" in kinds:
-        _refuse(where, "states fractiles only: these are no branches, and cannot be weighted",
-                "give the mean curve, or the realisations with their weights")  # fmt: skip
+        _refuse("hazard.fractiles_only", where,
+            "states fractiles only: these are no branches, and cannot be weighted",
+            "give the mean curve, or the realisations with their weights")  # fmt: skip
     if "part" in kinds:
-        _refuse(where, "is a contribution to the hazard, already multiplied by its weight, and no branch",
-                "give the total, or the output's whole folder")  # fmt: skip
-    _refuse(where, f"states the {group[0].key} of branches", "give the mean curve, or the realisations")
+        _refuse("hazard.contribution_only", where,
+            "is a contribution to the hazard, already multiplied by its weight, and no branch",
+            "give the total, or the output's whole folder")  # fmt: skip
+    _refuse("hazard.branch_alone", where, f"states the {group[0].key} of branches",
+        "give the mean curve, or the realisations")  # fmt: skip
 
 
 def combined(
@@ -117,8 +128,9 @@ def combined(
     measures = [sorted({tree.measure for tree in part}) for part in parts]
     common = sorted(set.intersection(*map(set, measures)))
     if not common:
-        _refuse("--hazard", f"hazard curves over {', '.join(sorted({m for of in measures for m in of}))}",
-                "give the curves of one intensity measure", "one measure")  # fmt: skip
+        _refuse("hazard.several_measures", "--hazard",
+            f"hazard curves over {', '.join(sorted({m for of in measures for m in of}))}",
+            "give the curves of one intensity measure", "one measure")  # fmt: skip
     shares = list(weights) if weights is not None else [1.0 / len(parts)] * len(parts)
     found = []
     for measure in common:
@@ -129,8 +141,8 @@ def combined(
                 found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
     if not found:
         places = [f"{name} at {_place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
-        _refuse("--hazard", f"the curves are of different sites: {some_of(places)}",
-                "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
+        _refuse("site.several", "--hazard", f"the curves are of different sites: {some_of(places)}",
+            "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
     return found
 
 
@@ -166,8 +178,9 @@ def chosen_tree(
     """
     of_measure = [tree for tree in trees if tree.measure == measure]
     if not of_measure:
-        _refuse(where, f"hazard curves over {', '.join(sorted({tree.measure for tree in trees}))}, but none over "
-                f"{measure}", "give the curves of that measure, or another --measure", "one measure")  # fmt: skip
+        _refuse("hazard.measure_other", where,
+            f"hazard curves over {', '.join(sorted({tree.measure for tree in trees}))}, but none over "
+            f"{measure}", "give the curves of that measure, or another --measure", "one measure")  # fmt: skip
     if isinstance(site, tuple):
         placed = [tree for tree in of_measure if tree.site is not None]
         if placed:
@@ -175,8 +188,9 @@ def chosen_tree(
     if isinstance(site, str):
         of_measure = [of_measure[n] for n in of_name([one.site_name for one in of_measure], site, where)]
     if len(of_measure) > 1:
-        _refuse(where, f"has {len(of_measure)} sites: {some_of([_place_words(tree) for tree in of_measure])}",
-                "choose one with --site LONGITUDE LATITUDE, or by its name", "one site")  # fmt: skip
+        _refuse("site.several", where,
+            f"has {len(of_measure)} sites: {some_of([_place_words(tree) for tree in of_measure])}",
+            "choose one with --site LONGITUDE LATITUDE, or by its name", "one site")  # fmt: skip
     if not _bears_rates(of_measure[0]):
         _refuse_empty(of_measure[0])
     return of_measure[0]
@@ -188,7 +202,7 @@ def _bears_rates(tree: HazardTree) -> bool:
 
 def _refuse_empty(tree: HazardTree) -> NoReturn:
     where = tree.curves[0].source or tree.curves[0].name
-    _refuse(where, f"has fewer than two levels with a rate at {_place_words(tree)}",
+    _refuse("hazard.too_few_levels", where, f"has fewer than two levels with a rate at {_place_words(tree)}",
             "compute the curve at more levels, from where the rock hardly topples to where it always does")  # fmt: skip
 
 
@@ -200,6 +214,10 @@ def _place_words(tree: HazardTree) -> str:
 
 
 def _refuse(
-    where: str, what: str, remedy: str, expected: str = "annual rates of exceedance of one tree at each site"
+    code: str,
+    where: str,
+    what: str,
+    remedy: str,
+    expected: str = "annual rates of exceedance of one tree at each site",
 ) -> NoReturn:
-    raise InputError(what, where=where, expected=expected, remedy=remedy)
+    raise InputError(code, what, where=where, expected=expected, remedy=remedy)

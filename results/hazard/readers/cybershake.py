@@ -31,10 +31,9 @@ def read(file: HazardFile) -> list[Statement]:
         imt = f"SA({named['period'].replace('p', '.')})"
     known = measure_of(imt)
     if known is None or (not named and known[0] == "pgv_m_s"):
-        file.refuse(
+        file.refuse("hazard.measure_missing",
             "states its measure in its name only, which is not as CyberShake gave it",
-            "name it as it was, SITE_ERF36_RunN_SA_3sec_RotD50_DATE.txt, or give --measure",
-        )
+            "name it as it was, SITE_ERF36_RunN_SA_3sec_RotD50_DATE.txt, or give --measure")  # fmt: skip
     rows = _first_curve(file, file.lines)
     measure, unit = known
     curve = file.curve(
@@ -57,8 +56,9 @@ def _first_curve(file: HazardFile, lines: Sequence[str]) -> list[tuple[float, fl
                 break
             continue
         if len(cells) != 2:
-            file.refuse(f"line {index + 1} has {len(cells)} values, level and probability are expected")
+            file.refuse("hazard.row_unreadable",
+                f"line {index + 1} has {len(cells)} values, level and probability are expected")  # fmt: skip
         points.append((file.number(index + 1, cells[0]), file.number(index + 1, cells[1])))
     if not points:
-        file.refuse("holds no curve")
+        file.refuse("hazard.no_curve", "holds no curve")
     return points

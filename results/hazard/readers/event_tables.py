@@ -69,7 +69,7 @@ class Table:
         except InputError:
             raise
         except (ValueError, pd.errors.ParserError) as error:
-            raise event_error(f"cannot be read ({error})", self.path) from error
+            raise event_error("table.unreadable", f"cannot be read ({error})", self.path) from error
         return frame.rename(columns=_named)
 
 
@@ -81,7 +81,7 @@ def _check_cells(file: IO[bytes], columns: int, path: Path) -> None:
     rows = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(LONGEST_LINE_BYTES), b""))
     if rows * columns > file.tell() or columns > _MOST_COLUMNS:
         what = f"has {columns:,} columns: more than {_MOST_COLUMNS:,}, or than its {rows:,} lines fill"
-        raise event_error(what, path)
+        raise event_error("table.too_many_columns", what, path)
     file.seek(0)
 
 
@@ -153,7 +153,8 @@ def only_one(kind: str, tables: list[Table]) -> Table | None:
     found = [table for table in tables if kind_of(table) == kind]
     if len(found) > 1:
         names = ", ".join(table.path.name for table in found)
-        raise event_error(f"holds several tables of {kind}: {names}", found[0].path.parent)
+        raise event_error("events.several_tables", f"holds several tables of {kind}: {names}",
+            found[0].path.parent)  # fmt: skip
     return found[0] if found else None
 
 
@@ -165,14 +166,16 @@ def measure_factors(
     for name in table.header:
         measure = known(name.removeprefix(prefix)) if name.startswith(prefix) else None
         if measure and measure[0] in [column for column, _ in found.values()]:
-            raise event_error(f"states {measure[0]} in two columns, {name} the second", table.path)
+            raise event_error("events.measure_repeated",
+                f"states {measure[0]} in two columns, {name} the second", table.path)  # fmt: skip
         if measure:
             found[name] = (
                 measure[0],
                 measure[1] * (ratio if measure[0] not in UNSCALED else 1.0),
             )
     if not found:
-        raise event_error(f"states no measure that is known here: {', '.join(table.header)}", table.path)
+        raise event_error("events.no_measure",
+            f"states no measure that is known here: {', '.join(table.header)}", table.path)  # fmt: skip
     return found
 
 
@@ -187,10 +190,9 @@ def branch_of(
     for column, (measure, factor) in factors.items():
         values = pd.to_numeric(rows[column], errors="coerce").to_numpy(float)
         if wrong := values[~(np.isfinite(values) & (values >= 0))].tolist():
-            raise InputError(
-                what=f"states a motion of {wrong[0]:g}", where=f"{name}, {column}", expected="numbers of 0 and above",
-                remedy="remove the row, or correct it",
-            )  # fmt: skip
+            raise InputError("events.motion_negative", what=f"states a motion of {wrong[0]:g}",
+                where=f"{name}, {column}", expected="numbers of 0 and above",
+                remedy="remove the row, or correct it")  # fmt: skip
         grid = np.zeros((len(events), len(sites)))
         grid[event, site] = values * factor
         motions[measure] = grid

@@ -28,7 +28,7 @@ def read(file: HazardFile) -> list[Statement]:
     """
     text = file.text
     if not matches(file):
-        file.refuse("is XML without hazard curves")
+        file.refuse("hazard.no_curve", "is XML without hazard curves")
     root = xml_of(text, file.path, refused)
     processing = {
         key: each.attrib[key] for each in root.iter("*") if _tag(each) in _CONFIG for key in each.attrib
@@ -45,7 +45,8 @@ def _tag(element: ElementTree.Element) -> str:
 def _first(file: HazardFile, element: ElementTree.Element, names: set[str]) -> ElementTree.Element:
     found = next((each for each in element.iter("*") if _tag(each) in names), None)
     if found is None or not (found.text or "").strip():
-        file.refuse(f"has a {_tag(element)} without {' or '.join(sorted(names))}", "fetch the file again")
+        file.refuse("hazard.element_missing", f"has a {_tag(element)} without {' or '.join(sorted(names))}",
+            "fetch the file again")  # fmt: skip
     return found
 
 
@@ -65,21 +66,21 @@ def _of_one_measure(
     named = next((stated[name] for name in _UNITS if name in stated), "")
     unit = file.factor_stated(measure, usual, named)
     time = stated.get("investigationTime") or stated.get("investigationTimeSpan")
-    years = file.years_of_values(
-        None if time is None else file.number(1, time),
-        "states no investigationTime: the years that its probabilities are over", "give --values 50",
-    )  # fmt: skip
+    years = file.years_of_values(None if time is None else file.number(1, time),
+        "states no investigationTime: the years that its probabilities are over",
+        "give --values 50")  # fmt: skip
     levels = [level * unit for level in _numbers(file, element, _LEVELS)]
     nodes = [each for each in element.iter("*") if _tag(each) == "HCNode"]
     nodes = nodes or [each for each in element if _tag(each) == "hazardCurve"]
     if not nodes:
-        file.refuse("has no curve", "fetch the file again")
+        file.refuse("hazard.no_curve", "has no curve", "fetch the file again")
     places = [(n, [repr(x) for x in _numbers(file, node, {"pos"})[:2]]) for n, node in enumerate(nodes)]
     found = []
     for place, site in file.wanted_rows(places, ("lon", "lat"), ""):
         values = _numbers(file, nodes[place], _VALUES)
         if len(values) != len(levels):
-            file.refuse(f"has {len(levels)} levels and {len(values)} probabilities", "fetch the file again")
+            file.refuse("hazard.row_unreadable", f"has {len(levels)} levels and {len(values)} probabilities",
+                "fetch the file again")  # fmt: skip
         curve = file.curve(measure, levels, values, years, site=(float(site[0]), float(site[1])))
         if not named:
             with_usual_unit(file, imt_of(measure)[0], curve, "")

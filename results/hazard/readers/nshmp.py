@@ -85,14 +85,15 @@ def read(file: HazardFile) -> list[Statement]:
     level = next((level for level, measured in enumerate(known) if measured), None)
     measure = file.hints.measure if level is None else (known[level] or ("",))[0]
     if measure is None:
-        file.refuse("states no intensity measure, and lies in no folder of that name", "give --measure")
+        file.refuse("hazard.measure_missing",
+            "states no intensity measure, and lies in no folder of that name", "give --measure")  # fmt: skip
     part = "" if level is None else _part(where, level)
     years = _years(file)
     unit = 1.0 / imt_of(measure)[1]
     first = _first_level(header)
     levels = [file.number(1, cell) * unit for cell in header[first:]]
     if not rows:
-        file.refuse("has no site")
+        file.refuse("hazard.no_site", "has no site")
     total = "total" if "lon" in names else ""
     found = []
     for line, row in file.wanted_rows(rows, header, "name"):
@@ -127,7 +128,8 @@ def _years(file: HazardFile) -> float:
             stated = read_json(root / "config.json").get("hazard", {}).get("valueFormat")
         except (ValueError, AttributeError):
             what = "is no configuration of nshmp-haz"
-            refuse(root / "config.json", what, "give the output folder as it was written")
+            refuse("hazard.configuration_unreadable", root / "config.json", what,
+                "give the output folder as it was written")  # fmt: skip
     return file.years_of_values(
         _FORMATS.get(stated),
         "does not say whether its values are annual rates or probabilities in one year",
@@ -152,7 +154,8 @@ def _service_answers(file: HazardFile) -> list[Statement]:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if hasattr(error, "remedy"):
             raise
-        file.refuse(f"is no answer of the hazard web service ({type(error).__name__}: {error})")
+        file.refuse("document.unreadable",
+            f"is no answer of the hazard web service ({type(error).__name__}: {error})")  # fmt: skip
 
 
 def _answer(file: HazardFile, about: dict[str, Any], data: Any) -> list[Statement]:
@@ -164,7 +167,8 @@ def _answer(file: HazardFile, about: dict[str, Any], data: Any) -> list[Statemen
         unit = file.factor_stated(measure, unit, next(filter(unit_of, brackets), ""))
     label = about.get("ylabel")
     if label and "annual" not in str(label).lower():
-        file.refuse(f"states {label!r}", "ask the service for annual frequencies of exceedance")
+        file.refuse("hazard.not_rates", f"states {label!r}",
+            "ask the service for annual frequencies of exceedance")  # fmt: skip
     lacks = "does not say what its values are"
     years = file.years_of_values(0.0 if label else None, lacks, "give --values rate")
     place = float(about["longitude"]), float(about["latitude"])

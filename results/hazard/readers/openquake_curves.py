@@ -83,10 +83,13 @@ def _realisations(file: HazardFile, header: list[str], rows: list[tuple[int, lis
     weights, paths = {}, {}
     for line, row in rows:
         if len(row) <= max(at):
-            file.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+            file.refuse("table.row_wrong_length",
+                f"line {line} has {len(row)} columns, the header {len(header)}")  # fmt: skip
         identity = file.number(line, row[at[0]])
         if identity in weights:
-            file.refuse(f"line {line}: realisation {identity:g} is there twice", "give each realisation once")
+            file.refuse("hazard.realisation_repeated",
+                f"line {line}: realisation {identity:g} is there twice",
+                "give each realisation once")  # fmt: skip
         weights[int(identity)] = file.number(line, row[at[2]])
         paths[int(identity)] = row[at[1]]
     return Realisations(str(file.path), weights, paths)
@@ -98,18 +101,17 @@ def _curves(
     places = [index for index, name in enumerate(header) if name.startswith("poe-")]
     absent = [name for name in ("lon", "lat") if name not in header]
     if absent or not rows:
-        file.refuse(f"has no column {', '.join(absent)}" if absent else "has no site")
+        file.refuse("hazard.columns_unknown" if absent else "hazard.no_site",
+            f"has no column {', '.join(absent)}" if absent else "has no site")  # fmt: skip
     named = _NAMED.search(file.path.name)
     imt = stated.get("imt") or (named and named["imt"])
     if not imt and not file.hints.measure:
-        file.refuse("states no imt", _ADD_IMT)
+        file.refuse("hazard.measure_missing", "states no imt", _ADD_IMT)
     measure, unit = file.measure_named(imt or imt_of(str(file.hints.measure))[0], _ADD_IMT)
     time = stated.get("investigation_time")
-    years = file.years_of_values(
-        None if time is None else file.number(1, time),
+    years = file.years_of_values(None if time is None else file.number(1, time),
         "states no investigation_time: the years that its probabilities are over",
-        "add investigation_time=50.0 to its first line, or give --values 50",
-    )  # fmt: skip
+        "add investigation_time=50.0 to its first line, or give --values 50")  # fmt: skip
     kind, key = _kind(file, stated.get("kind", ""))
     levels = [file.number(2, header[index].removeprefix("poe-")) * unit for index in places]
     found = []

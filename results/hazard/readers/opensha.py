@@ -51,7 +51,8 @@ def read(file: HazardFile) -> list[Statement]:
     points = [(n, line) for n, line in enumerate(rest, len(words) + 1) if _is_point(line)]
     last = points[-1][0] - len(words) if points else 0
     if not points or any(line.strip() for line in rest[: last - 1] if not _is_point(line)):
-        file.refuse("holds several curves" if points else "holds no curve", "save one curve in a file")
+        file.refuse("hazard.several_curves" if points else "hazard.no_curve",
+            "holds several curves" if points else "holds no curve", "save one curve in a file")  # fmt: skip
     phrases = [phrase.strip() for phrase in _PHRASES.split(about) if phrase.strip()]
     measure, unit = _measure(file, about, phrases)
     duration = _DURATION.search(about)
@@ -84,6 +85,6 @@ def _measure(file: HazardFile, about: str, phrases: Sequence[str]) -> tuple[str,
     if file.hints.measure:
         found = {(file.hints.measure, 1.0 / imt_of(file.hints.measure)[1])}
     if len(found) != 1:
-        file.refuse(f"names {len(found) or 'no'} measures above its points",
-               "put IMT = PGA (or IMT = SA; SA Period = 1.0) above them, or give --measure")  # fmt: skip
+        file.refuse("hazard.measure_missing", f"names {len(found) or 'no'} measures above its points",
+            "put IMT = PGA (or IMT = SA; SA Period = 1.0) above them, or give --measure")  # fmt: skip
     return found.pop()

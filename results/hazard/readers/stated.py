@@ -30,9 +30,9 @@ _EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
 refused = refusals(expected=f"annual rates of exceedance: {_EXPECTED}", remedy=_EXPORT_AGAIN)
 
 
-def refuse(path: Path, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
+def refuse(code: str, path: Path, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
     """Refuse a file of hazard."""
-    raise InputError(what, where=str(path), expected=refused("", "").expected, remedy=remedy)
+    raise InputError(code, what, where=str(path), expected=refused("", "", "").expected, remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class HazardFile:
         """Lines with commas between cells and decimal points, whatever program saved them."""
         return plain_table(self.lines)
 
-    def refuse(self, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
+    def refuse(self, code: str, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
         """Refuse the file."""
-        refuse(self.path, what, remedy)
+        refuse(code, self.path, what, remedy)
 
     def rows(self, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:
         """Rows of CSV with the number of their line, blank ones left out."""
@@ -84,7 +84,7 @@ class HazardFile:
             except StopIteration:
                 return
             except csv.Error as error:
-                self.refuse(f"line {first + reader.line_num}: {error}")
+                self.refuse("table.unreadable", f"line {first + reader.line_num}: {error}")
             if any(cell.strip() for cell in row):
                 yield first + reader.line_num - 1, [cell.strip() for cell in row]
 
@@ -93,20 +93,21 @@ class HazardFile:
         plain = text.lower().replace("d", "e")
         value = float(plain) if is_numeral(plain) else math.nan
         if not (math.isfinite(value) or (endless and value > 0)):
-            self.refuse(f"line {line}: {text[:40]!r} is no number")
+            self.refuse("hazard.number_unreadable", f"line {line}: {text[:40]!r} is no number")
         return value
 
     def measure_named(self, imt: str, remedy: str = "give curves over PGA, PGV or SA") -> tuple[str, float]:
         """Column of a measure by the file's name of it, and what its unit is in SI; refused if it is no column."""
-        return measure_of(imt) or self.refuse(f"is over {imt!r}, which is no measure known here", remedy)
+        return measure_of(imt) or self.refuse(
+            "measure.unknown", f"is over {imt!r}, which is no measure known here", remedy
+        )
 
     def factor_stated(self, measure: str, usual: float, unit_name: str) -> float:
         """What the unit of levels is in SI by its name in the file, the usual one where it has none."""
         unit = unit_of(unit_name) if unit_name else None
         if unit_name and (unit is None or unit.quantity != quantity_of(measure)):
-            self.refuse(
-                f"states levels of {measure} in {unit_name!r}", "correct the unit, or the name of the measure"
-            )
+            self.refuse("hazard.unit_unknown", f"states levels of {measure} in {unit_name!r}",
+                "correct the unit, or the name of the measure")  # fmt: skip
         return unit.factor if unit else usual
 
     def years_of_values(self, stated: float | None, lacks: str, remedy: str) -> float:
@@ -116,21 +117,23 @@ class HazardFile:
         """
         said = self.hints.years
         if stated is None:
-            return self.refuse(lacks, remedy) if said is None else said
+            return self.refuse("hazard.time_missing", lacks, remedy) if said is None else said
         if said is None:
             return stated
         if not math.isclose(stated, said):
             mine, theirs = (
                 f"probabilities over {years:g} years" if years else "annual rates" for years in (stated, said)
             )
-            self.refuse(f"states {mine}, and --values says {theirs}", "leave --values out")
+            self.refuse("hazard.values_contradicted", f"states {mine}, and --values says {theirs}",
+                "leave --values out")  # fmt: skip
         return stated
 
     def place_of(self, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
         """Longitude and latitude of a row."""
         longitude, latitude = (self.number(line, row[header.index(name)]) for name in ("lon", "lat"))
         if abs(latitude) > _POLE_DEG:
-            self.refuse(f"line {line}: the latitude is {latitude:g}", "exchange longitude and latitude")
+            self.refuse("site.out_of_range", f"line {line}: the latitude is {latitude:g}",
+                "exchange longitude and latitude")  # fmt: skip
         return longitude, latitude
 
     def wanted_rows(
@@ -143,7 +146,8 @@ class HazardFile:
         """
         for line, row in rows:
             if len(row) != len(header):
-                self.refuse(f"line {line} has {len(row)} columns, the header {len(header)}")
+                self.refuse("table.row_wrong_length",
+                    f"line {line} has {len(row)} columns, the header {len(header)}")  # fmt: skip
         site = self.hints.site
         if site is None or name_column is None or not rows:
             return list(rows)

@@ -64,12 +64,14 @@ def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
     """Numbers of the columns of levels and of values; others are left."""
     named = ", ".join(header)[:200]
     if len(header) < 2:
-        file.refuse(f"has the columns {named}" if header else "is empty")
+        file.refuse("hazard.columns_unknown" if header else "file.empty",
+            f"has the columns {named}" if header else "is empty")  # fmt: skip
     if is_numeral(header[0]):
-        file.refuse(f"states neither measure nor unit nor time: its first line is {named[:40]!r}",
+        file.refuse("hazard.no_header", f"states neither measure nor unit nor time: its first line is {named[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
     if any(name.lower() in ("event_id", "eid") for name in header):
         file.refuse(
+            "hazard.is_of_events",
             f"is of events, with the columns {named}",
             "a set of events has the columns annual_rate and measures with their units, such as PGA (g)",
         )
@@ -80,9 +82,11 @@ def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
     if not measures:
         first = next((name for index, name in enumerate(header) if index not in values), header[0])
         what = f"is over {first!r}" if len(header) == 2 else f"has the columns {named}"
-        file.refuse(what, "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)")
+        file.refuse("hazard.measure_missing", what,
+            "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)")  # fmt: skip
     if len(measures) > 1 or len(values) != 1:
-        file.refuse(f"has the columns {named}", "give one measure and one column of its values")
+        file.refuse("hazard.columns_unknown", f"has the columns {named}",
+            "give one measure and one column of its values")  # fmt: skip
     return measures[0], values[0]
 
 
@@ -113,10 +117,8 @@ def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str
         why = f"{once:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
     if why:
         meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
-        file.refuse(
-            f"names no unit of {name}, which is {own} then, and {why}",
-            f"name the unit in the column of a table, such as {name} ({meant})",
-        )
+        file.refuse("hazard.unit_missing", f"names no unit of {name}, which is {own} then, and {why}",
+            f"name the unit in the column of a table, such as {name} ({meant})")  # fmt: skip
     if stated:
         return curve
     size = f": {once:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""

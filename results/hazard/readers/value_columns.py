@@ -65,10 +65,10 @@ def values_of(file: HazardFile, name: str) -> tuple[float, Callable[[float], flo
         stated = float(found["years"]) if found["years"] else None
         if not (file.hints.years if stated is None else stated):
             remedy = "call the column after it, such as probability_50_years, or give --values 50"
-            file.refuse(f"states no time that its {name!r} is over", remedy)
+            file.refuse("hazard.time_missing", f"states no time that its {name!r} is over", remedy)
     lacks, remedy = f"has the column {name!r}", "call it annual_rate, or probability_50_years after its time"
     if stated is None and not (_PROBABILITY.fullmatch(plain) or _BARE.fullmatch(plain)):
-        file.refuse(lacks, remedy)
+        file.refuse("hazard.values_unknown", lacks, remedy)
     return file.years_of_values(stated, lacks, f"{remedy}, or give --values"), convert
 
 

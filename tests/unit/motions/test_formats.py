@@ -144,37 +144,13 @@ def test_counts_without_a_response_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("label", "direction"),
     [
-        ("090", 90.0),
-        ("360 DEG", 0.0),
-        ("N28W", 332.0),
-        ("S62W", 242.0),
-        ("N90E", 90.0),
-        ("S10E", 170.0),
-        ("UP", "up"),
-        ("UD", "up"),
-        ("DWN", "down"),
-        ("EW", 90.0),
-        ("NS", 0.0),
-        ("N37.5E", 37.5),
-        ("27.0", 27.0),
-        ("090.0", 90.0),
-        ("90.", 90.0),
-        ("270 DEG.", 270.0),
-        ("-90", 270.0),
-        ("-45", 315.0),
-        ("-0", 0.0),
-        ("-UP", "down"),
-        ("-Z", "down"),
-        ("-E", 270.0),
-        ("-N37E", 217.0),
-        ("--", None),
-        ("L", None),
-        ("", None),
-        ("400", None),
-        ("-400", None),
-        ("N120E", None),
+        ("090", 90.0), ("360 DEG", 0.0), ("N28W", 332.0), ("S62W", 242.0), ("N90E", 90.0), ("S10E", 170.0),
+        ("UP", "up"), ("UD", "up"), ("DWN", "down"), ("EW", 90.0), ("NS", 0.0), ("N37.5E", 37.5),
+        ("27.0", 27.0), ("090.0", 90.0), ("90.", 90.0), ("270 DEG.", 270.0), ("-90", 270.0), ("-45", 315.0),
+        ("-0", 0.0), ("-UP", "down"), ("-Z", "down"), ("-E", 270.0), ("-N37E", 217.0), ("--", None),
+        ("L", None), ("", None), ("400", None), ("-400", None), ("N120E", None),
     ],
-)
+)  # fmt: skip
 def test_bearings_are_read_as_they_are_written(label, direction):
     assert bearing(label) == direction
 

@@ -34,16 +34,12 @@ def pieces(path, *parts: tuple[int, int, float], change=lambda data: data):
 @pytest.mark.parametrize(
     "parts",
     [
-        [(0, 600, 0), (400, 1000, 0)],
-        [(0, 600, 0), (600, 1000, 0)],
-        [(600, 1000, 0), (0, 600, 0)],
-        [(0, 1000, 0), (200, 700, 0)],
-        [(0, 1000, 0), (0, 1000, 0)],
-        [(0, 300, 0), (200, 700, 0), (500, 1000, 0)],
-        [(0, 600, 0), (600, 1000, 0.3)],
+        [(0, 600, 0), (400, 1000, 0)], [(0, 600, 0), (600, 1000, 0)], [(600, 1000, 0), (0, 600, 0)],
+        [(0, 1000, 0), (200, 700, 0)], [(0, 1000, 0), (0, 1000, 0)],
+        [(0, 300, 0), (200, 700, 0), (500, 1000, 0)], [(0, 600, 0), (600, 1000, 0.3)],
         [(0, 600, 0), (600, 1000, -0.4)],
     ],
-)
+)  # fmt: skip
 def test_pieces_of_a_channel_that_fit_are_one(parts, tmp_path):
     (found,) = read_file(pieces(tmp_path / "r.mseed", *parts))
     assert found.acceleration_m_s2.tolist() == COUNTS.tolist()

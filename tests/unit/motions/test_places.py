@@ -58,22 +58,14 @@ def test_a_sensors_location_is_understood_by_its_words(text, place):
 @pytest.mark.parametrize(
     ("name", "free"),
     [
-        ("CA:Alhambra;LACPW, 12th Fl", False),
-        ("Hollywood Storage Bldg Basement", False),
-        ("Millikan Library - Roof", False),
-        ("Treasure Island Downhole", False),
-        ("Long Valley Dam (crest of dam)", False),
-        ("Roofing Road", True),
-        ("Basement Road", True),
-        ("Dam Road", True),
-        ("Crest Drive School", True),
-        ("Carbon Canyon Dam", True),
-        ("12th Floor Street Parking", True),
-        ("San Francisco, 1295 Shafter, F", True),
-        ("Los Angeles - 116th St. School", True),
-        ("", True),
+        ("CA:Alhambra;LACPW, 12th Fl", False), ("Hollywood Storage Bldg Basement", False),
+        ("Millikan Library - Roof", False), ("Treasure Island Downhole", False),
+        ("Long Valley Dam (crest of dam)", False), ("Roofing Road", True), ("Basement Road", True),
+        ("Dam Road", True), ("Crest Drive School", True), ("Carbon Canyon Dam", True),
+        ("12th Floor Street Parking", True), ("San Francisco, 1295 Shafter, F", True),
+        ("Los Angeles - 116th St. School", True), ("", True),
     ],
-)
+)  # fmt: skip
 def test_a_stations_name_states_a_location_at_its_end_alone(name, free):
     assert place_in_name(name).free_field == free
 
@@ -124,16 +116,11 @@ def test_a_kik_net_borehole_without_its_surface_is_left_out_all_the_same(tmp_pat
     [
         ({18: 1, 24: 12}, "sensor on floor 12 of a building"),
         ({18: 1, 24: 0}, "sensor in the basement of a building"),
-        ({18: 1, 24: 1}, "sensor on floor 1 of a building"),
-        ({18: 1}, "sensor in a building"),
-        ({18: 2, 26: 3}, "sensor on a bridge"),
-        ({18: 3, 27: 2}, "sensor on a dam"),
-        ({18: 4}, "sensor on a structure"),
-        ({18: 3, 27: 0}, None),
-        ({18: 2, 26: 0}, None),
-        ({}, None),
+        ({18: 1, 24: 1}, "sensor on floor 1 of a building"), ({18: 1}, "sensor in a building"),
+        ({18: 2, 26: 3}, "sensor on a bridge"), ({18: 3, 27: 2}, "sensor on a dam"),
+        ({18: 4}, "sensor on a structure"), ({18: 3, 27: 0}, None), ({18: 2, 26: 0}, None), ({}, None),
     ],
-)
+)  # fmt: skip
 def test_smc_states_a_structure_and_the_place_in_it_by_integers(tmp_path, integers, what):
     def stated(text):
         lines = text.split("\n")

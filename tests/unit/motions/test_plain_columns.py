@@ -133,14 +133,10 @@ def test_names_that_are_no_components_are_refused_with_their_line(header, tmp_pa
 @pytest.mark.parametrize(
     ("unit", "one_m_s2"),
     [
-        ("g", 9.80665),
-        ("cm/s²", 0.01),
-        ("m/s^2", 1.0),
-        ("10^-2 m/s2", 0.01),
-        ("×10⁻³ g", 9.80665e-3),
+        ("g", 9.80665), ("cm/s²", 0.01), ("m/s^2", 1.0), ("10^-2 m/s2", 0.01), ("×10⁻³ g", 9.80665e-3),
         ("2e-3 g", 0.01961330),
     ],
-)
+)  # fmt: skip
 def test_a_unit_in_the_names_needs_no_table(unit, one_m_s2, tmp_path):
     a = shaking()
     path = table_of(tmp_path, f"t,E ({unit}),N ({unit}),UP ({unit})", a / one_m_s2)

@@ -90,13 +90,11 @@ def test_samples_have_the_peak_that_their_own_header_states(writer, key, values,
 @pytest.mark.parametrize(
     ("writer", "pattern"),
     [
-        ("cosmos_v2", r"(Max = )(\S+)"),
-        ("csmip_v1", r"(MAX  = +)(\S+)"),
-        ("csmip_v2", r"(Peak acceleration = +)(\S+)"),
-        ("geonet_v2a", r"(peak   )(\S+)"),
+        ("cosmos_v2", r"(Max = )(\S+)"), ("csmip_v1", r"(MAX  = +)(\S+)"),
+        ("csmip_v2", r"(Peak acceleration = +)(\S+)"), ("geonet_v2a", r"(peak   )(\S+)"),
         ("cwb", r"(MAX\. \w: +|~ +)(\S+?)(?=[~\n])"),
     ],
-)
+)  # fmt: skip
 def test_samples_in_g_under_the_peak_of_m_s2_are_refused_in_every_header(writer, pattern, tmp_path):
     for path in WRITERS[writer](tmp_path, shaking()):
         text, count = re.subn(

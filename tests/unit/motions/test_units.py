@@ -52,29 +52,10 @@ def test_velocities_are_no_accelerations(name, one_m_s):
 @pytest.mark.parametrize(
     "name",
     [
-        "PA",
-        "V",
-        "counts",
-        "rad/s",
-        "m/s3",
-        "s",
-        "",
-        "M/S**2 M",
-        "T",
-        "m/",
-        "K",
-        "gg",
-        "mGal",
-        "mg",
-        "%g",
-        "g/10",
-        "µm/s²",
-        "um",
-        "dm",
-        "km",
-        "yd",
+        "PA", "V", "counts", "rad/s", "m/s3", "s", "", "M/S**2 M", "T", "m/", "K", "gg", "mGal", "mg", "%g",
+        "g/10", "µm/s²", "um", "dm", "km", "yd",
     ],
-)
+)  # fmt: skip
 def test_what_is_no_unit_of_motion_is_none(name):
     assert unit_of(name) is None
 

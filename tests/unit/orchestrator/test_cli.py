@@ -126,7 +126,7 @@ def fails(**_):
         logging.getLogger("toppling.orchestrator").warning({ESCAPES!r} + "warned")
     logging.getLogger("elsewhere").warning({ESCAPES!r} + "also")
     click.echo({ESCAPES!r} + "said")
-    raise InputError({ESCAPES!r} + "wrong", where="here", expected="sense", remedy="none")
+    raise InputError("a.b", {ESCAPES!r} + "wrong", where="here", expected="sense", remedy="none")
 
 cli.cli.main = fails
 cli.main()
@@ -136,7 +136,7 @@ cli.main()
 def test_no_escape_sequence_of_a_file_reaches_terminal_or_log(tmp_path):
     done = subprocess.run([sys.executable, "-c", SAYS], cwd=tmp_path, capture_output=True, check=False)
     assert done.stdout == b"said\n"
-    assert done.stderr.splitlines()[:2] == [b"also", b"toppling: here: wrong"]
+    assert done.stderr.splitlines()[:2] == [b"also", b"toppling: here: wrong [a.b]"]
     log = (tmp_path / "run.log").read_text()
     assert "warned" in log
     assert CONTROL.search(log) is None

@@ -23,7 +23,7 @@ def hold(note):
 
 
 def refuse(what, note):
-    raise InputError(what, where="there", expected="else", remedy="say it")
+    raise InputError("a.b", what, where="there", expected="else", remedy="say it")
 
 
 def fail(note):

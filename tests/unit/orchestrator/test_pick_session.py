@@ -50,13 +50,17 @@ def work(monkeypatch):
         made.go.wait(30)
         note("closing")
         if near in made.refused:
-            raise InputError("no rock", where="there", expected="a rock", remedy="look elsewhere")
+            raise InputError(
+                "scan.no_rock", "no rock", where="there", expected="a rock", remedy="look elsewhere"
+            )
         return Worked(near), np.zeros(3, np.int8), ("a note",)
 
     def read(said):
         made.reads.append(said.of_the_cloud)
         if said.units == "mm":
-            raise InputError("no unit", where="there", expected="another", remedy="say another")
+            raise InputError(
+                "scan.no_unit", "no unit", where="there", expected="another", remedy="say another"
+            )
         return Placed(Cloud(np.ones((3, 3)), np.zeros(3), np.zeros(3, np.int32), ()), Placement())
 
     def scene(worked):

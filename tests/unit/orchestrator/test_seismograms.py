@@ -36,7 +36,11 @@ def judge(scene, record, factors, preset):
     width = scene.rock.vertices_m[:, 0].max()
     if width > 0.45:
         raise InputError(
-            "left alone, the rock does not stand", where="scene", expected="one that does", remedy="none"
+            "rock.does_not_stand",
+            "left alone, the rock does not stand",
+            where="scene",
+            expected="one that does",
+            remedy="none",
         )
     toppled = record.intensity["pga_m_s2"] > 10 * width
     return Told(record.record_id, "toppled" if toppled else "stands", float(toppled))

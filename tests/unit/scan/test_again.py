@@ -192,7 +192,7 @@ def asked(monkeypatch, *options):
 
     def scan(_files, _out, **given):
         found.update({key: value for key, value in given.items() if key in KEYS and value})
-        raise InputError("enough", where="here", expected="that", remedy="none")
+        raise InputError("a.b", "enough", where="here", expected="that", remedy="none")
 
     monkeypatch.setattr("toppling.orchestrator.public.making.scan", scan)
     done = CliRunner().invoke(main, ["scan", "cloud.xyz", "--out", "nowhere", *map(str, options)])

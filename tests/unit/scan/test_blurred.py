@@ -6,7 +6,9 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.scan.choice import plants_named, with_reason
 
-REFUSED = InputError("nothing stands", where="segmentation", expected="a rock", remedy="point at it")
+REFUSED = InputError(
+    "scan.nothing_stands", "nothing stands", where="segmentation", expected="a rock", remedy="point at it"
+)
 
 
 def of_a_scene(points, noise_m=0.0):

@@ -545,15 +545,11 @@ def test_a_rock_over_which_the_ground_only_slides_has_moved():
 @pytest.mark.parametrize(
     "start",
     [
-        {"quaternion_xyzw": (0, 0, 0, 0)},
-        {"quaternion_xyzw": (0, 0, 1)},
-        {"position_m": (0.0, 0.0, np.nan)},
-        {"velocity_m_s": (np.inf, 0.0, 0.0)},
-        {"angular_velocity_rad_s": (0.0, np.nan, 0.0)},
-        {"velocity_m_s": "fast"},
-        {"speed_m_s": (1.0, 0.0, 0.0)},
+        {"quaternion_xyzw": (0, 0, 0, 0)}, {"quaternion_xyzw": (0, 0, 1)}, {"position_m": (0.0, 0.0, np.nan)},
+        {"velocity_m_s": (np.inf, 0.0, 0.0)}, {"angular_velocity_rad_s": (0.0, np.nan, 0.0)},
+        {"velocity_m_s": "fast"}, {"speed_m_s": (1.0, 0.0, 0.0)},
     ],
-)
+)  # fmt: skip
 def test_a_start_in_no_finite_state_is_refused(start):
     with pytest.raises(InputError, match=next(iter(start))):
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((2, 3)), 0.01), "fast", initial=start)

@@ -67,12 +67,10 @@ def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
         rock = wedges
     ground = ground_pieces(grounded.ground, 2.0 * grounded.size_m)
     if len(ground) > _MOST_PIECES["ground"]:
-        raise InputError(
-            f"the pedestal's surface is of {len(ground)} convex pieces",
-            where="engine mujoco",
+        raise InputError("engine.too_many_pieces",
+            f"the pedestal's surface is of {len(ground)} convex pieces", where="engine mujoco",
             expected=f"at most {_MOST_PIECES['ground']} near the rock",
-            remedy="leave the engine out, or give a surface of fewer triangles",
-        )
+            remedy="leave the engine out, or give a surface of fewer triangles")  # fmt: skip
     for where, pieces in ((body, rock), (spec.worldbody, ground)):
         for number, points in enumerate(pieces):
             name = f"{'rock' if where is body else 'ground'} {number}"
@@ -84,6 +82,7 @@ def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
 def _too_hollow(share: float, wedges: list[Any] | None) -> InputError:
     what = "no point sees all of it" if wedges is None else f"it is of {len(wedges)} convex pieces"
     return InputError(
+        "engine.rock_hollow",
         f"the rock is hollow by {share:.2g} of its height, and {what}",
         where="engine mujoco",
         expected=f"a convex rock, or one of at most {_MOST_PIECES['rock']} convex pieces that meet in a point",

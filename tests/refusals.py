@@ -1,0 +1,23 @@
+"""What a test asserts of an error that a user's data cause: its code, and the values that it names."""
+
+from contextlib import contextmanager
+
+import pytest
+
+from toppling.models.errors import InputError
+
+
+@contextmanager
+def refused(code, *named, kind=InputError):
+    """Expect an error of this code that names each of some values, wherever in its message they stand."""
+    with pytest.raises(kind) as caught:
+        yield caught
+    tells(str(caught.value), code, *named)
+    assert caught.value.code == code
+
+
+def tells(output, code, *named):
+    """Assert that an output names a code, and each of some values."""
+    assert f"[{code}]" in output, output
+    for each in named:
+        assert str(each) in output, (each, output)

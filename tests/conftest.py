@@ -47,12 +47,10 @@ def _ctrl_c_still_stops_the_tests():
 
 @pytest.fixture(scope="module")
 def few_draws():
-    """A hidden base is drawn 12 times: for laws that hold of however many draws."""
-    from toppling.models.hidden_base import from_scan
+    """A hidden base is drawn 12 times."""
+    from virtual_rocks import drawing_few
 
-    with pytest.MonkeyPatch.context() as patched:
-        for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("ENOUGH", 4.0)):
-            patched.setattr(from_scan, name, number)
+    with drawing_few():
         yield
 
 

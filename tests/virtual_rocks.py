@@ -1,15 +1,27 @@
 """Rocks that several tests scan or shake."""
 
 import dataclasses
+from contextlib import contextmanager
 
 import manifold3d
 import numpy as np
+import pytest
 import trimesh
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
+from toppling.models.hidden_base import from_scan
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
+
+
+@contextmanager
+def drawing_few():
+    """A hidden base is drawn 12 times: for laws that hold of however many draws."""
+    with pytest.MonkeyPatch.context() as patched:
+        for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("ENOUGH", 4.0)):
+            patched.setattr(from_scan, name, number)
+        yield
 
 
 def stump_on_a_slope():

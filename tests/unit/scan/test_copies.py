@@ -3,17 +3,12 @@
 import laspy
 import numpy as np
 import pytest
-from virtual_rocks import stump_on_a_slope
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
-from toppling.models.scan import virtual
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.register import copies, registered, without
 from toppling.models.scan.survey import work_out
-
-RESOLUTION = 0.03
-"""Point spacing in rock heights: coarse, to be quick."""
 
 
 def write_las(path, points_m):
@@ -98,18 +93,16 @@ def test_the_first_of_several_copies_keeps_its_file_and_label():
 
 
 @pytest.fixture(scope="module")
-def stump(tmp_path_factory):
-    """Points of a stump on a slope, and the file of them."""
-    truth = stump_on_a_slope()
-    seen = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=RESOLUTION)
-    points_m = np.concatenate([station.points_m for station in seen])
+def seen(stump, tmp_path_factory):
+    """Points of the stump, and the file of them."""
+    points_m = stump[1].points_m[::2]
     file = tmp_path_factory.mktemp("whole") / "once.ply"
     write_cloud(file, points_m)
     return points_m, file
 
 
-def test_a_scan_merged_with_itself_is_that_scan(stump, tmp_path):
-    points_m, file = stump
+def test_a_scan_merged_with_itself_is_that_scan(seen, tmp_path):
+    points_m, file = seen
     write_cloud(tmp_path / "often.ply", np.tile(points_m, (23, 1)))
     once, often = (registered(read_clouds([each])).cloud for each in (file, tmp_path / "often.ply"))
     np.testing.assert_array_equal(often.points_m, once.points_m)
@@ -118,8 +111,8 @@ def test_a_scan_merged_with_itself_is_that_scan(stump, tmp_path):
 
 
 @pytest.mark.thorough
-def test_tiles_that_overlap_give_the_rock_of_the_whole(stump, tmp_path):
-    points_m, file = stump
+def test_tiles_that_overlap_give_the_rock_of_the_whole(seen, tmp_path):
+    points_m, file = seen
     once = work_out(read_clouds([file]))[0]
     write_cloud(tmp_path / "west.ply", points_m[points_m[:, 0] < 0.6])
     write_cloud(tmp_path / "east.ply", points_m[points_m[:, 0] > -0.6])

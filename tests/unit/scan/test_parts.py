@@ -3,7 +3,6 @@
 import laspy
 import numpy as np
 import pytest
-from virtual_rocks import stump_on_a_slope
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
@@ -16,12 +15,10 @@ LAS_CLASS = {ROCK: 40, PEDESTAL: 2, NEITHER: 5}
 
 
 @pytest.fixture(scope="module")
-def stump(tmp_path_factory):
-    """A stump on a slope as seen, the labels of its points, and its true volume; written in every way."""
+def parted(stump, tmp_path_factory):
+    """The stump as seen, the labels of its points, and its true volume; written in every way."""
+    truth, cloud, label = stump
     folder = tmp_path_factory.mktemp("parts")
-    truth = stump_on_a_slope()
-    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
-    cloud, label = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     points = np.round(cloud.points_m + cloud.origin_m, 4)
     for name, value in (("rock", ROCK), ("ground", PEDESTAL)):
         np.savetxt(folder / f"{name}.xyz", points[label == value], fmt="%.4f")
@@ -51,23 +48,23 @@ WAYS = {
 }
 
 
-def separated(stump, way):
+def separated(parted, way):
     files, hints = WAYS[way]
-    return placed_cloud([stump[0] / name for name in files], hints)[0]
+    return placed_cloud([parted[0] / name for name in files], hints)[0]
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_each_part_holds_its_points_in_whatever_way_it_is_named(stump, way):
-    cloud = separated(stump, way)
+def test_each_part_holds_its_points_in_whatever_way_it_is_named(parted, way):
+    cloud = separated(parted, way)
     counts = np.bincount(cloud.label, minlength=3)
-    assert tuple(counts[:2]) == tuple(np.bincount(stump[1])[:2])
+    assert tuple(counts[:2]) == tuple(np.bincount(parted[1])[:2])
     assert not cloud.station.any()
     high = cloud.points_m[cloud.label == ROCK, 2].max() + cloud.origin_m[2]
-    assert high == pytest.approx(stump[2].vertices_m[:, 2].max() + virtual.DEMO_ORIGIN_M[2], abs=0.05)
+    assert high == pytest.approx(parted[2].vertices_m[:, 2].max() + virtual.DEMO_ORIGIN_M[2], abs=0.05)
 
 
-def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other(stump):
-    folder, label, _ = stump
+def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other(parted):
+    folder, label, _ = parted
     cloud = placed_cloud([], {"rock": str(folder / "rock.xyz"), "pedestal": str(folder / "ground.xyz")})[0]
     assert len(cloud.files) == 2
     cloud = placed_cloud([folder / "all.las"], {"pedestal": "2"})[0]
@@ -75,32 +72,32 @@ def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other
 
 
 @pytest.mark.thorough
-def test_a_separated_rock_is_measured_without_being_cut_again(stump):
-    cloud = separated(stump, "classes")
+def test_a_separated_rock_is_measured_without_being_cut_again(parted):
+    cloud = separated(parted, "classes")
     kept, label, _ = work_out(cloud)
     assert (label == cloud.label).all()
-    assert kept.closed.rock.volume_m3 == pytest.approx(stump[2].volume_m3, rel=0.01)  # as of any scan
+    assert kept.closed.rock.volume_m3 == pytest.approx(parted[2].volume_m3, rel=0.01)  # as of any scan
     np.testing.assert_allclose(
         kept.interface.normal, [*kept.interface.normal[:2], np.cos(np.deg2rad(6.0))], atol=3e-3
     )
 
 
-def test_what_no_point_is_of_is_refused_with_what_there_is(stump):
+def test_what_no_point_is_of_is_refused_with_what_there_is(parted):
     with pytest.raises(InputError, match="no point has the value 41") as refused:
-        placed_cloud([stump[0] / "all.las"], {"rock": "41"})
+        placed_cloud([parted[0] / "all.las"], {"rock": "41"})
     assert "40 (" in refused.value.expected
     with pytest.raises(InputError, match="has no scalar 'material'"):
-        placed_cloud([stump[0] / "all.ply"], {"rock": "material=1"})
+        placed_cloud([parted[0] / "all.ply"], {"rock": "material=1"})
     with pytest.raises(InputError, match="has no scalar"):
-        placed_cloud([stump[0] / "rock.xyz"], {"rock": "1"})
+        placed_cloud([parted[0] / "rock.xyz"], {"rock": "1"})
     with pytest.raises(InputError, match="0 points are of the pedestal"):
-        placed_cloud([stump[0] / "rock.xyz"], {"rock": "rock.xyz"})
+        placed_cloud([parted[0] / "rock.xyz"], {"rock": "rock.xyz"})
     with pytest.raises(InputError, match="--near is given with"):
-        placed_cloud([stump[0] / "all.las"], {"rock": "40", "near": (1.0, 2.0)})
+        placed_cloud([parted[0] / "all.las"], {"rock": "40", "near": (1.0, 2.0)})
 
 
-def test_points_that_are_not_finite_shift_no_label(stump):
-    folder, label, _ = stump
+def test_points_that_are_not_finite_shift_no_label(parted):
+    folder, label, _ = parted
     head, _, body = (folder / "all.ply").read_bytes().partition(b"end_header\n")
     rows = np.frombuffer(body, [("xyz", "f8", 3), ("label", "f4")]).copy()
     rows["xyz"][::7] = np.nan

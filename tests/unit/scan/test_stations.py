@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
@@ -17,15 +16,8 @@ from toppling.results.drawing.scene_figures import numbers_of
 
 
 @pytest.fixture(scope="module")
-def cloud():
-    truth = virtual.on_slope(
-        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
-        virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
-        6.0,
-        250.0,
-    )
-    seen = virtual.scan_around(truth, 1, stations=5, resolution_per_height=0.025, clutter=False)
-    return virtual.cloud_of(seen, np.zeros(3))[0]
+def cloud(bare):
+    return bare[1]
 
 
 def with_one_off(cloud, number, shift_m):

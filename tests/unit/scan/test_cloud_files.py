@@ -1,0 +1,410 @@
+"""Clouds in files of scanners: poses by name, what came back from nowhere, and steps of stored coordinates."""
+
+import laspy
+import numpy as np
+import open3d as o3d
+import pye57
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from pye57 import libe57
+from scipy.spatial.transform import Rotation
+
+from toppling.models.errors import InputError
+from toppling.models.files.mesh_files import write_ply
+from toppling.models.scan.plausible import coordinate_steps, marked_unmeasured, step_note, steps_of_mesh
+from toppling.models.scan.read import read_clouds
+
+SHIFT_M = np.array([331000.0, 3777000.0, 470.0])
+POINTS_M = np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + SHIFT_M
+TURN = Rotation.from_euler("zyx", [130.0, 20.0, -35.0], degrees=True)
+STILL = Rotation.identity(), np.zeros(3)
+
+
+def read(path, unit=None):
+    cloud = read_clouds([path], unit)
+    return cloud.points_m + cloud.origin_m
+
+
+def las(path, points, scale=1e-4, point_format=1, version="1.2", **fields):
+    header = laspy.LasHeader(point_format=point_format, version=version)
+    header.offsets, header.scales = np.floor(points.min(axis=0)), np.full(3, scale)
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = points.T
+    for name, values in fields.items():
+        setattr(cloud, name, values)
+    cloud.write(path)
+    return path
+
+
+def ply(path, points, kind="double", axes="xyz"):
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    head += "".join(f"property {kind} {axis}\n" for axis in axes) + "end_header\n"
+    path.write_bytes(head.encode() + points.astype("<f8" if kind == "double" else "<f4").tobytes())
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".xyz", ".las", ".laz", ".pts", ".csv"])
+def test_every_format_keeps_survey_coordinates_to_a_tenth_of_a_millimetre(tmp_path, suffix):
+    path = tmp_path / f"cloud{suffix}"
+    if suffix in (".las", ".laz", ".ply"):
+        (ply if suffix == ".ply" else las)(path, POINTS_M)
+    else:
+        head = {".pts": "1500", ".csv": "x,y,z"}.get(suffix, "")
+        np.savetxt(path, POINTS_M, "%.5f", "," if suffix == ".csv" else " ", header=head, comments="")
+    np.testing.assert_allclose(read(path), POINTS_M, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize(("point_format", "version"), [(1, "1.2"), (6, "1.4")])
+def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(
+    tmp_path, suffix, point_format, version
+):
+    count, points = np.arange(3000), np.vstack([POINTS_M, POINTS_M + 5.0])
+    path = las(
+        tmp_path / f"cloud{suffix}", points, point_format=point_format, version=version,
+        withheld=count % 4 == 0, point_source_id=7 + (count >= 700),
+        classification=np.select([count % 8 == 1, count % 8 == 3], [7, 18], 2),
+    )  # fmt: skip
+    kept = (count % 4 == 2) | (count % 8 > 4) & (count % 4 != 0)
+    cloud = read_clouds([path, path])
+    first = int(kept.sum())
+    assert cloud.files == ((path.name, first), (path.name, first))
+    np.testing.assert_allclose(cloud.points_m[:first] + cloud.origin_m, points[kept], atol=1e-4)
+    assert cloud.station.tolist() == [*(count[kept] >= 700), *(2 + (count[kept] >= 700))]
+    assert cloud.sources[0].left_out == len(count) - first
+    assert f"{len(count) - first} points are withheld or classed as noise" in cloud.sources[0].note
+
+
+def cartesian(points):
+    return {f"cartesian{axis}": points[:, "XYZ".index(axis)] for axis in "ZXY"}
+
+
+def spherical(points):
+    far = np.linalg.norm(points, axis=1)
+    return {
+        "sphericalRange": far,
+        "sphericalAzimuth": np.arctan2(points[:, 1], points[:, 0]),
+        "sphericalElevation": np.arcsin(points[:, 2] / far),
+    }
+
+
+def invalid_where(bad):
+    """Cartesian coordinates, those of some rows flagged; the library takes no wider states."""
+    return lambda points: {**cartesian(points), "cartesianInvalidState": (2 * bad(points)).astype(np.int8)}
+
+
+def all_of(points):
+    return np.ones(len(points), bool)
+
+
+def spherical_beside_invalid(points):
+    """As of a scanner whose export has filled the spherical coordinates alone."""
+    return {**invalid_where(all_of)(points + 1.0), **spherical(points)}
+
+
+def spherical_beside_nan(points):
+    return {**cartesian(np.full_like(points, np.nan)), **spherical(points)}
+
+
+def e57(path, scans, rotation="wxyz", translation="xyz", scale=0.0, description="", columns_of=cartesian):
+    """Scans (points, turn, shift) with the children of their poses in the given order; a scale makes them integers."""
+    with pye57.E57(str(path), mode="w") as file:
+        image = file.image_file
+
+        def structure(**numbers):
+            node = libe57.StructureNode(image)
+            for name, value in numbers.items():
+                node.set(name, libe57.FloatNode(image, float(value)))
+            return node
+
+        for points, turn, shift in scans:
+            node, pose = structure(), structure()
+            node.set("guid", libe57.StringNode(image, "{g}"))
+            if description:
+                node.set("description", libe57.StringNode(image, description))
+            quaternion = dict(zip("xyzw", turn.as_quat(), strict=True))
+            place = dict(zip("xyz", shift, strict=True))
+            if rotation:
+                pose.set("rotation", structure(**{name: quaternion[name] for name in rotation}))
+            if translation:
+                pose.set("translation", structure(**{name: place[name] for name in translation}))
+            if rotation or translation:
+                node.set("pose", pose)
+            prototype = libe57.StructureNode(image)
+            columns = {name: np.ascontiguousarray(column) for name, column in columns_of(points).items()}
+            for name, column in columns.items():
+                if column.dtype.kind == "i":
+                    value = libe57.IntegerNode(image, 0, 0, 2)
+                elif scale:
+                    value = libe57.ScaledIntegerNode(image, 0, -(2**31), 2**31 - 1, scale, 0.0)
+                else:
+                    value = libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -1e9, 1e9)
+                prototype.set(name, value)
+            vector = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+            node.set("points", vector)
+            file.data3d.append(node)
+            if not len(points):
+                continue
+            buffers = libe57.VectorSourceDestBuffer()
+            for name, column in columns.items():
+                buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
+            writer = vector.writer(buffers)
+            writer.write(len(points))
+            writer.close()
+    return path
+
+
+def own_frame(points, turn, shift):
+    return turn.inv().apply(points - shift)
+
+
+SCAN = own_frame(POINTS_M, TURN, SHIFT_M), TURN, SHIFT_M
+EMPTY = np.empty((0, 3)), TURN, SHIFT_M
+HALVES = [
+    (own_frame(part, *pose), *pose)
+    for part, pose in zip(np.split(POINTS_M, 2), [(TURN, SHIFT_M), (TURN.inv(), SHIFT_M + 3.0)], strict=True)
+]
+
+
+@pytest.mark.parametrize(
+    ("scans", "how", "stations"),
+    [
+        *((HALVES, {"rotation": r, "translation": t, "scale": s}, 2)
+          for r in ("wxyz", "xyzw", "zwyx") for t in ("xyz", "zxy") for s in (0.0, 1e-5)),
+        *(([SCAN], {"columns_of": of}, 1) for of in (spherical_beside_invalid, spherical_beside_nan)),
+        ([(POINTS_M - SHIFT_M, STILL[0], SHIFT_M)], {"rotation": ""}, 1),
+        ([(own_frame(POINTS_M, TURN, STILL[1]), TURN, STILL[1])], {"translation": ""}, 1),
+        ([(POINTS_M, *STILL)], {"rotation": "", "translation": ""}, 1),
+        ([EMPTY, SCAN, EMPTY], {}, 1),
+    ],
+)  # fmt: skip
+def test_stations_of_an_e57_file_keep_survey_coordinates_however_their_poses_are_written(
+    tmp_path, scans, how, stations
+):
+    path = e57(tmp_path / "cloud.e57", scans, **how)
+    np.testing.assert_allclose(read(path), POINTS_M, rtol=0.0, atol=1e-4 if how.get("scale") else 1e-6)
+    assert set(read_clouds([path]).station) == set(range(stations))
+
+
+def singles(path, points):
+    """As of a writer that stores points in single precision, as scanners do in the station's own frame."""
+    file = pye57.E57(str(path), mode="w")
+    file.write_scan_raw(
+        {f"cartesian{axis}": points[:, k].copy() for k, axis in enumerate("XYZ")},
+        rotation=np.array([1.0, 0.0, 0.0, 0.0]), translation=np.zeros(3),
+    )  # fmt: skip
+    file.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("write", "how", "told"),
+    [
+        (e57, {"rotation": "xyz"}, "rotation of a scan's pose has no w"),
+        (
+            e57,
+            {"columns_of": invalid_where(all_of)},
+            f"0 points, and {len(POINTS_M)} that are flagged invalid",
+        ),
+        (e57, {"description": "units: US survey feet"}, "said to be in another unit"),
+        (lambda path, scans: singles(path, scans[0][0]), {}, "single precision"),
+    ],
+)
+def test_an_e57_file_that_does_not_say_where_its_points_are_is_refused(tmp_path, write, how, told):
+    path = write(tmp_path / "cloud.e57", [(POINTS_M, *STILL)], **how)
+    with pytest.raises(InputError, match=told):
+        read(path)
+    if "description" in how:
+        np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-6)
+
+
+def tenth(points):
+    return np.arange(len(points)) % 10 == 0
+
+
+@pytest.mark.parametrize(
+    ("points", "columns_of", "kept", "said"),
+    [
+        (SCAN[0], invalid_where(tenth), ~tenth(POINTS_M), "150 points are flagged invalid and were left out"),
+        # The scanner's own frame has 0, 0, 0 where no beam came back: in the survey's frame that is the tripod.
+        (np.vstack([np.zeros((40, 3)), SCAN[0]]), cartesian, all_of(POINTS_M), "40 points lie at 0, 0, 0 of their"),
+    ],
+)  # fmt: skip
+def test_what_a_scanner_did_not_measure_is_left_out_and_counted(tmp_path, points, columns_of, kept, said):
+    path = e57(tmp_path / "cloud.e57", [(points, TURN, SHIFT_M)], columns_of=columns_of)
+    np.testing.assert_allclose(read(path), POINTS_M[kept], atol=1e-6)
+    (source,) = read_clouds([path]).sources
+    assert source.left_out == len(points) - kept.sum()
+    assert said in source.note
+
+
+def ptx(path, scans):
+    """Scans as their points (n, 3) in a scanner's own frame, its rotation and place; with intensities."""
+    lines = []
+    for points, turn, shift in scans:
+        axes = turn.as_matrix().T
+        pose = np.column_stack([np.vstack([axes, shift]), (0, 0, 0, 1)])
+        lines += [
+            str(len(points)),
+            "1",
+            *(" ".join(map(repr, map(float, row))) for row in (shift, *axes, *pose)),
+        ]
+        lines += [" ".join(f"{value:.9f}" for value in row) + " 0.5" for row in points]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_scans_of_a_ptx_are_stations_in_the_surveys_frame(tmp_path):
+    other = Rotation.from_euler("z", -40.0, degrees=True), SHIFT_M + 5.0
+    scans = [
+        (np.vstack([np.zeros((7, 3)), own_frame(POINTS_M[:900], TURN, SHIFT_M)]), TURN, SHIFT_M),
+        (np.zeros((3, 3)), *other),
+        (own_frame(POINTS_M[900:], *other), *other),
+    ]
+    path = ptx(tmp_path / "cloud.ptx", scans)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
+    cloud = read_clouds([path])
+    assert np.bincount(cloud.station).tolist() == [900, 600]
+    assert cloud.sources[0].left_out == 10
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("columns\n1\n", "is none of a scan"),
+        ("3\n1\n0 0 0\n1 0 0\n", "is none of a scan"),
+        ("999999999\n9\n" + "0 0 0\n" * 4 + "1 0 0 0\n" * 4, "more than the file can hold"),
+        ("2\n1\n" + "0 0 0\n" * 4 + "1 0 0 0\n0 1 0 0\n0 0 1 0\n5 5 5 1\n1 2 3 .5\n" + "\n" * 40, "1 of the 2"),
+        ("1\n1\n" + "0 0 0\n" * 4 + "1 0 0 5\n0 1 0 5\n0 0 1 5\n0 0 0 1\n1 2 3 .5\n", "in its fourth row"),
+        ("1\n1\n" + "0 0 0\n" * 4 + "2 0 0 0\n0 2 0 0\n0 0 2 0\n0 0 0 1\n1 2 3 .5\n", "turn and shift alone"),
+    ],
+)  # fmt: skip
+def test_a_ptx_that_is_damaged_or_scaled_is_refused_by_what_is_wrong(tmp_path, content, said):
+    (tmp_path / "cloud.ptx").write_text(content)
+    with pytest.raises(InputError, match=said):
+        read(tmp_path / "cloud.ptx")
+
+
+@pytest.mark.parametrize("mark", [-9999.0, -32768.0, 1e30, -3.4e38])
+@pytest.mark.parametrize("axes", [slice(0, 3), slice(2, 3)])
+def test_what_stands_for_not_measured_is_left_out_and_counted(tmp_path, mark, axes):
+    local = (POINTS_M - SHIFT_M).astype(np.float32).astype(float)
+    points = local.copy()
+    points[::5, axes] = mark
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.9g")
+    cloud = read_clouds([tmp_path / "cloud.xyz"])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, np.delete(local, slice(0, None, 5), 0))
+    assert "300 points are marked as not measured" in cloud.sources[0].note
+    assert cloud.sources[0].step_m < 1e-5  # that of single precision is no wider for the mark's size
+
+
+@given(st.integers(0, 1400), st.sampled_from([0.0, -9999.0, -32768.0]))
+def test_a_cloud_about_a_number_that_may_stand_for_none_keeps_its_points(number, middle):
+    points = POINTS_M - POINTS_M[number] + middle
+    assert not marked_unmeasured(points).any()
+
+
+@pytest.mark.parametrize("name", ["cloud.pcd", "cloud.ply", "ascii.pcd", "cloud.xyz"])
+def test_points_that_are_not_finite_are_left_out_and_counted(tmp_path, name):
+    points = POINTS_M.copy()
+    points[::5], points[1, 2] = np.nan, np.inf
+    kept = np.isfinite(points).all(axis=1)
+    if name.endswith(".xyz"):
+        np.savetxt(tmp_path / name, points, fmt="%.6f")
+    else:
+        organised = o3d.t.geometry.PointCloud(points)
+        o3d.t.io.write_point_cloud(str(tmp_path / name), organised, write_ascii=name.startswith("ascii"))
+    cloud = read_clouds([tmp_path / name])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, points[kept], atol=1e-3)
+    assert (cloud.sources[0].left_out, cloud.files[0][1]) == ((~kept).sum(), kept.sum())
+    assert f"{(~kept).sum()} points are not finite" in cloud.sources[0].note
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.002, 0.01, 0.1])
+def test_steps_are_seen_in_whatever_format_and_through_a_pose_that_turns(tmp_path, step):
+    points = (POINTS_M / step).round() * step
+    turned = (SCAN[0] / step).round() * step
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.6f")
+    paths = [
+        las(tmp_path / "cloud.las", points, step / 10.0),  # a fine scale brings back nothing
+        tmp_path / "cloud.xyz",
+        e57(tmp_path / "cloud.e57", [(points - SHIFT_M, *STILL)], scale=step, translation="", rotation=""),
+        e57(tmp_path / "turned.e57", [(turned, TURN, SHIFT_M)], scale=step),
+    ]
+    for path in paths:
+        assert read_clouds([path]).coarsest.step_m == pytest.approx(step, rel=1e-3), path.name
+
+
+def test_continuous_coordinates_show_no_step():
+    assert not coordinate_steps(np.random.default_rng(1).normal(size=(5000, 3))).any()
+
+
+def test_the_edges_of_a_mesh_are_no_step_in_which_coordinates_are_stored():
+    block = trimesh.creation.box((4.0, 4.0, 1.0))
+    for _ in range(4):
+        block = block.subdivide()
+    assert steps_of_mesh(block.vertices, block.faces).max() < 1e-5
+    ball = trimesh.creation.icosphere(5, 1.0)
+    assert steps_of_mesh(np.round(ball.vertices, 2), ball.faces) == pytest.approx([0.01, 0.01, 0.01])
+
+
+@pytest.mark.parametrize("upward", [1, 2])
+def test_the_grid_of_a_terrain_model_is_no_step_in_which_coordinates_are_stored(upward):
+    east_m, north_m = (axis.ravel() for axis in np.meshgrid(0.3 * np.arange(40), 0.25 * np.arange(60)))
+    random = np.random.default_rng(5)
+    taken = random.random(len(east_m)) < 0.8  # a terrain model has holes
+    grid = np.column_stack([east_m, north_m, random.uniform(0.0, 2.0, len(east_m))])[taken]
+    assert coordinate_steps(np.roll(grid, upward + 1, axis=1)).max() < 1e-5
+    # Points of a wall share their nodes: they were rounded.
+    rounded = np.vstack([grid, grid + np.array([0.0, 0.0, 0.7])])
+    assert coordinate_steps(rounded) == pytest.approx([0.3, 0.25, 0.0])
+
+
+def test_steps_are_fine_then_told_then_refused():
+    assert step_note(0.001, 1.5) == ""
+    assert "1/500 of the rock's height" in step_note(0.002, 1.0)
+    # g r / z of a block .4 m wide and 1 m high: a half step less of r is 1 mm, of z .5 m
+    assert f"by {0.001 / 0.5:.1g} g;" in step_note(0.002, 1.0)
+    with pytest.raises(InputError, match=r"steps of 0\.02 m"):
+        step_note(0.02, 1.0)
+
+
+def test_a_ply_may_name_its_axes_in_capitals(tmp_path):
+    np.testing.assert_allclose(read(ply(tmp_path / "cloud.ply", POINTS_M, axes="XYZ")), POINTS_M)
+
+
+@pytest.mark.filterwarnings("error")  # which a user would read in front of the refusal
+@pytest.mark.parametrize(
+    ("name", "write", "told"),
+    [
+        ("absent.laz", None, "no such file"),
+        ("scans", lambda path: path.mkdir(), "a folder"),
+        ("cloud.doc", lambda path: path.write_bytes(b"x"), "unknown format"),
+        *((name, lambda path: path.write_bytes(b""), "cannot be read") for name in ("empty.laz", "empty.e57")),
+        ("torn.laz", lambda path: path.write_bytes(b"LASF" + bytes(200)), "cannot be read"),
+        ("noise.laz", lambda path: path.write_bytes(b"not a laz file at all"), "cannot be read"),
+        ("empty.ply", lambda path: path.write_bytes(b""), "has no PLY header"),
+        ("bare.ply", lambda path: ply(path, np.zeros(5000), "float", ["intensity"]), "its vertices have intensity"),
+        # 3,777,000 lies between 2^21 and 2^22: neighbouring single-precision numbers differ by 2^-2.
+        ("single.ply", lambda path: ply(path, POINTS_M, "float"), r"steps of 0\.25 m"),
+        ("single.e57", lambda path: singles(path, POINTS_M), "single precision"),
+        ("returns.ply", lambda path: ply(path, np.vstack([POINTS_M, np.zeros((70, 3))])), "70 points lie at 0, 0, 0"),
+        ("place.ply", lambda path: ply(path, np.zeros((2000, 3))), "one and the same"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_cloud_is_refused_by_name(tmp_path, name, write, told):
+    path = tmp_path / name
+    if write is not None:
+        write(path)
+    with pytest.raises(InputError, match=told) as error:
+        read_clouds([path])
+    assert name in error.value.where
+
+
+def test_a_scanner_at_the_origin_may_stand_among_its_points(tmp_path):
+    points = POINTS_M - POINTS_M.mean(axis=0)
+    points[0] = 0.0
+    write_ply(tmp_path / "local.ply", points, np.empty((0, 3), np.int64))
+    assert len(read(tmp_path / "local.ply")) == len(points)

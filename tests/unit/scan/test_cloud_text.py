@@ -1,0 +1,270 @@
+"""Clouds in text: which columns are east, north and up in whatever dialect, and what is refused as nobody can tell."""
+
+import contextlib
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from toppling.models.errors import InputError
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.text import read_text
+
+SHIFT_M = np.array([331000.0, 3777000.0, 470.0])
+POINTS_M = (np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + SHIFT_M).round(3)
+NUMBER = np.arange(1500.0)[:, None]
+ROWS = np.hstack([POINTS_M, NUMBER])
+
+
+def read(path, unit=None):
+    cloud = read_clouds([path], unit)
+    return cloud.points_m + cloud.origin_m
+
+
+def body(rows=POINTS_M, sign=",", form="{:.3f}"):
+    return "".join(sign.join(map(form.format, row)) + "\n" for row in rows)
+
+
+def written(path, header="", rows=POINTS_M, sign=","):
+    path.write_text((header and f"{header}\n") + body(rows, sign))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("Northing,Easting,Elevation", (1, 0, 2)),
+        ("Easting,Northing,Altitude (m)", (0, 1, 2)),
+        ("id,x,y,z", (3, 0, 1, 2)),
+        ("OBJECTID,POINT_X,POINT_Y,POINT_Z", (3, 0, 1, 2)),
+        ("//Intensity,X,Y,Z", (3, 0, 1, 2)),
+        ("//X,Y,Z,R,G,B", (0, 1, 2, 3, 3, 3)),
+        ('"N [m]","E [m]","Height [m]"', (1, 0, 2)),
+        ("N,E,Height\n[m],[m],[m]", (1, 0, 2)),
+        ("X,Y,Z,Intensity\nm,m,m,-", (0, 1, 2, 3)),
+        ("up,point,n,x_m", (2, 3, 1, 0)),
+        ("N,E,H", (1, 0, 2)),
+        ("Y_local,X_local,Z_local", (1, 0, 2)),
+        ("Y coordinate,X coordinate,Z coordinate", (1, 0, 2)),
+        ("Y (North),X (East),Z (Up)", (1, 0, 2)),
+        ("N (m GDA94),E (m GDA94),Height (m a.s.l.)", (1, 0, 2)),
+        ("Y_m,X_metres,height meters", (1, 0, 2)),
+        ("Y in m,X in m,Z in m", (1, 0, 2)),
+        ("y_utm,x_utm,z_utm,intensity (dB)", (1, 0, 2, 3)),
+        ("y,x,z,x_local", (1, 0, 2, 3)),
+        ("y,x,z\n# exported at noon by car", (1, 0, 2)),
+        ("# Station 3 after the rain\n# y,x,z", (1, 0, 2)),
+        ("# scanned by N. E. Person and two others\n# y,x,z", (1, 0, 2)),
+        ("# scanned from the north, at noon", (0, 1, 2)),
+        ("1500\nx,y,z", (0, 1, 2)),
+        ("\ufeffy,x,z", (1, 0, 2)),
+        ("# Höhe über Normal, ±2 mm\ny,x,z", (1, 0, 2)),
+        *((header, (1, 0, 2)) for header in ("Y [m] X [m] Z [m]", "Y\tX\tZ", "Y (m), X (m), Z (m)", "Y;X;Z")),
+    ],
+)
+@pytest.mark.parametrize("sign", [",", " "])
+def test_columns_are_taken_by_the_names_of_the_header(tmp_path, header, columns, sign):
+    path = written(tmp_path / "cloud.txt", header, ROWS[:, columns], sign)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
+def test_of_coordinates_in_feet_and_in_metres_those_in_metres_are_taken(tmp_path):
+    both = np.hstack([POINTS_M / 0.3048, POINTS_M])
+    path = written(tmp_path / "cloud.csv", "x_ft,y_ft,z_ft,x_m,y_m,z_m", both)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+    path = written(tmp_path / "feet.csv", "x_ft,y_ft,z_ft", POINTS_M / 0.3048)
+    np.testing.assert_allclose(read(path, "ft"), POINTS_M, atol=1e-3)
+
+
+NAMED, OTHER_UNIT = "the header names its columns", "states another unit than metres"
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        ("Latitude,Longitude,Ellipsoidal height", "in degrees"),
+        *((header, NAMED) for header in (
+            "lat,lon,height,id", "intensity,r,g,b", "x,y,intensity,time", "id,no,x,y,z", "first,second,third",
+            "Rechtswert,Hochwert,Kote", "X (Northing),Y (Easting),Z", "normal_x,normal_y,normal_z",
+            "azimuth_deg,range_m,elevation_deg", "first,second,third\n# exported at noon by car",
+            "x_local,y_local,z_local,x_utm,y_utm,z_utm",
+        )),
+        *((header, OTHER_UNIT) for header in (
+            "X (ft),Y (ft),Z (ft)", "x_ft,y_ft,z_ft", "X[mm],Y[mm],Z[mm]", "x [m],y [m],z [ft]", "X (cm) Y (cm) Z (cm)",
+            "Easting (US survey feet),Northing (US survey feet),Elevation (US survey feet)", "x in,y in,z in",
+            "# x_ft,y_ft,z_ft\n# exported at noon by car", "x,y,z\nmm,mm,mm", "x (10^-3 m),y (10^-3 m),z (10^-3 m)",
+        )),
+    ],
+)  # fmt: skip
+def test_a_header_that_names_no_place_in_metres_is_refused(tmp_path, header, told):
+    columns = {2: 3, 3: 4, 4: 4, 5: 6}.get(header.split("\n")[0].count(","), 3)
+    path = written(tmp_path / "cloud.csv", header, np.hstack([ROWS, POINTS_M])[:, :columns])
+    with pytest.raises(InputError, match=told) as error:
+        read(path)
+    assert "cloud.csv" in error.value.where
+
+
+@pytest.mark.parametrize(
+    ("rows", "told", "header"),
+    [
+        (np.hstack([NUMBER % 500, POINTS_M[:, (1, 0, 2)]]), "is no height", "id,y,x,z"),
+        (POINTS_M[:, (1, 0, 2)], "looks like a northing", "y,x,z"),
+        *((np.hstack([numbers, POINTS_M]), "numbers or times the points", "id,x,y,z") for numbers in (
+            NUMBER, NUMBER + 1, NUMBER + 5001, 17.5 + 0.01 * NUMBER)),
+    ],
+    ids=["easting as height", "northing first", "count", "from 1", "from 5001", "times"],
+)  # fmt: skip
+def test_columns_that_are_no_place_are_refused_until_the_header_says_what_they_are(
+    tmp_path, rows, told, header
+):
+    path = written(tmp_path / "cloud.xyz", "", rows, " ")
+    with pytest.raises(InputError, match=told) as error:
+        read(path)
+    assert header in error.value.remedy
+    np.testing.assert_allclose(read(written(path, header.replace(",", " "), rows, " ")), POINTS_M, atol=1e-3)
+
+
+def test_columns_that_are_in_order_after_all_are_read_by_their_header(tmp_path):
+    path = written(tmp_path / "cloud.xyz", "x y z", POINTS_M[:, (1, 0, 2)], " ")
+    np.testing.assert_allclose(read(path), POINTS_M[:, (1, 0, 2)], atol=1e-3)
+
+
+def test_a_height_of_850_m_in_millimetres_is_read_where_the_unit_is_given(tmp_path):
+    low = np.array([0.0, 0.0, 850000.0])
+    path = written(
+        tmp_path / "cloud.xyz", "", np.random.default_rng(1).uniform(low, low + 900.0, (50, 3)), " "
+    )
+    assert read_text(path, unit_given=True)[0][:, 2].min() >= 850000.0
+
+
+TEXTS = {
+    "semicolons": ("{};{};{}\n", ","),
+    "semicolons and more": ("{};{};{};17;3,5\n", ","),
+    "tabs": ("{}\t{}\t{}\n", ","),
+    "blanks": ("{} {} {}\n", ","),
+    "commas and blanks": ("{}, {}, {}\n", ","),
+    "quoted": ('"{}","{}","{}"\n', ","),
+    "points and semicolons": ("{};{};{}\n", "."),
+    "points and tabs": ("{}\t{}\t{}\n", "."),
+    "dos": ("{} {} {}\r\n", "."),
+    "old mac": ("{} {} {}\r", "."),
+}
+
+
+def text(form, decimal=".", points=POINTS_M):
+    return "".join(form.format(*(f"{c:.3f}".replace(".", decimal) for c in row)) for row in points)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("head", [False, True])
+def test_decimal_commas_and_other_separators_are_read_where_nobody_can_mistake_them(tmp_path, name, head):
+    form, decimal = TEXTS[name]
+    content = text(form, decimal)
+    if head:
+        words = ["x", "y", "z", *(["intensity", "range"] if "17" in form else [])]
+        mark = next((sign for sign in (";", "\t", ",") if sign in form), " ")
+        content = mark.join(words) + form[-2 if form.endswith("\r\n") else -1 :] + content
+    path = tmp_path / "cloud.txt"
+    path.write_bytes(content.encode())
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
+BLANKS, COMMAS = text("{} {} {}\n"), text("{},{},{}\n")
+PLAIN, LINES = BLANKS.encode(), BLANKS.splitlines()
+CELLS = text("{},{},{},\n").splitlines()
+SCANS = "\n".join(f"{len(each)}\n" + body(each, " ").replace("\n", " -12 90 90 90\n").strip()
+                  for each in np.split(POINTS_M, [500, 900]))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        *((f"cloud{suffix}", PLAIN.strip() + end) for end in (b"\x1a", b"\r\n\x1a", b"\0" * 512, b"\n" + b"\0" * 3)
+          for suffix in (".xyz", ".xyzrgb", ".pts", ".dat")),
+        *((f"cloud{suffix}", COMMAS.encode("utf-8-sig")) for suffix in (".csv", ".pts")),
+        ("spreadsheet.csv", "\n".join([*CELLS[:700], ",,,", *CELLS[700:], ",,,", ",,,"]).encode()),
+        ("fortran.xyz", body(POINTS_M, " ", "{:.12E}").replace("E", "D").encode()),
+        ("scans.pts", SCANS.encode()),
+        ("cp1252.txt", ("# ±2 mm\nx;y;z\n" + text("{};{};{}\r\n", ",")).encode("cp1252")),
+    ],
+)  # fmt: skip
+def test_what_programs_put_around_the_points_changes_none_of_them(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    np.testing.assert_allclose(read(tmp_path / name), POINTS_M, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "holds 0 points"),
+        (b"1 2 3\n4 5 6\n", "holds 2 points"),
+        (b"this,is,not\na,point,cloud\n", "holds 0 points"),
+        (b"1 2 nan\n" * 2000, "not finite"),
+        (f"ncols 50\nnrows 1200\n{body(np.zeros((1200, 50)), ' ')}".encode(), "grid of heights"),
+        (text("{},{},{}\n", ",").encode(), "commas part the numbers and stand before decimals"),
+        ("".join(f"{x:,.3f};{y:,.3f};{z:,.3f}\n" for x, y, z in POINTS_M).encode(), "thousands parted"),
+        ("".join(f"{x:,.3f} {y:,.3f} {z:.3f}\n" for x, y, z in POINTS_M).encode(), "thousands parted"),
+        (PLAIN[:-15], "1500th line of points"),
+        ("\n".join([*LINES[:1490], "\0" * 40, *LINES[1490:]]).encode(), "zeros or an end-of-file character"),
+        (body(POINTS_M.round(), " ", "{:.0f}").encode(), "whole numbers"),
+        (BLANKS.encode("utf-16"), ""),
+        (b"1.#IND 1.#IND 1.#IND\n" * 99, ""),
+        (PLAIN + b"1.#QNAN 0.0 0.0\n", ""),
+    ],
+)
+def test_text_that_is_no_cloud_of_plain_numbers_is_refused(tmp_path, content, told):
+    path = tmp_path / "cloud.xyz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=told or None):
+        read(path)
+
+
+def test_whole_numbers_are_read_among_decimal_commas_and_in_millimetres(tmp_path):
+    points = (POINTS_M - SHIFT_M).round(1)
+    points[::3] = points[::3].round()
+    path = tmp_path / "cloud.csv"
+    path.write_text("\n".join(";".join(f"{c:g}".replace(".", ",") for c in row) for row in points))
+    np.testing.assert_allclose(read(path), points, atol=1e-3)
+    whole = np.hstack([((POINTS_M - SHIFT_M) * 1000).round(), np.full((1500, 3), 128.0)])
+    path.write_text(body(whole, ",", "{:.0f}"))  # with colours; they have no decimal commas
+    np.testing.assert_allclose(read(path, "mm"), POINTS_M - SHIFT_M, atol=1e-3)
+
+
+@pytest.mark.parametrize(("counted", "told"), [(1505, True), (1495, True), (1500, False)])
+def test_another_count_of_points_is_told(tmp_path, counted, told):
+    path = tmp_path / "cloud.pts"
+    path.write_text(f"{counted}\n" + text("{} {} {} 7\n"))
+    (source,) = read_clouds([path]).sources
+    assert (f"1500 points where the file counts {counted}" in source.note) == told
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_degrees_are_told_whichever_of_them_comes_first(tmp_path, order):
+    metres = np.random.default_rng(2).uniform(0.0, 10.0, (1500, 3))
+    degrees = np.column_stack([-118.9 + metres[:, 0] / 92_000, 34.1 + metres[:, 1] / 111_000])[:, order]
+    np.savetxt(tmp_path / "cloud.xyz", np.column_stack([degrees, metres[:, 2] + 445.2]), fmt="%.9f")
+    with pytest.raises(InputError, match="in degrees"):
+        read(tmp_path / "cloud.xyz")
+
+
+@pytest.mark.parametrize("filler", [" ", "[", "( ", "x [", "x] "])
+def test_a_header_of_any_length_is_soon_read_or_refused(tmp_path, filler):
+    path = written(tmp_path / "cloud.csv", f"x{filler * 100_000}y,z")
+    began_s = time.process_time()
+    with contextlib.suppress(InputError):
+        read(path)
+    assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-9e4, 9e4).map(lambda x: round(x, 3)), min_size=3, max_size=3),
+       st.sampled_from([("{};{};{}\n", ","), ("{} {} {}\n", "."), ("{},{},{}\n", ".")]))  # fmt: skip
+def test_points_anywhere_come_back_from_their_text(tmp_path_factory, middle, dialect):
+    """With a header, which leaves no doubt of which column is which."""
+    form, decimal = dialect
+    points = POINTS_M[:1000] - SHIFT_M + middle
+    path = tmp_path_factory.mktemp("text") / "cloud.txt"
+    path.write_text(form.format("x", "y", "z") + text(form, decimal, points))
+    np.testing.assert_allclose(read(path, "m"), points, atol=1e-3)

@@ -6,15 +6,14 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from virtual_rocks import stump_on_a_slope
 
 import toppling
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, seal_archive, stated, write_json
 from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT
-from toppling.models.hidden_base.inspection import inspection_of
-from toppling.models.scan import virtual
+from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
+from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
@@ -24,17 +23,9 @@ pytestmark = pytest.mark.usefixtures("few_draws", "no_pictures")
 
 
 @pytest.fixture(scope="module")
-def clouds(few_draws, no_pictures, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("again")
-    truth = stump_on_a_slope()
-    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.03)
-    cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
-    np.savetxt(folder / "cloud.xyz", cloud.points_m + cloud.origin_m, fmt="%.5f")
-    done = CliRunner().invoke(
-        main, ["scan", str(folder / "cloud.xyz"), "--out", str(folder / "rock"), "--bootstrap", "0"]
-    )
-    assert done.exit_code == 0, done.output
-    return folder
+def rock(surveyed, tmp_path_factory):
+    """The folder of the stump's scene."""
+    return save_survey(surveyed, tmp_path_factory.mktemp("again") / "rock")
 
 
 def described(folder):
@@ -49,41 +40,38 @@ def bearable(scene):
 
 
 @pytest.fixture(scope="module")
-def later(clouds):
+def later(rock):
     """The scene with a pull that was said later."""
-    again = ["scan", "--again", str(clouds / "rock"), "--out", str(clouds / "later")]
-    done = CliRunner().invoke(main, [*again, "--pull", "N50E", f"{bearable(clouds / 'rock')}"])
+    again = ["scan", "--again", str(rock), "--out", str(rock.with_name("later"))]
+    done = CliRunner().invoke(main, [*again, "--pull", "N50E", f"{bearable(rock)}"])
     assert done.exit_code == 0, done.output
-    return clouds / "later"
+    return rock.with_name("later")
 
 
 @pytest.mark.thorough
-def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(clouds, later):
-    start = ["scan", str(clouds / "cloud.xyz"), "--out", str(clouds / "start"), "--bootstrap", "0"]
-    done = CliRunner().invoke(main, [*start, "--hints", str(later / HINTS)])
-    assert done.exit_code == 0, done.output
-    one, other = described(later), described(clouds / "start")
-    assert one["id"] == other["id"] != described(clouds / "rock")["id"]
-    assert one["report"]["unseen_base"] == other["report"]["unseen_base"]
-    assert read_hints(later / HINTS) == read_hints(clouds / "start" / HINTS)
+def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(stump, rock, later):
+    pulls = tuple(map(tuple, read_hints(later / HINTS)["pull"]))
+    start = survey(stump[1], bootstrap=3, inspection=Inspection(pulls=pulls)).scene
+    assert described(later)["id"] == start.id != described(rock)["id"]
+    assert described(later)["report"]["unseen_base"] == start.report["unseen_base"]
 
 
-def test_a_refused_hint_leaves_the_scene_as_it_was(clouds):
-    before = {each.name: each.read_bytes() for each in (clouds / "rock").iterdir()}
-    done = CliRunner().invoke(main, ["scan", "--again", str(clouds / "rock"), "--pull", "40", "2.9"])
+def test_a_refused_hint_leaves_the_scene_as_it_was(rock):
+    before = {each.name: each.read_bytes() for each in (rock).iterdir()}
+    done = CliRunner().invoke(main, ["scan", "--again", str(rock), "--pull", "40", "2.9"])
     assert done.exit_code != 0
-    assert {each.name: each.read_bytes() for each in (clouds / "rock").iterdir()} == before
+    assert {each.name: each.read_bytes() for each in (rock).iterdir()} == before
 
 
 @pytest.mark.parametrize("option", ["--near 1 2", "--plane 0 0 0 5 N40E", "--units mm", "--point 1,2,3"])
-def test_what_needs_the_clouds_is_refused(clouds, option):
-    done = CliRunner().invoke(main, ["scan", "--again", str(clouds / "rock"), *option.split()])
+def test_what_needs_the_clouds_is_refused(rock, option):
+    done = CliRunner().invoke(main, ["scan", "--again", str(rock), *option.split()])
     assert done.exit_code == 2
     assert "new scan of the clouds" in done.output
 
 
-def test_what_was_kept_is_read_only_whole(clouds, tmp_path):
-    shutil.copytree(clouds / "rock", tmp_path, dirs_exist_ok=True)
+def test_what_was_kept_is_read_only_whole(rock, tmp_path):
+    shutil.copytree(rock, tmp_path, dirs_exist_ok=True)
     whole = (tmp_path / WORKED_OUT).read_bytes()
     rng = np.random.default_rng(1)
     for place in rng.integers(0, len(whole), 12):
@@ -98,20 +86,20 @@ def test_what_was_kept_is_read_only_whole(clouds, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def other(clouds, later):
+def other(rock, later):
     """Files of another scene, each whole."""
-    shutil.copytree(later, clouds / "other")
-    np.savez_compressed(clouds / "other" / LABELS, label=np.zeros(9, np.int8))
-    seal_archive(clouds / "other" / LABELS)
-    block = Scene.block(0.2, 0.3, 0.5).save(clouds / "block")
+    other = shutil.copytree(later, rock.with_name("other"))
+    np.savez_compressed(other / LABELS, label=np.zeros(9, np.int8))
+    seal_archive(other / LABELS)
+    block = Scene.block(0.2, 0.3, 0.5).save(rock.with_name("block"))
     for name in ("rock.ply", "pedestal.ply"):
-        shutil.copyfile(block / name, clouds / "other" / name)
-    return clouds / "other"
+        shutil.copyfile(block / name, other / name)
+    return other
 
 
 @pytest.mark.parametrize("name", [WORKED_OUT, LABELS, *GEOMETRY, "scene.json"])
-def test_a_file_of_another_scene_is_refused_by_name(clouds, other, tmp_path, name):
-    mixed = shutil.copytree(clouds / "rock", tmp_path / "mixed")
+def test_a_file_of_another_scene_is_refused_by_name(rock, other, tmp_path, name):
+    mixed = shutil.copytree(rock, tmp_path / "mixed")
     shutil.copyfile(other / name, mixed / name)
     before = {each.name: each.read_bytes() for each in mixed.iterdir()}
     verbs = [["scan", "--again", str(mixed), "--pull", "N50E", "0.01"]]
@@ -127,9 +115,9 @@ def test_a_file_of_another_scene_is_refused_by_name(clouds, other, tmp_path, nam
 
 @pytest.mark.thorough
 def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replaced_whole(
-    clouds, later, tmp_path
+    rock, later, tmp_path
 ):
-    mixed = shutil.copytree(clouds / "rock", tmp_path / "mixed")
+    mixed = shutil.copytree(rock, tmp_path / "mixed")
     (mixed / HINTS).write_text('near = [1.0, 2.0]\nunits = "mm"\n')
     done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "40", f"{bearable(mixed)}"])
     assert done.exit_code == 0, done.output
@@ -139,8 +127,8 @@ def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replac
 
 
 @pytest.mark.parametrize("forged", ["no told", "vertices", "huge", "text"])
-def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(clouds, tmp_path, forged):
-    scene = shutil.copytree(clouds / "rock", tmp_path / "rock")
+def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(rock, tmp_path, forged):
+    scene = shutil.copytree(rock, tmp_path / "rock")
     with np.load(scene / WORKED_OUT) as kept:
         arrays = dict(kept)
     told = json.loads(str(arrays["told"]))

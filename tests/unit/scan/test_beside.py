@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from patches import LEVEL, face
 
 from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
@@ -18,7 +19,6 @@ from toppling.models.scan.beside import (
     stands_beside,
 )
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import save_survey, survey
@@ -27,21 +27,12 @@ from toppling.models.shapes import box
 
 HALF_WIDTH_M, HEIGHT_M, VOXEL_M = 0.2, 1.2, 0.012
 WALL_M = 1.0
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
 def meshed(surfels, rock, other=None):
     """The mesh of what stands beside a rock."""
     shown = stands_beside(surfels, rock, ~rock if other is None else other, LEVEL, HEIGHT_M)
     return mesh_beside(surfels, rock, shown, LEVEL, HEIGHT_M)
-
-
-def face(u, v, origin, normal):
-    """Patches of a rectangle, so many metres along two axes from a corner."""
-    a, b = np.meshgrid(np.arange(0.0, np.linalg.norm(u), VOXEL_M), np.arange(0.0, np.linalg.norm(v), VOXEL_M))
-    ways = [np.asarray(way) / np.linalg.norm(way) for way in (u, v)]
-    points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
-    return points, np.tile(np.asarray(normal, float), (len(points), 1))
 
 
 def patches(gap_m, *, hidden_from_m=None):

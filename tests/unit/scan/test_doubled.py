@@ -3,8 +3,8 @@
 import re
 
 import numpy as np
+import patches
 import pytest
-import test_freedom as patches
 
 from toppling.models.errors import InputError
 from toppling.models.scan.one_block import doubled, layers

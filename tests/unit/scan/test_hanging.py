@@ -3,28 +3,20 @@
 import manifold3d
 import numpy as np
 import pytest
+from patches import LEVEL, face
 
 from toppling.models.relief import contact_feet_m
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import surfels_of
 from toppling.models.scan.hanging import hanging
-from toppling.models.scan.interface import Interface, up_to_edge
+from toppling.models.scan.interface import up_to_edge
 from toppling.models.scan.leaning import leaning
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.statics import polygon, tipping_m_s2
 
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 VOXEL_M, EDGE_M = 0.012, 0.3
-
-
-def face(u, v, origin, normal):
-    """Patches of a rectangle along two axes from a corner."""
-    a, b = np.meshgrid(*(np.arange(0.0, np.linalg.norm(each), VOXEL_M) for each in (u, v)))
-    ways = [np.asarray(each) / np.linalg.norm(each) for each in (u, v)]
-    points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
-    return points, np.tile(np.asarray(normal, float) / np.linalg.norm(normal), (len(points), 1))
 
 
 def block_over_a_cliff(lean_deg, hangs_m=0.2, inward=False):

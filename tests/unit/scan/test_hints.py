@@ -56,8 +56,8 @@ def column():
 
 @pytest.fixture
 def few_candidates(monkeypatch):
-    monkeypatch.setattr(unseen, "CANDIDATES", 9)
-    monkeypatch.setattr(unseen, "MORE_ROUNDS", 2)
+    for name, number in (("CANDIDATES", 9), ("DRAWS", 12), ("MORE_ROUNDS", 2)):
+        monkeypatch.setattr(unseen, name, number)
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
     rounds = []
@@ -127,16 +127,17 @@ def on_bases(halves):
     return base, drawn_of([SMOOTH * half / 0.3 for half in halves])
 
 
-def test_a_smooth_closing_within_the_interval_is_the_nominal_scene():
-    base, drawn = on_bases([0.27, 0.29, 0.31])
-    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
-
-
-def test_a_smooth_closing_outside_of_the_interval_is_not_the_nominal_scene():
-    """By a sixth, which the mean over azimuths alone let pass."""
-    base, drawn = on_bases([0.24, 0.25, 0.26])
-    number, at_rest = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
-    assert (number, at_rest) == (1, True)
+@pytest.mark.parametrize(
+    ("halves", "said", "nominal"),
+    [
+        ([0.27, 0.29, 0.31], {}, (None, True)),
+        ([0.24, 0.25, 0.26], {}, (1, True)),  # by a sixth, which the mean over azimuths alone let pass
+        ([0.27, 0.29, 0.31], {"smooth_fits": False}, (1, True)),
+    ],
+)
+def test_a_smooth_closing_is_the_nominal_scene_within_the_interval_and_the_inspection(halves, said, nominal):
+    base, drawn = on_bases(halves)
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, **said) == nominal
 
 
 def test_a_smooth_closing_that_is_off_where_least_topples_is_not_the_nominal_scene():
@@ -156,12 +157,6 @@ def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nomin
     assert not within_interval(drawn, SMOOTH)
     assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
     assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
-
-
-def test_a_smooth_closing_that_contradicts_the_inspection_is_not_the_nominal_scene():
-    base, drawn = on_bases([0.27, 0.29, 0.31])
-    number, _ = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
-    assert number is not None
 
 
 def test_a_smooth_closing_fits_what_was_seen_where_it_touches_is_open_and_bears_the_pull(column):

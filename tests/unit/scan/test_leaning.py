@@ -3,8 +3,8 @@
 import contextlib
 
 import numpy as np
+import patches
 import pytest
-import test_freedom as patches
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
@@ -31,14 +31,10 @@ def face(corner, u, v):
     return points.reshape(-1, 3), np.tile(normal, (points[..., 0].size, 1))
 
 
-def together(*parts):
-    return tuple(map(np.concatenate, zip(*parts, strict=True)))
-
-
 def block(lean_deg):
     """Top and sides of a block that leans toward x on its lower edge at x = 0."""
     w, h = HALF_WIDTH_M, HEIGHT_M
-    points, normals = together(
+    points, normals = patches.together(
         face((-2 * w, -w, 0), (2 * w, 0, 0), (0, 0, h)), face((0, -w, 0), (0, 2 * w, 0), (0, 0, h)),
         face((0, w, 0), (-2 * w, 0, 0), (0, 0, h)), face((-2 * w, w, 0), (0, -2 * w, 0), (0, 0, h)),
         face((-2 * w, -w, h), (2 * w, 0, 0), (0, 2 * w, 0)),
@@ -58,7 +54,7 @@ def held_at_m(lean_deg, height_m):
 def beside_a_wall(lean_deg, wall_m, gap_m=0.0, azimuth_deg=0.0):
     """Patches of a block, the wall toward an azimuth from it, and the ground between."""
     at = held_at_m(lean_deg, wall_m)[0] + gap_m
-    points, normals = together(
+    points, normals = patches.together(
         block(lean_deg),
         face((at, 1.5, 0.0), (0, -3.0, 0), (0, 0, wall_m)), face((at, -1.5, wall_m), (1.0, 0, 0), (0, 3.0, 0)),
         face((-1.5, -1.5, 0.0), (1.5 + at, 0, 0), (0, 3.0, 0)),

@@ -60,38 +60,23 @@ def surveyed():
     return dataclasses.replace(
         Scene.block(0.2, 0.3, 0.6),
         report={
-            "segmentation": {
-                "confidence": {
-                    "concave_share_of_cut": 0.71,
-                    "crevice_seen_share": 0.83,
-                    "undisputed_share": 0.996,
-                    "runner_up": 0.25,
-                }
-            },
+            "segmentation": {"confidence": {
+                "concave_share_of_cut": 0.71, "crevice_seen_share": 0.83, "undisputed_share": 0.996, "runner_up": 0.25,
+            }},
             "uncertainty": {
-                "volume_std_m3": 0.0012,
-                "com_std_m": [0.0021, 0.0022, 0.0034],
-                "interface_normal_std_deg": 0.07,
+                "volume_std_m3": 0.0012, "com_std_m": [0.0021, 0.0022, 0.0034], "interface_normal_std_deg": 0.07,
                 "quasi_static_toppling_m_s2": spread,
             },
         },
-    )
+    )  # fmt: skip
 
 
 def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path):
     folder = surveyed().save(tmp_path / "block")
     CliRunner().invoke(scene, ["show", str(folder)], catch_exceptions=False)
     told = "\n".join(numbers_of(Scene.load(folder)))
-    for said in (
-        "± 0.0012 m³",
-        "± 0.0021, 0.0022, 0.0034 m",
-        "± 0.07°",
-        "71 % of the cut",
-        "seen in 83 % of",
-        "99.6 % of the points",
-        "other candidate 25 % of",
-    ):
-        assert said in told
+    for number in ("0.0012 m³", "0.0021, 0.0022, 0.0034 m", "0.07°", "71 %", "83 %", "99.6 %", "25 %"):
+        assert number in told
     page = (folder / "scene.html").read_text()
     assert "seen in 83 % of the directions" in page
     assert BAND_TITLE in page
@@ -120,25 +105,13 @@ def interfaced(given_by):
     return "\n".join(numbers_of(dataclasses.replace(surveyed(), report=report)))
 
 
-def test_of_a_scene_that_was_scanned_roughness_and_shares_are_said():
-    told = interfaced("fit")
-    assert "roughness 0.0123 m" in told
+@pytest.mark.parametrize("given_by", ["fit", "plane", "points", "outline"])
+def test_roughness_and_other_candidates_are_told_of_an_interface_that_was_fitted_alone(given_by):
+    told, fitted = interfaced(given_by), given_by == "fit"
     assert "surface seen 80.0 %, closed at the interface 15.0 %, invented 5.0 %" in told
-
-
-def test_the_roughness_of_a_plane_that_is_given_is_not_said():
-    assert "roughness" not in interfaced("plane")
-
-
-def test_other_candidates_are_told_where_they_were_looked_for():
-    assert "highest other candidate 25 %" in interfaced("fit")
-
-
-@pytest.mark.parametrize("given_by", ["plane", "points", "outline"])
-def test_where_the_interface_is_given_no_other_candidate_is_told(given_by):
-    told = interfaced(given_by)
-    assert "highest other candidate" not in told
-    assert "no other candidate looked for" in told
+    assert ("roughness 0.0123 m" in told) == (given_by != "plane")
+    assert ("highest other candidate 25 %" in told) == fitted
+    assert ("no other candidate looked for" in told) != fitted
 
 
 def test_the_band_round_the_compass_is_one_standard_deviation_wide():
@@ -155,12 +128,8 @@ def test_azimuths_whose_curve_leaves_the_frame_are_told_to_need_more_than_it_sho
     usual = np.full(72, 3.0)
     assert beyond_frame(usual) == []
     usual[:5] = steep
-    told = f"beyond the frame: more than {polar_reach_m_s2(usual):.3g} m/s²"
-    assert beyond_frame(usual) == [told]
-
-
-def test_a_rock_that_falls_by_itself_leaves_the_frame_a_radius():
-    assert polar_reach_m_s2(np.zeros(72)) > 0.0
+    assert beyond_frame(usual) == [f"beyond the frame: more than {polar_reach_m_s2(usual):.3g} m/s²"]
+    assert polar_reach_m_s2(np.zeros(72)) > 0.0  # of a rock that falls by itself
     assert polar_reach_m_s2(np.repeat([0.0, 3.0], [60, 12])) >= 3.0
 
 
@@ -175,12 +144,18 @@ def test_the_picture_and_the_page_say_what_lies_beyond_the_frame(folder, tmp_pat
 
 
 @pytest.mark.parametrize(("suffix", "up"), [(".glb", 1), (".gltf", 1), (".ply", 2), (".obj", 2)])
-def test_an_exported_scene_holds_the_rock_in_place_and_upright_by_the_formats_rule(
+def test_an_export_holds_rock_and_pedestal_in_place_upright_by_the_formats_rule_and_is_read_as_it_stands(
     folder, tmp_path, suffix, up
 ):
     target = tmp_path / f"block{suffix}"
     CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
     assert trimesh.load(target, force="mesh").bounds[1][up] == pytest.approx(1.2)
+    rock, pedestal = (read_triangles(folder / f"{name}.ply") for name in ("rock", "pedestal"))
+    vertices, faces = read_triangles(target)
+    assert len(faces) == len(rock[1]) + len(pedestal[1])
+    assert vertices.min(axis=0) == pytest.approx(pedestal[0].min(axis=0), abs=1e-6)  # single precision
+    top = vertices[vertices[:, 2] > 1.1]
+    assert np.abs(top).max(axis=0) == pytest.approx([0.2, 0.3, 1.2])
 
 
 def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
@@ -192,18 +167,6 @@ def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
     # East is x, up is y, so south is z for the frame to be right-handed; glTF holds single precision.
     for vertex in rock:
         assert np.abs(seen - vertex[[0, 2, 1]] * [1.0, -1.0, 1.0]).max(axis=1).min() < 1e-6
-
-
-@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])
-def test_an_export_holds_the_pedestal_beside_the_rock_also_where_it_is_an_endless_plane(
-    folder, tmp_path, suffix
-):
-    target = tmp_path / f"block{suffix}"
-    CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
-    rock, pedestal = (read_triangles(folder / f"{name}.ply") for name in ("rock", "pedestal"))
-    vertices, faces = read_triangles(target)
-    assert len(faces) == len(rock[1]) + len(pedestal[1])
-    assert vertices.min(axis=0) == pytest.approx(pedestal[0].min(axis=0), abs=1e-6)  # single precision
 
 
 def test_the_page_shows_the_pedestal_also_where_it_is_an_endless_plane(folder):
@@ -253,16 +216,6 @@ def test_the_picture_shows_an_endless_plane_behind_the_rock_in_every_view_from_a
         assert len(red) == (toward > 1e-9).sum() + seen[-1]  # those behind are hidden by these
         assert (blue > red)[: seen[-1]].all()  # painted first
     assert seen == planes
-
-
-@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])
-def test_what_was_exported_is_read_as_it_stands(folder, tmp_path, suffix):
-    target = tmp_path / f"block{suffix}"
-    CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
-    vertices, _ = read_triangles(target)
-    assert vertices[:, 2].max() == pytest.approx(1.2)
-    top = vertices[vertices[:, 2] > 1.1]
-    assert np.abs(top[:, :2]).max(axis=0) == pytest.approx([0.2, 0.3])
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])

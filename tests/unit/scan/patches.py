@@ -1,0 +1,88 @@
+"""What was seen of blocks, balls and the ground about them, as patches with their normals."""
+
+import numpy as np
+
+from toppling.models.scan.freedom import doubts
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.surfels import Surfels
+
+VOXEL_M = 0.02
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+
+
+def wall(corner, along, up, normal):
+    """Patches (n, 3) of a rectangle and their normals."""
+    across, rise = np.linalg.norm(along), np.linalg.norm(up)
+    s, t = np.meshgrid(*(np.arange(0.5 * VOXEL_M, each, VOXEL_M) / each for each in (across, rise)))
+    points = np.asarray(corner) + s.reshape(-1, 1) * np.asarray(along) + t.reshape(-1, 1) * np.asarray(up)
+    return points, np.tile(normal, (len(points), 1)).astype(float)
+
+
+def box(low, high, sides="ewns"):
+    """Top and sides of a box, as patches."""
+    (x, y, z), (a, b, c) = low, high
+    parts = [wall((x, y, c), (a - x, 0, 0), (0, b - y, 0), (0, 0, 1))]
+    faces = {
+        "e": ((a, y, z), (0, b - y, 0), (1, 0, 0)),
+        "w": ((x, y, z), (0, b - y, 0), (-1, 0, 0)),
+        "n": ((x, b, z), (a - x, 0, 0), (0, 1, 0)),
+        "s": ((x, y, z), (a - x, 0, 0), (0, -1, 0)),
+    }
+    parts += [
+        wall(corner, along, (0, 0, c - z), normal)
+        for side, (corner, along, normal) in faces.items()
+        if side in sides
+    ]
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def ground(hole=0.26):
+    points, normals = wall((-1.5, -1.5, 0.0), (3, 0, 0), (0, 3, 0), (0, 0, 1))
+    outside = np.abs(points[:, :2]).max(axis=1) > hole
+    return points[outside], normals[outside]
+
+
+def seen_of(rock, rest):
+    points = np.concatenate([rock[0], rest[0]])
+    normals = np.concatenate([rock[1], rest[1]])
+    patches = np.arange(len(points)) < len(rock[0])
+    surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+    height = float(np.ptp(rock[0][:, 2]))
+    return ObservedRock(rock[0], rest[0], rock[0], rest[0], surfels, patches, height, None)
+
+
+def together(*parts):
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def kinds(rock, rest):
+    return {each.kind for each in doubted(seen_of(rock, rest))}
+
+
+def doubted(observed, **given):
+    """Doubts in a rock whose cloud is its patches."""
+    label = np.where(observed.patches, ROCK, PEDESTAL)
+    return doubts(observed, LEVEL, observed.surfels.points_m, label, **given)
+
+
+BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
+
+
+def ball_at(centre_m, radius_m=0.38, count=4000):
+    """What of a ball lies above the ground."""
+    rise = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
+    turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
+    normals = np.column_stack([*(np.sqrt(1.0 - rise**2) * (np.cos(turn), np.sin(turn))), rise])
+    points = radius_m * normals + np.asarray(centre_m)
+    above = points[:, 2] > 0.0
+    return points[above], normals[above]
+
+
+def face(u, v, origin, normal, step_m=0.012):
+    """Patches of a rectangle, so many metres along two axes from a corner."""
+    a, b = np.meshgrid(*(np.arange(0.0, np.linalg.norm(each), step_m) for each in (u, v)))
+    ways = [np.asarray(each) / np.linalg.norm(each) for each in (u, v)]
+    points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
+    return points, np.tile(np.asarray(normal, float) / np.linalg.norm(normal), (len(points), 1))

@@ -21,3 +21,10 @@ def tells(output, code, *named):
     assert f"[{code}]" in output, output
     for each in named:
         assert str(each) in output, (each, output)
+
+
+def left_out(outcome, code, *named):
+    """Assert that an import left something out, all of it for this reason, naming each of some values."""
+    assert outcome.refusals
+    for refusal in outcome.refusals:
+        tells(str(refusal.reason), code, *named)

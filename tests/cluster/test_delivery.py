@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 from answers import answers_of
+from refusals import refused
 
 from toppling.models.compiled import FOLDER
-from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
@@ -143,7 +143,7 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
     Scene.block(0.2, 0.2, 0.5).save(place)
     run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
     with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
-        with pytest.raises(InputError, match=f"holds scene .*, not {planned.scene_id}"):
+        with refused("cluster.workers_unfit", "holds scene", f"not {planned.scene_id}"):
             check_workers(client, run_key)
         check_workers(client, run_key)  # it was removed, and is sent anew
         assert Scene.load(place).id == planned.scene_id

@@ -3,9 +3,10 @@
 from contextlib import nullcontext
 
 import pytest
+from refusals import refused
 
 import toppling
-from toppling import Bins, InputError
+from toppling import Bins
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_constrain_states_what_it_writes(done, tmp_path):
     assert "95 %" in stated.text
     stated.write(tmp_path)
     assert (tmp_path / stated.page).exists()
-    with pytest.raises(InputError, match="a hazard needs the rocks' ages"):
+    with refused("age.needed"):
         toppling.constrain([done.folder], hazard=["curve.csv"])
 
 

@@ -14,6 +14,7 @@ import pytest
 from answers import answers_of
 from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
+from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.orchestrator import admission, execution
@@ -340,7 +341,7 @@ def test_rows_of_another_run_are_refused_and_stay_where_they_are(carry_out, undi
     with pytest.raises(KeyboardInterrupt):
         carry_out(tmp_path / "run", stop)
     foreign = write_part(tmp_path / "run", [{**undisturbed[0], "job_id": "0" * 24, "attempt": 1}])
-    with pytest.raises(InputError, match="holds rows of another run"):
+    with refused("run.file_foreign", foreign):
         carry_out(tmp_path / "run")
     foreign.unlink()  # as the message says
     carry_out(tmp_path / "run")
@@ -411,7 +412,7 @@ def test_workers_of_another_version_are_refused_before_any_job(client, planned, 
 
     other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
     run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, other)
-    with pytest.raises(InputError, match=r"pybullet 3\.2\.7, the client has 0\.0"):
+    with refused("cluster.workers_unfit", "pybullet 3.2.7", "0.0"):
         check_workers(client, run_key)
 
 
@@ -419,7 +420,7 @@ def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
     from toppling.orchestrator.task import RunKey, versions
 
     run_key = RunKey(str(inputs), "0" * 20, planned.ensemble_id, versions())
-    with pytest.raises(InputError, match=f"holds scene {planned.scene_id}, not 0000"):
+    with refused("cluster.workers_unfit", planned.scene_id, "0000"):
         check_workers(client, run_key)
 
 

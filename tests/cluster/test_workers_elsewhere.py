@@ -9,8 +9,8 @@ import time
 import dask
 import pytest
 from distributed import Client, LocalCluster
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.leaving import leaving_in_order
@@ -63,8 +63,10 @@ def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planne
         try:
             client.wait_for_workers(1, timeout=PATIENCE_S)
             run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
-            refused = pytest.raises(InputError, match=r"workers are unfit.*No module named")
-            with refused, leaving_in_order(client):  # as a run does
+            with (
+                refused("cluster.workers_unfit", "No module named"),
+                leaving_in_order(client),
+            ):  # as a run does
                 make_ready(client, run_key)
         finally:
             worker.terminate()

@@ -8,6 +8,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files import guarded
@@ -57,21 +58,20 @@ def test_what_is_read_comes_back_bit_for_bit_whatever_is_printed_meanwhile(reads
     ("name", "what"), [("crash", "SIGSEGV"), ("greedy", "memory"), ("panics", "SystemExit: no Exception")]
 )
 def test_a_fault_of_a_library_is_a_refusal_and_the_next_file_is_read(reads, name, what):
-    with pytest.raises(InputError, match=what) as refusal:
+    with refused("file.unreadable", "file.dat", what):
         reads(name)
-    assert refusal.value.where.endswith("file.dat")
     assert reads("good")[0] == {"name": "file.dat"}
 
 
 def test_an_endless_reader_is_stopped_by_its_processor_time(reads, monkeypatch):
     monkeypatch.setattr(guarded, "_PROCESSOR_S", 1.0)
-    with pytest.raises(InputError, match="processor time"):
+    with refused("file.unreadable", "processor time"):
         reads("hasty")
 
 
 def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
     monkeypatch.setattr(guarded, "_PATIENCE", 0.33)
-    with pytest.raises(InputError, match="no answer for 1 s"):
+    with refused("file.unreadable", "1 s"):
         reads("asleep")
     assert not guarded.READERS
 
@@ -112,19 +112,19 @@ def test_ply_is_read_with_any_line_ends_and_lines_of_any_length(tmp_path, conten
 
 
 @pytest.mark.parametrize(
-    ("content", "what"),
+    ("content", "code", "named"),
     [
-        (ply(first="1" * 5000 + " "), "number of columns"),
-        (ply(first="1.0 " * 1500), "number of columns"),
-        (ply(count=10**15), "counts 1000000000000000 vertex: at least"),
-        (ply(count=4000), "3000 x 3 numbers where the header counts 4000 rows"),
-        (ply(count=10**19), "line 4 of the header"),
-        (ply()[:-20000], "where the header counts 3000 rows"),
+        (ply(first="1" * 5000 + " "), "file.unreadable", ""),
+        (ply(first="1.0 " * 1500), "file.unreadable", ""),
+        (ply(count=10**15), "file.truncated", 10**15),
+        (ply(count=4000), "file.truncated", 4000),
+        (ply(count=10**19), "ply.header_unreadable", "line 4"),
+        (ply()[:-20000], "file.truncated", 3000),
     ],
 )
-def test_a_ply_that_does_not_hold_what_it_declares_is_refused(tmp_path, content, what):
+def test_a_ply_that_does_not_hold_what_it_declares_is_refused(tmp_path, content, code, named):
     (tmp_path / "cloud.ply").write_bytes(content)
-    with pytest.raises(InputError, match=what):
+    with refused(code, named):
         read_clouds([tmp_path / "cloud.ply"])
 
 
@@ -141,21 +141,21 @@ def laz(tmp_path_factory):
 
 def test_a_laz_with_a_block_twice_is_no_crash_wherever_it_is(tmp_path, laz):
     """Where the block lies in the header of the compression or the table of chunks, 41 GB were asked for."""
-    refused = 0
+    left_out = 0
     for start in (100, 200, 300, 400, len(laz) // 2, len(laz) - 1000):
         (tmp_path / "cloud.laz").write_bytes(laz[: start + 400] + laz[start:])
         try:
             assert len(read_clouds([tmp_path / "cloud.laz"]).points_m) == len(POINTS_M)
         except InputError:
-            refused += 1
-    assert refused >= 3
+            left_out += 1
+    assert left_out >= 3
 
 
 def test_points_that_a_las_cannot_hold_are_not_made_room_for(tmp_path, laz):
     bad = bytearray(laz)
     bad[107:111] = (2**32 - 1).to_bytes(4, "little")  # the legacy count of points
     (tmp_path / "cloud.laz").write_bytes(bad)
-    with pytest.raises(InputError, match="4294967295 points, more than the file can hold"):
+    with refused("file.truncated", 4294967295):
         read_clouds([tmp_path / "cloud.laz"])
 
 
@@ -168,5 +168,5 @@ def test_a_pcd_that_lacks_points_is_refused_and_not_filled(tmp_path, data):
     sound = path.read_bytes()
     assert len(read_clouds([path]).points_m) == len(POINTS_M)
     path.write_bytes(sound[: len(sound) * 2 // 3])
-    with pytest.raises(InputError, match="truncated"):
+    with refused("file.truncated"):
         read_clouds([path])

@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
+from refusals import refused
 from virtual_rocks import ellipsoid
 
-from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -57,16 +57,14 @@ def test_the_origin_of_a_mesh_in_survey_coordinates_is_saved_and_read_back(tmp_p
 
 @pytest.mark.parametrize(("scale", "height"), [(1000.0, "1800 m"), (0.01, "0.018 m")])
 def test_a_mesh_that_is_not_in_metres_is_refused(scale, height):
-    with pytest.raises(InputError, match=f"the rock is {height} high") as error:
+    with refused("rock.height_out_of_range", height, "millimetres"):
         Scene.from_mesh((ROCK.vertices_m * scale, ROCK.faces))
-    assert "millimetres" in error.value.remedy
 
 
 def test_survey_coordinates_in_single_precision_are_refused_and_local_ones_are_not():
     Scene.from_mesh((ROCK.vertices_m.astype(np.float32), ROCK.faces))
-    with pytest.raises(InputError, match=r"single precision, in steps of 0\.25 m") as error:
+    with refused("coordinates.too_coarse", "0.25 m"):
         Scene.from_mesh(((ROCK.vertices_m + UTM_M).astype(np.float32), ROCK.faces))
-    assert "double precision" in error.value.remedy
 
 
 def test_a_mesh_with_a_part_turned_inside_out_is_refused():
@@ -79,40 +77,38 @@ def test_a_mesh_with_a_part_turned_inside_out_is_refused():
     cap = np.column_stack([np.zeros(6, int), number[1:-1], number[2:]])
     sides = [np.column_stack([number, after, after + 8]), np.column_stack([number, after + 8, number + 8])]
     vertices = np.vstack([np.column_stack([ring, np.full(8, z)]) for z in (0.0, 2.0)])
-    with pytest.raises(InputError, match="moment of inertia"):
+    with refused("mesh.moment_unusable"):
         Rock.from_triangles(vertices, np.concatenate([cap[:, ::-1], cap + 8, *sides]))
 
 
 @pytest.mark.parametrize("azimuth_deg", [np.nan, np.inf])
 def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
-    with pytest.raises(InputError, match="slope_azimuth_deg is"):
+    with refused("pedestal.azimuth_unusable", azimuth_deg):
         Scene.from_mesh((ROCK.vertices_m, ROCK.faces), slope_deg=5.0, slope_azimuth_deg=azimuth_deg)
 
 
 @pytest.mark.parametrize(
     ("scale", "shift_m", "told"),
     [
-        (1.0, (127.0, 0.0, 0.0), r"2 by 2 by 0 m lies \+127 m east, \+0 m north"),
+        (1.0, (127.0, 0.0, 0.0), "2 by 2 by 0 m lies +127 m east, +0 m north"),
         (1.0, (0.0, -1.7, 0.0), "-1.7 m north"),
-        (1.0, (0.0, 0.0, 3.0), r"\+2.4 m up"),
+        (1.0, (0.0, 0.0, 3.0), "+2.4 m up"),
         (1.0, (0.0, 0.0, -0.5), "-1.1 m up"),
-        (1000.0, (50.0, 80.0, -900.0), r"2e\+03 by 2e\+03 by 0 m lies \+50 m east"),
-        (1.0, (4e5, 4e6, 0.0), r"\+4e\+05 m east, \+4e\+06 m north"),
+        (1000.0, (50.0, 80.0, -900.0), "2e+03 by 2e+03 by 0 m lies +50 m east"),
+        (1.0, (4e5, 4e6, 0.0), "+4e+05 m east, +4e+06 m north"),
     ],
 )
 def test_a_pedestal_that_is_elsewhere_is_refused_with_where_it_lies(scale, shift_m, told):
     rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
     corners = scale * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + shift_m
-    with pytest.raises(InputError, match=f"does not touch the ground: .*{told}") as refused:
+    with refused("rock.apart_from_pedestal", told, "0.0663 m", "0.4 by 0.4 by 1.2 m"):
         Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=(corners, np.array([[0, 1, 2], [0, 2, 3]])))
-    assert "0.0663 m" in refused.value.expected
-    assert "of a rock of 0.4 by 0.4 by 1.2 m" in refused.value.what
 
 
 def test_a_scene_whose_pedestal_is_elsewhere_is_refused_too():
     far = np.array([[126.0, -1, 0], [128, -1, 0], [128, 1, 0], [126, 1, 0]])
     pedestal = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), far, np.array([[0, 1, 2], [0, 2, 3]]))
-    with pytest.raises(InputError, match="does not touch the ground"):
+    with refused("rock.apart_from_pedestal"):
         _ = Scene(ROCK, pedestal).ground
 
 
@@ -125,7 +121,7 @@ def test_a_mesh_is_a_rock_in_metres_by_the_unit_that_somebody_states(tmp_path):
     with warnings.catch_warnings(action="error"):
         scenes = [Scene.from_mesh((100.0 * ROCK.vertices_m, ROCK.faces), units="cm")]
         scenes += [Scene.from_mesh(ply, units="cm"), Scene.from_mesh(known)]
-    with pytest.raises(InputError, match="a remark states another unit"):
+    with refused("coordinates.unit_not_metres", "cm"):
         Scene.from_mesh(ply)
     for scene in scenes:
         assert scene.rock.height_m == pytest.approx(ROCK.height_m, rel=1e-6)
@@ -134,7 +130,7 @@ def test_a_mesh_is_a_rock_in_metres_by_the_unit_that_somebody_states(tmp_path):
     on_ground = Scene.from_mesh((1000.0 * block.vertices_m, block.faces), pedestal=ground, units="mm")
     ((_, least),) = on_ground.quasi_static_toppling_m_s2([0.0])
     assert least == pytest.approx(9.81 / 3.0)
-    with pytest.raises(InputError, match="no unit of length"):
+    with refused("units.unknown", "cubits"):
         Scene.from_mesh(known, units="cubits")
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.signal import butter, sosfiltfilt
 
-from toppling.models.errors import InputError
 from toppling.models.motions.above_band import with_motion_above
 from toppling.models.motions.intensity import velocity_m_s
 from toppling.models.motions.motion import Motion
@@ -73,5 +73,5 @@ def test_a_coarse_record_is_sampled_finely_enough_for_what_is_added():
 
 
 def test_a_record_that_tells_nothing_below_the_corner_is_refused():
-    with pytest.raises(InputError, match="tells nothing below 25 Hz"):
+    with refused("motion.step_too_coarse", "25 Hz"):
         above(Motion(np.zeros((100, 3)), 0.05), 0.5)

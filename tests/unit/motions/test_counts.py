@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from motion_samples import COUNT, WRITERS, shaking
+from refusals import refused, tells
 
-from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.record_text import RecordText, column_width
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
@@ -46,14 +46,14 @@ def test_a_count_within_two_rows_of_the_rows_is_told_and_read(count):
 
 @pytest.mark.parametrize("count", [0, 900, 1011, 1100, 2000])
 def test_a_count_far_from_the_rows_is_refused(count):
-    with pytest.raises(InputError, match=f"1000 samples follow where the header counts {count}"):
+    with refused("record.count_contradicted", 1000, count):
         taken(lines_of(1000), count)
 
 
 @pytest.mark.parametrize("lost", [range(3, 4), range(60, 62), range(100, 130), range(194, 196)])
 def test_rows_lost_in_the_middle_are_refused(lost):
     lines = [line for place, line in enumerate(lines_of(1000)) if place not in lost]
-    with pytest.raises(InputError, match="truncated"):
+    with refused("record.count_contradicted", "truncated"):
         taken(lines, 1000)
 
 
@@ -61,7 +61,7 @@ def test_rows_lost_in_the_middle_are_refused(lost):
 def test_a_row_twice_in_the_middle_is_refused(row):
     lines = lines_of(1000)
     lines.insert(row + 1, lines[row])
-    with pytest.raises(InputError, match="1005 samples follow where the header counts 1000"):
+    with refused("record.count_contradicted", 1005, 1000):
         taken(lines, 1000)
 
 
@@ -69,7 +69,7 @@ def test_a_row_twice_in_the_middle_is_refused(row):
 def test_a_row_in_the_middle_that_is_not_whole_is_refused(row):
     lines = lines_of(1000)
     lines[row] = lines[row].rsplit(" ", 1)[0]
-    with pytest.raises(InputError, match="999 samples follow where the header counts 1000"):
+    with refused("record.count_contradicted", 999, 1000):
         taken(lines, 1000)
 
 
@@ -121,4 +121,4 @@ def test_a_component_that_lacks_a_row_which_the_others_have_is_refused(tmp_path)
     (component,) = read_file(path)
     assert component.missing == 5
     (refusal,) = imported(tmp_path).refusals
-    assert "395 samples, where its header counts 400 and another component has them" in refusal.reason.what
+    tells(str(refusal.reason), "record.count_contradicted", 395, 400)

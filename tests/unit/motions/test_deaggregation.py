@@ -6,8 +6,8 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 
 EDGES = "mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0]"
@@ -61,7 +61,7 @@ def test_region_and_epsilon_are_summed_over(tmp_path, by):
 
 @pytest.mark.parametrize("name", ["mag", "dist"])
 def test_a_deaggregation_over_one_of_both_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="over magnitude and distance is needed"):
+    with refused("deaggregation.columns_unknown", name):
         read_deaggregation(openquake(tmp_path, ["PGA,0.2,0.1,5.5,0.1"], columns=f"{name},mean"))
 
 
@@ -105,27 +105,29 @@ def test_of_several_motions_the_strongest_is_taken_or_the_one_that_is_asked_for(
     read = read_deaggregation(path, "PGV", 0.1)
     assert read.bins[0].contribution == pytest.approx(-math.log1p(-0.1))
     assert read.of.startswith("PGV of 1, probability 0.1 in 50.0 years")
-    for asked, said in ((("SA(1.0)", None), "not over SA"), ((None, 0.5), "has the probabilities 0.02, 0.1")):
-        with pytest.raises(InputError, match=said):
+    for asked, code, named in (
+        (("SA(1.0)", None), "deaggregation.measure_not_there", "PGA, PGV"),
+        ((None, 0.5), "deaggregation.probability_not_there", "0.02, 0.1"),
+    ):
+        with refused(code, named):
             read_deaggregation(path, *asked)
 
 
 @pytest.mark.parametrize(
-    ("rows", "head", "said"),
+    ("rows", "head", "code", "named"),
     [
-        (["PGA,0.2,0.1,5.5,5.0,1.2,0.0"], None, "states the probability '1.2'"),
-        (["PGA,0.2,0.1,8.5,5.0,0.1,0.0"], None, "in none of its bins"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "has not the header's 7 columns"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "columns but 6"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0", '"' + "9" * 200_000], None, r"csv:4: is no CSV"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], f"{EDGES}, weights=[0.4, 0.5]", "sum to 0.9"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], "weights=[0.4, 0.6]", "states no mag_bin_edges"),
-        ([], None, "has no row"),
+        (["PGA,0.2,0.1,5.5,5.0,1.2,0.0"], None, "deaggregation.value_unreadable", "'1.2'"),
+        (["PGA,0.2,0.1,8.5,5.0,0.1,0.0"], None, "deaggregation.place_off_bins", 8.5),
+        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "table.row_wrong_length", "7 columns but 6"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0", '"' + "9" * 200_000], None, "table.unreadable", "csv:4"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], f"{EDGES}, weights=[0.4, 0.5]", "deaggregation.weights_unusable", 0.9),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], "weights=[0.4, 0.6]", "deaggregation.edges_missing", ""),
+        ([], None, "deaggregation.probability_not_there", ""),
     ],
 )  # fmt: skip
-def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, said):
+def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, code, named):
     path = openquake(tmp_path, rows, head) if head else openquake(tmp_path, rows)
-    with pytest.raises(InputError, match=said):
+    with refused(code, named):
         read_deaggregation(path)
 
 
@@ -159,32 +161,29 @@ def test_rounded_centres_of_equal_bins_are_read_and_others_refused(tmp_path_fact
     path.write_text("M,R,contribution\n" + rows.replace("1,234", '"1,234"' if digits else "1234"))
     assert {one.contribution for one in read_deaggregation(path).bins} == {1234.0}
     path.write_text(f"M,R,contribution\n5,5,1\n5,15,1\n6,{15 + 10 * (digits + 1.5)},1\n")
-    with pytest.raises(InputError, match="not equally wide"):
+    with refused("deaggregation.bins_uneven"):
         read_deaggregation(path)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "code"),
     [
-        ("magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n", "not a bin"),
-        ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "not a bin"),
-        (
-            "magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n",
-            r"distances under 'distance \(m\)'",
-        ),
-        ("M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n", "distances under"),
-        ("M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n", "not equally wide: 5, 15, 50"),
-        ('M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n', "not a bin"),
-        ("magnitude,distance_km,contribution\n5.5,5,1\n", "one bin of distance or magnitude"),
-        ("magnitude,site,contribution\n5.5,5,1\n", "not a bin"),
-        ("magnitude,distance_km,contribution\n", "no bin below the names"),
-        ("", "no bin below the names"),
+        ("magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n", "bin_unreadable"),
+        ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "bin_unreadable"),
+        ("magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n", "distance_not_km"),
+        ("M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n", "distance_not_km"),
+        ("M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n", "bins_uneven"),
+        ('M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n', "bin_unreadable"),
+        ("magnitude,distance_km,contribution\n5.5,5,1\n", "bin_width_unknown"),
+        ("magnitude,site,contribution\n5.5,5,1\n", "bin_unreadable"),
+        ("magnitude,distance_km,contribution\n", "no_bin"),
+        ("", "no_bin"),
     ],
 )
-def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, said):
+def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, code):
     path = tmp_path / "table.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=said):
+    with refused(f"deaggregation.{code}", path):
         read_deaggregation(path)
 
 

@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.motions.impose import impose
 from toppling.models.motions.intensity import displacement_m, measure
 from toppling.models.motions.measures import MEASURES, SCALING_POWER, Measure
@@ -78,7 +78,7 @@ def test_it_costs_under_two_milliseconds_at_the_length_of_a_long_record(record):
 
 @pytest.mark.parametrize("level", [0.0, -1.0, np.nan])
 def test_a_level_that_is_not_positive_is_refused(record, level):
-    with pytest.raises(InputError, match="pga_m_s2"):
+    with refused("value.not_positive", "pga_m_s2"):
         impose(record, level, 0.0)
 
 

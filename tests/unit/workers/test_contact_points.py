@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m, height_below
 from toppling.models.scene import Scene
@@ -99,5 +99,5 @@ def test_the_highest_layer_is_the_ground_and_none_is_no_ground():
 
 def test_a_pedestal_that_is_not_under_the_rock_is_refused():
     rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (10.0, 0.0, 0.6))
-    with pytest.raises(InputError, match="lie over each other"):
+    with refused("pedestal.not_below_rock"):
         contact_feet_m(rock, square(2.0))

@@ -1,4 +1,4 @@
-"""Rocks judged event by event: event sets, two curves of two measures at once, rocks that were once stouter."""
+"""Rocks judged under a set of events, or under two curves of two measures at once."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,25 +13,24 @@ from toppling.models.errors import InputError
 from toppling.models.files.documents import finite
 from toppling.orchestrator.public.hazard_question import Question, read_tree, shared_measure
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
-from toppling.results.analysis.exchange import read_curves, read_surface
+from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import answered, basis_of
-from toppling.results.analysis.lognormal import Surface
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name, within
 from toppling.results.hazard.ages import exposure
-from toppling.results.hazard.curves import events_by_intensity
-from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite, FeltRock, check_measures
-from toppling.results.hazard.event_update import EventUpdate
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Fragility, Standing
 from toppling.results.hazard.places import distance_km, nearest, of_name
 from toppling.results.hazard.readers.event_sets import read_events
+from toppling.results.hazard.survival import topples
 from toppling.results.hazard.tree import Branch, HazardTree
+from toppling.results.hazard.update import Update, leave_one_out, models_table
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
 
 def judged_by_events(
     question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
-) -> tuple[EventUpdate, dict[str, Any], dict[str, pd.DataFrame]]:
+) -> tuple[Update, dict[str, Any], dict[str, pd.DataFrame]]:
     """What events say of rocks that stand: the update, the statement for JSON, and tables by name.
 
     jobs: of those rocks that are runs.
@@ -41,14 +40,16 @@ def judged_by_events(
     names = names_of(question.paths)
     sites, away_km = _placed(names, events, question.sites if question.event_set else ())
     rocks = [
-        replace(_felt(question, number, measures, jobs, advance), site=site)
-        for number, site in enumerate(sites)
+        Standing(name, _fragility(path, measures, jobs.get(path), advance), site, since, age)
+        for name, path, site, since, age in zip(
+            names, question.paths, sites, question.since, question.ages_given, strict=True
+        )
     ]
     refuse_twins(question.paths, [rock.fragility.basis for rock in rocks])
-    check_measures(rocks, events)
-    felt = exposure(question.joint_ages, question.since)
-    update = EventUpdate(rocks, events, felt, question.confidence)
-    tables = _tables(update, measures)
+    for rock in rocks:  # before anything is computed
+        topples(rock.fragility, {name: np.empty(0) for name in events.measures})
+    update = Update(rocks, events, exposure(question.joint_ages, question.since), question.confidence)
+    tables = _tables(update)
     return update, _summary(update, tables, measures, away_km), tables
 
 
@@ -70,41 +71,21 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
 
 
 def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
-    """Curves as a set of events."""
-    asked, paths = question.asked, question.paths
-    if len(asked.measures) > 1:
-        trees = [read_tree(question.hazard, replace(asked, measure=one)) for one in asked.measures]
-        return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
-    tree = read_tree(question.hazard, asked, measures_shared(paths))
-    medians = [read_curves(path)[tree.measure].median for path in paths if not path.is_dir()]
-    return _of_tree(tree, medians), (tree.measure,)
+    """Curves of two measures as a set of events."""
+    asked = question.asked
+    trees = [read_tree(question.hazard, replace(asked, measure=one)) for one in asked.measures]
+    return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
 
 
-def _felt(
-    question: Question,
-    number: int,
-    measures: tuple[str, ...],
-    jobs: Mapping[Path, Jobs],
-    advance: Callable[[], None],
-) -> FeltRock:
-    """A rock with its fragility over one measure or two, at the first site."""
-    path, since = question.paths[number], question.since[number]
-    name = names_of(question.paths)[number]
-    if len(measures) > 1:
-        surface, drawn = _surface(path, jobs.get(path), measures, advance)
-        return FeltRock(name, surface, 0, drawn, since)
-    years = np.unique(question.joint_ages[:, number])
-    standing = standing_rock(name, path, measures[0], jobs.get(path), years, advance)
-    return FeltRock(name, standing.curve, 0, standing.drawn, since)
+def _fragility(
+    path: Path, measures: tuple[str, ...], jobs: Jobs | None, advance: Callable[[], None]
+) -> Fragility:
+    """Fragility over one measure or two, with its bootstrap samples, from a run or a file of curves.
 
-
-def _surface(
-    path: Path, jobs: Jobs | None, measures: tuple[str, ...], advance: Callable[[], None]
-) -> tuple[Surface, list[Surface]]:
-    """Fragility over two measures, and of its bootstrap samples, from a run or a file of curves.
-
-    Raises InputError if it states no such fragility, or its answers have no such fit.
+    Raises InputError if it states none over two measures, or its answers have no such fit.
     """
+    if len(measures) == 1:
+        return standing_rock("", path, measures[0], jobs, advance).fragility
     if jobs is None:
         surface, why = read_surface(path, measures), ": it is no run, and states no surface"
     else:
@@ -118,7 +99,7 @@ def _surface(
         raise InputError("fragility.none", what=f"has no fragility over two measures{why}", where=str(path),
             expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
             remedy="give the run, or one --measure")  # fmt: skip
-    return surface, surface.resampled.surfaces(measures) if surface.resampled else []
+    return surface
 
 
 def _placed(
@@ -216,35 +197,17 @@ def _model(branch: Branch) -> str:
     return branch.path.partition("~")[2] or branch.name
 
 
-def _of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
-    """A tree of one measure at one site as a set of events: what rocks that were stouter before ask for."""
-    branches = []
-    for branch in tree.branches:
-        intensity, rate = events_by_intensity(branch.curve, medians)
-        motions = {tree.measure: intensity[:, None]}
-        branches.append(EventBranch(branch.name, rate, motions, branch.weight, _model(branch)))
-    site = EventSite(tree.site_name or "site", tree.site)
-    return EventSet((site,), tuple(branches), tree.weights_from, None, (), sampled=False)
-
-
-def _tables(update: EventUpdate, measures: tuple[str, ...]) -> dict[str, pd.DataFrame]:
-    """Tables by name, those that hold something; of each measure at each rock's site those that are of both."""
-    sites = update.events.sites
-    parts = [
-        [table.assign(measure=one, site=sites[at].name) for table in update.before_and_after(one, at)]
-        for at in dict.fromkeys(rock.site for rock in update.rocks)
-        for one in measures
-    ]
-    updated, changes = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
+def _tables(update: Update) -> dict[str, pd.DataFrame]:
+    """Tables by name, those that hold something."""
     found = {
-        "branches": update.branches, "models": update.models, "left_out": update.left_out,
-        "updated": updated, "changes": changes,
+        "branches": update.branches, "models": models_table(update), "left_out": leave_one_out(update),
+        "updated": update.updated, "changes": update.changes,
     }  # fmt: skip
-    return {name: table for name, table in found.items() if table is not None and len(table)}
+    return {name: table for name, table in found.items() if len(table)}
 
 
 def _summary(
-    update: EventUpdate,
+    update: Update,
     tables: Mapping[str, pd.DataFrame],
     measures: tuple[str, ...],
     away_km: Sequence[float | None],
@@ -254,22 +217,21 @@ def _summary(
     away_km: of each rock's site from the place that was asked for.
     """
     events = update.events
-    vary = {
-        "event": events.sampled, "fragility": any(rock.drawn for rock in update.rocks),
-        "age": update.exposure.years.shape[1] > 1, "joint rate": bool(events.readings),
-    }  # fmt: skip
     summary = {
         "measure": "+".join(measures), "confidence": update.confidence, "source": events.source,
         "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
-        "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, away_km, strict=True)],
-        "mean": update.mean, "decided": update.decided,
-        "intervals_carry": [name for name, varies in vary.items() if varies],
+        "rocks": [
+            _rock(rock, events, away) | {"age_years": float(np.median(years))}
+            for rock, away, years in zip(update.rocks, away_km, update.exposure.of_rocks, strict=True)
+        ],
+        "mean": update.factors.iloc[-1].to_dict(), "decided": update.decided,
+        "intervals_carry": list(update.draws.carries) if update.draws else [],
         "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
     }  # fmt: skip
     return finite(summary | {name: table.to_dict("records") for name, table in tables.items()})
 
 
-def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any]:
+def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any]:
     site = events.sites[rock.site]
     measures, basis = rock.fragility.measures, rock.fragility.basis
     if len(measures) == 1:
@@ -288,7 +250,7 @@ def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any
         words = f"probit {a:.2f} {terms}"
         numbers = {"coefficients": [a, *slopes]}
     return {
-        "name": rock.name, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
+        "name": rock.name, "age": rock.age, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
         "site_longitude_deg": site.place[0] if site.place else None,
         "site_latitude_deg": site.place[1] if site.place else None,
     } | (asdict(basis) if basis else {})  # fmt: skip

@@ -24,7 +24,7 @@ from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words
-from toppling.results.hazard.ages import fragile_years, parse_age, parse_since
+from toppling.results.hazard.ages import age_given, exposure, parse_age, parse_since
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update
 
@@ -63,8 +63,7 @@ def _check(question: Question, ages: int, of_runs: Mapping[str, object]) -> None
         _refuse("site.several_of_curves", "several --site apply to a set of events",
             "give one: hazard curves are of one site")  # fmt: skip
     if question.apart and not hazard:
-        _refuse("hazard.needed", "two measures together, and a factor of --fragile-since, need the hazard",
-            "give --hazard too")  # fmt: skip
+        _refuse("hazard.needed", "two measures together need the hazard", "give --hazard too")
     if (option := _first(of_events)) and not question.event_set:
         _refuse("events.needed", f"{option} applies to a set of events",
             "give one with --hazard, or leave it out")  # fmt: skip
@@ -171,8 +170,12 @@ def constrain(
     paths, age = asked_rocks.of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
     ages = _of_each(paths, [parse_age(text) for text in age] or [np.array([np.nan])])
     since = _of_each(paths, [parse_since(text) for text in dates.fragile_since] or [None])
+    dated = zip(
+        _of_each(paths, [*age] or [""]), _of_each(paths, [*dates.fragile_since] or [""]), strict=False
+    )
+    given = [age_given(one, late) for one, late in dated]
     asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
-    question = Question(paths, ages, since, dates, tuple(hazard), asked, events, sites, confidence)
+    question = Question(paths, ages, given, since, dates, tuple(hazard), asked, events, sites, confidence)
     _check(question, len(age), {"--where": where, "--stood": stood})
     recorded = read_recorded([Path(one) for one in stood]) if stood else None
     jobs = {path: asked_rocks.read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
@@ -218,18 +221,16 @@ def _by_curves(
     rocks_apart_km = asked_rocks.apart_km(paths, tree)
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [
-        asked_rocks.standing_rock(name, path, over, jobs.get(path), ages, advance=advance)
-        for name, path, ages in zip(asked_rocks.names_of(paths), paths, question.ages, strict=True)
+        replace(asked_rocks.standing_rock(name, path, over, jobs.get(path), advance), since=since, age=age)
+        for name, path, since, age in zip(
+            asked_rocks.names_of(paths), paths, question.since, question.ages_given, strict=True
+        )
     ]
-    if dates.together or any(question.since):
-        years = fragile_years(question.joint_ages, question.since)
-        standing = [
-            replace(rock, years=years[:, number], together=True) for number, rock in enumerate(standing)
-        ]
-    rested = [rock.curve.basis for rock in standing]
+    rested = [rock.fragility.basis for rock in standing]
     asked_rocks.refuse_twins(paths, rested)
-    update = Update(standing, tree, question.confidence) if tree else None
-    statement = Constraint(standing, question.confidence, update, question.dated)
+    stood = exposure(question.joint_ages, question.since) if question.dated else None
+    update = Update.of_curves(standing, tree, stood, question.confidence) if tree and stood else None
+    statement = Constraint(standing, question.confidence, update, stood)
     content = statement.summary(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
     content["rocks_apart_km"] = rocks_apart_km
     if dates.together:

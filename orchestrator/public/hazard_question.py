@@ -134,6 +134,7 @@ class Question:
 
     paths: tuple[Path, ...]
     ages: list[Array]
+    ages_given: list[str]  # in words; empty where none is known
     since: list[Since | None]
     dates: Dates
     hazard: tuple[str, ...]
@@ -164,9 +165,8 @@ class Question:
 
     @property
     def apart(self) -> bool:
-        """Whether only events one by one have an answer: two measures together, or a rock that was stouter before."""
-        stouter = any(one is not None and math.isfinite(one.factor) for one in self.since)
-        return len(self.asked.measures) > 1 or stouter
+        """Whether only events one by one have an answer: two measures together."""
+        return len(self.asked.measures) > 1
 
     @cached_property
     def joint_ages(self) -> Array:

@@ -94,7 +94,7 @@ def report(
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS
     from toppling.results.drawing.report.write import report_page, write_pdf
-    from toppling.results.hazard.ages import parse_age
+    from toppling.results.hazard.ages import age_given, parse_age
 
     _ages_for(hazard, bool(age))
     opened = _opened(run)
@@ -106,7 +106,8 @@ def report(
         text = _of_many(opened, target, samples, advance)
     else:
         advance(0, total=len(SECTIONS) + pdf)
-        content = Content(opened, samples, parse_age(age) if age else None, tree)
+        years = parse_age(age) if age else None
+        content = Content(opened, samples, years, age_given(age or ""), tree)
         text = report_page(content, lambda title: advance(doing=f"after {title}"))
     page = write_text(text, target)
     return Report(page, write_pdf(text, target.with_suffix(".pdf")) if pdf else None)

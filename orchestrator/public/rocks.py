@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
-import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
@@ -25,8 +24,8 @@ from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM, distance_km
-from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, Weights, unweighed
@@ -102,7 +101,7 @@ def measures_shared(rocks: Sequence[Path]) -> list[str]:
 
 
 def standing_rock(
-    name: str, path: Path, measure: str, jobs: Jobs | None, years: np.ndarray, advance: Callable[[], None]
+    name: str, path: Path, measure: str, jobs: Jobs | None, advance: Callable[[], None]
 ) -> Standing:
     """A rock with the fragility of a run or of a file, and its bootstrap samples of records where these are known."""
     if jobs is None:
@@ -115,7 +114,7 @@ def standing_rock(
             what="has no job with an answer" if no_answer else f"has no fragility over {measure}",
             where=str(path), expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' lists the measures that have one")  # fmt: skip
-    return Standing(name, curve, years)
+    return Standing(name, curve)
 
 
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:

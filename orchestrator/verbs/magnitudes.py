@@ -27,11 +27,11 @@ from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name, within
 from toppling.results.hazard import magnitudes as exclusion
-from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.ages import age_given, parse_age
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
 from toppling.results.hazard.places import check_place
-from toppling.results.hazard.survival import Standing
 
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
@@ -122,7 +122,7 @@ def magnitudes(
     years = parse_age(age) if age else np.array([math.nan])
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
-        standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, years, advance)
+        standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, advance)
     grid = exclusion.motion_grid(grid_of, weights)
     at_traces = (
         exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
@@ -132,7 +132,8 @@ def magnitudes(
     answer = _Answer(standing, grid, at_traces, occurrences, traces)
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
-        **asked, "confidence": confidence, "age": age, "age_years": float(years.mean()) if age else None,
+        **asked, "confidence": confidence,
+        "age": age_given(age or ""), "age_years": float(years.mean()) if age else None,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
     shares = None
@@ -297,7 +298,7 @@ def _words(statement: dict[str, Any]) -> str:
     median = within(statement["median"], statement["strongest_shaken"])
     lines = [
         f"{statement['rock']}: median {median} {printed_unit(statement['measure'])} "
-        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}{age_words(statement['age_years'])}; "
+        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}{age_words(statement)}; "
         f"models: {models}; "
         f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]

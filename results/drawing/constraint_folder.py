@@ -19,8 +19,8 @@ from toppling.results.drawing.report.constraint_page import (
     unfinished,
 )
 from toppling.results.drawing.style import save
-from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.export import write_event_openquake, write_openquake
+from toppling.results.hazard.update import Update
 
 _OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
 """What a statement under a set of events says of it."""
@@ -38,14 +38,15 @@ def write_constraint(
     """
     yield from _write(statement, constraint.tables(), curve_drawings(constraint, statement), folder)
     update = constraint.update
-    if update and len(update.tree.branches) > 1 and update.posterior is not None and update.tree.site:
+    tree = update.tree if update else None
+    if update and tree and len(tree.branches) > 1 and update.posterior is not None and tree.site:
         yield from write_openquake(update, folder / "openquake", ratio)
     if constraint.random_rock is not None:
         yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
 
 
 def write_events(
-    update: EventUpdate,
+    update: Update,
     statement: dict[str, Any],
     tables: dict[str, pd.DataFrame],
     folder: Path,

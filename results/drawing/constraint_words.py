@@ -4,13 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from toppling.models.arrays import Array
 from toppling.models.files.documents import listed
 from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, unit_of, within
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM
-from toppling.results.hazard.survival import Standing
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
@@ -160,29 +157,22 @@ def all_words(statement: dict[str, Any]) -> str:
     return "\n".join([*lines, *(f"Note: {note}." for note in statement.get("notes", ()))])
 
 
-def age_words(years: float | None) -> str:
-    """How long a rock has stood; nothing where that is not known."""
-    if years is None:
+def age_words(rock: dict[str, Any]) -> str:
+    """How long a rock of a statement has stood, as it was stated; nothing where that is not known."""
+    if not rock.get("age"):
         return ""
+    years = rock["age_years"]
     in_ka = f": is that in ka? Then give --age '{years:g} ka'" if years < _LEAST_AGE_YEARS else ""
-    return f", stood for {years:,.0f} years{in_ka}"
+    return f", stood for {rock['age']}{in_ka}"
 
 
 def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
-    """Say how long rocks have stood, in a line: an age or a range, of each where there is room; empty without ages."""
-    dated = [rock for rock in rocks if np.isfinite(rock.years).any()]
-    ages = {rock.name: _years(rock.years) for rock in dated}
+    """How long rocks have stood, in a line: of each where there is room; empty without ages."""
+    ages = {rock.name: rock.age for rock in rocks if rock.age}
     if len(set(ages.values())) == 1:
         return f"standing for {next(iter(ages.values()))}"
-    each = "; ".join(f"{name}: {years}" for name, years in ages.items())
-    if len(each) <= LETTERS_PER_IN * width_in:
-        return each
-    return f"{len(ages)} rocks, standing for {_years(np.concatenate([rock.years for rock in dated]))}"
-
-
-def _years(years: Array) -> str:
-    low, high = (f"{float(f'{value:.3g}'):,.0f}" for value in (np.min(years), np.max(years)))
-    return f"{low} years" if low == high else f"{low} to {high} years"
+    each = "; ".join(f"{name}: {age}" for name, age in ages.items())
+    return each if len(each) <= LETTERS_PER_IN * width_in else f"{len(ages)} rocks, each with its age"
 
 
 def rock_lines(statement: dict[str, Any]) -> list[str]:
@@ -211,7 +201,7 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
     """A rock's fragility, and how long it has stood, or where, as far as that is stated."""
     away = rock.get("site_distance_km")
     return (
-        f"{rock['name']}: {fragility_words(rock, measure)}{age_words(rock.get('age_years'))}"
+        f"{rock['name']}: {fragility_words(rock, measure)}{age_words(rock)}"
         + (f", at {rock['site']}" if "site" in rock else "")
         + ("" if away is None else f", {away:.1f} km from --site")
     )

@@ -22,7 +22,7 @@ from toppling.results.drawing.style import (
     style,
 )
 from toppling.results.hazard.curves import HazardCurve, bearing
-from toppling.results.hazard.tree import Branch, Statistics
+from toppling.results.hazard.tree import Branch, HazardTree, Statistics
 from toppling.results.hazard.update import Update
 
 _LEAST_RATE = 3e-7
@@ -40,9 +40,10 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
 
     constraint: with ages; the legend says what it says of each branch.
     """
-    bound, verdicts = constraint.bound, constraint.branches
+    bound, verdicts = constraint.bound, constraint.update.branches if constraint.update else None
     assert bound is not None
-    branches = constraint.update.tree.branches if constraint.update else ()
+    tree = constraint.update.tree if constraint.update else None
+    branches = tree.branches if tree else ()
     measure, rate = bound.columns[0], bound["rejected_annual_rate"]
     named = len(branches) <= _MOST_IN_LEGEND
     below_in = 0.45 + 0.16 * (1 + (len(branches) if named else 1))
@@ -145,14 +146,16 @@ def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, fl
 
 def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Annual rates of exceedance before and after, over intensity, with return periods on the right."""
-    count = len(update.tree.branches)
-    rows = (1 + bool(update.tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
+    tree = update.tree
+    assert tree is not None
+    count = len(tree.branches)
+    rows = (1 + bool(tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
     with style():
-        figure, axes = _rates_axes(update.tree.measure, width_in, 0.5 + 0.16 * rows, 0.75)
+        figure, axes = _rates_axes(tree.measure, width_in, 0.5 + 0.16 * rows, 0.75)
         if count > 1:
-            weights = update.tree.weights if update.posterior is None else update.posterior
-            _draw_branches(axes, update.tree.branches, weights, f"{count} branches, darker with more weight")
-        _draw_fractiles(axes, update)
+            weights = tree.weights if update.posterior is None else update.posterior
+            _draw_branches(axes, tree.branches, weights, f"{count} branches, darker with more weight")
+        _draw_fractiles(axes, update, tree)
         if update.after is not None and count > 1:
             _draw_band(axes, update.after, "5 to 95 % after")
         name = "mean before" if count > 1 else "hazard"
@@ -175,13 +178,13 @@ def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label
         )  # fmt: skip
 
 
-def _draw_fractiles(axes: Axes, update: Update) -> None:
+def _draw_fractiles(axes: Axes, update: Update, tree: HazardTree) -> None:
     """5 and 95 % of the branches, or of a lone curve the outermost that its files state."""
-    if len(update.tree.branches) > 1:
+    if len(tree.branches) > 1:
         of, shown = "of the branches before", {q: update.before.fractiles[q] for q in (0.05, 0.95)}
         lines = {q: bearing(update.before.levels, rates) for q, rates in shown.items()}
     else:
-        of, stated = "as the files state them", sorted(update.tree.fractiles.items())
+        of, stated = "as the files state them", sorted(tree.fractiles.items())
         lines = {q: (curve.intensity, curve.annual_rate) for q, curve in (*stated[:1], *stated[-1:])}
     lines = {q: line for q, line in lines.items() if len(line[0])}
     label = f"{' and '.join(f'{100 * q:g}' for q in lines)} % {of}"

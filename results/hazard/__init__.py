@@ -15,6 +15,6 @@ are told beside the answer (`unstated_shares`):
 """
 
 __all__ = [
-    "ages", "curves", "event_survival", "event_update", "export", "faults", "gmm", "magnitudes", "measure_names",
+    "ages", "curves", "events", "export", "faults", "gmm", "magnitudes", "measure_names",
     "places", "survival", "tree", "update", "vector",
 ]  # fmt: skip

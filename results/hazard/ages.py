@@ -56,10 +56,10 @@ class Exposure:
         """Probability that no event toppled any rock, given the rate (s,) of such events in each state."""
         return float(np.exp(-(np.asarray(annual_rates, float) @ self.years)).mean())
 
-    def drawn(self, number: int) -> "Exposure":
-        """One draw of it."""
-        some = self.years[:, number] > 0
-        return Exposure(self.states[some], self.years[some, number : number + 1])
+    @property
+    def of_rocks(self) -> Array:
+        """Years that each rock stood, (rocks, draws)."""
+        return (self.states != _ABSENT).astype(float).T @ self.years
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +114,19 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     return ages
 
 
+def age_given(text: str, since: str = "") -> str:
+    """An age as it was stated, with its unit: `15 ± 3 ka`, `20000 years`; and since when the rock has been as fragile.
+
+    Examples
+    --------
+    >>> age_given("15000..30000"), age_given("15 ± 3 ka", since="8 ka")
+    ('15000..30000 years', '15 ± 3 ka, as fragile as now since 8 ka')
+    """
+    given = f"the ages of {Path(text).name}" if _is_file(text) else text.strip()
+    years = " years" if given[-1:].isdigit() else ""
+    return f"{given}{years}" + (f", as fragile as now since {age_given(since)}" if since else "")
+
+
 def parse_since(text: str) -> Since:
     """Read when a rock became as fragile as it is: an age, or an age and the factor of its medians before, `8000:1.5`.
 
@@ -154,39 +167,31 @@ def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: f
     if common_date or len(ages) == 1 or draws == 1:
         drawn = np.column_stack([np.resize(years, draws) for years in ages])
     else:
-        drawn = np.column_stack([random.permutation(np.resize(years, draws)) for years in ages])
+        columns = [np.resize(years, draws) for years in ages]
+        drawn = np.column_stack([
+            column if len(years) == 1 else random.permutation(column)
+            for column, years in zip(columns, ages, strict=True)
+        ])  # fmt: skip
     if common_error:
         errors = _normal(0.0, common_error, -1.0, _levels(draws))
         drawn = drawn * (1.0 + random.permutation(errors))[:, None]
     return drawn
 
 
-def fragile_years(ages: Array, since: Sequence[Since | None]) -> Array:
-    """How long each rock has been as fragile as it is, (draws, rocks): the lesser of its age and that date.
-
-    ages: (draws, rocks), from `joint_ages`.
-    since: one a rock; None for one that has been as fragile as now since it stands.
-    """
-    draws = max(len(ages), *(len(one.years) for one in since if one), 1)
-    fragile = np.resize(ages, (draws, ages.shape[1]))
-    random = np.random.default_rng([0, 1])  # in which order dates of fragility meet ages
-    for number, one in enumerate(since):
-        if one is not None:
-            dates = random.permutation(np.resize(one.years, draws))
-            fragile[:, number] = np.minimum(fragile[:, number], dates)
-    return fragile
-
-
 def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposure:
     """Find the sets of rocks that stood together, in which state, and how long in each draw.
 
     ages: (draws, rocks), from `joint_ages`.
-    since: one a rock, as of `fragile_years`.
+    since: one a rock; None for one that has been as fragile as now since it stands.
     """
     late = [None] * ages.shape[1] if since is None else list(since)
-    fragile = fragile_years(ages, late)
-    draws = len(fragile)
-    ages = np.resize(ages, fragile.shape)
+    draws = max(len(ages), *(len(one.years) for one in late if one), 1)
+    ages = np.resize(ages, (draws, ages.shape[1]))
+    fragile = ages.copy()  # the lesser of a rock's age and its date of fragility
+    random = np.random.default_rng([0, 1])  # in which order dates of fragility meet ages
+    for number, one in enumerate(late):
+        if one is not None:
+            fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(one.years, draws)))
     stouter = np.array([one is not None and math.isfinite(one.factor) for one in late])
     ends = np.sort(np.concatenate([fragile, ages], axis=1), axis=1)
     starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)

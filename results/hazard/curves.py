@@ -199,40 +199,38 @@ def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual
     return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
 
 
-def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
-    """Annual rate of events that topple at least one of some rocks at a site.
-
-    Rates above the hazard curve's last point count with the probability at that point, rates below its first
-    not at all (`unstated_shares`).
-    """
-    x, events = events_by_intensity(hazard, [curve.median for curve in curves])
-    return float(any_topples(curves, x) @ events)
-
-
-def nodes_between(corners: NDArray[np.float64], per_e_fold: int) -> NDArray[np.float64]:
+def _nodes_between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Logarithms of intensities from the first corner to the last, all corners among them, for an integral."""
     pieces = [
-        np.linspace(start, end, math.ceil((end - start) * per_e_fold), endpoint=False)
+        np.linspace(start, end, math.ceil((end - start) * NODES_PER_E_FOLD), endpoint=False)
         for start, end in pairwise(corners)
     ]
     return np.concatenate([*pieces, corners[-1:]])
 
 
-def events_by_intensity(
-    hazard: HazardCurve, thresholds: Sequence[float] = ()
+def events_of_curves(
+    curves: Sequence[HazardCurve], thresholds: Sequence[float] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Intensities (m,) and the annual rates of events of each (m,), as fine as an integral over the curve needs.
+    """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
 
-    Corners of the curve and thresholds, such as medians, lie between two intensities: none straddles two power laws or
-    a sharp threshold. The last intensity stands for all events beyond the curve's last point.
+    They are as fine as an integral over the curves needs. Corners of the curves and thresholds, such as medians, lie
+    between two intensities: none straddles two power laws or a sharp threshold. All events beyond the last point of a
+    curve have the intensity of that point.
     """
-    if not len(hazard.intensity):
-        return np.empty(0), np.empty(0)
-    low, high = hazard.intensity[[0, -1]]
-    corners = np.unique(np.log([*hazard.intensity, *(x for x in thresholds if low < x < high)]))
-    x = np.exp(nodes_between(corners, NODES_PER_E_FOLD))
-    rate = hazard.rate(x)
-    return np.append(np.sqrt(x[1:] * x[:-1]), x[-1]), np.append(-np.diff(rate), rate[-1])
+    bearing = [curve for curve in curves if len(curve.intensity)]
+    if not bearing:
+        return np.empty(0), np.empty((len(curves), 0))
+    corners = np.unique(np.concatenate([np.log(curve.intensity) for curve in bearing]))
+    inside = [x for x in np.log(thresholds) if corners[0] < x < corners[-1]]
+    nodes = np.exp(_nodes_between(np.unique([*corners, *inside])))
+    last = np.unique([curve.intensity[-1] for curve in bearing])
+    intensity = np.concatenate([np.sqrt(nodes[1:] * nodes[:-1]), last])
+    rates = np.zeros((len(curves), len(intensity)))
+    for row, curve in zip(rates, curves, strict=True):
+        if len(curve.intensity):
+            row[: len(nodes) - 1] = -np.diff(curve.rate(nodes))
+            row[len(nodes) - 1 :] = curve.annual_rate[-1] * (last == curve.intensity[-1])
+    return intensity, rates
 
 
 def continued(hazard: HazardCurve, curves: Sequence[Lognormal]) -> HazardCurve:
@@ -255,17 +253,3 @@ def continued(hazard: HazardCurve, curves: Sequence[Lognormal]) -> HazardCurve:
     if high > x[-1]:
         x, rate = np.append(x, high), np.append(rate, rate[-1])
     return replace(hazard, intensity=x, annual_rate=rate)
-
-
-def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
-    """Shares of the toppling rate under the `continued` curve that lie below and above the stated points."""
-    stated, whole = (toppling_rate(curves, curve) for curve in (hazard, continued(hazard, curves)))
-    if not whole > 0:
-        return 0.0, 0.0
-    above = (1.0 - any_topples(curves, hazard.intensity[-1:])[0]) * hazard.annual_rate[-1]
-    return max(0.0, 1.0 - (stated + above) / whole), float(above / whole)
-
-
-def any_topples(curves: Sequence[Lognormal], intensity: ArrayLike) -> NDArray[np.float64]:
-    """Probability that an event of some intensity topples at least one of the rocks."""
-    return 1.0 - np.prod([1.0 - curve.probability(intensity) for curve in curves], axis=0)

@@ -14,7 +14,6 @@ from toppling.models.arrays import Array
 from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
-from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.measure_names import UNSCALED, imt_of
 from toppling.results.hazard.tree import FRACTILES, common_levels, statistics_of
 from toppling.results.hazard.update import Update
@@ -45,6 +44,7 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     """
     assert update.posterior is not None
     assert update.after is not None
+    assert update.tree is not None
     tree = update.tree
     levels, rates = common_levels(tree.curves)
     numbers = [number if one.number is None else one.number for number, one in enumerate(tree.branches)]
@@ -57,7 +57,7 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     yield from _write(folder, branches, update.posterior, [curves], tree.years or _YEARS_OF_RATES)
 
 
-def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
+def write_event_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
     """The same of a set of events: curves counted from them at the rocks' sites, which state their places.
 
     Probabilities are in `_YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.

@@ -1,74 +1,138 @@
-"""Rocks that stand together under curves of hazard: their survival, what it rejects, and what it allows at most.
+"""Rocks that stand together through events: their survival, what it rejects, and what it allows at most.
 
-Two readings of "scaling a hazard curve": motions that are a factor s stronger, rate'(x) = rate(x / s), and rates that
-are a factor k higher, rate' = k rate. Each is the factor at which survival falls to a probability: 1 and more says
-that the hazard is compatible as it is. Draws are of what is uncertain: fragilities of other records, and ages.
+An event of annual rate r topples at least one of some rocks with 1 - prod(1 - F_i(its motion at rock i)): rocks feel
+the same events, and taking them as independent would be biased. Such events have the rate nu = sum r (1 - prod(1 -
+F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson. Over the years that only the older rocks
+stood, only they could topple. A hazard curve is events too (`curves.events_of_curves`).
+
+Two readings of "scaling a hazard": motions that are a factor s stronger, rate'(x) = rate(x / s), and rates that are a
+factor k higher, rate' = k rate. Each is the factor at which survival falls to a probability: 1 and more says that the
+hazard is compatible as it is. Draws are of what is uncertain: fragilities of other records, ages, the events of a
+catalogue (each occurs a Poisson number of times, as the number of events in a catalogue would), and readings of the
+hazard.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.lognormal import Lognormal, Resampled, ends
+from toppling.models.errors import InputError
+from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, ends
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.hazard.ages import Exposure, exposure
-from toppling.results.hazard.curves import HazardCurve, any_topples, nodes_between, toppling_rate
+from toppling.results.hazard.ages import AS_NOW, STOUTER, Exposure
+from toppling.results.hazard.curves import HazardCurve, continued, events_of_curves
+from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, Standing
 
-_NODES_PER_E_FOLD = 60
-"""Points of an integral in an interval where intensity grows by e: 1e-4 of a rate, where draws differ by per cents."""
+_LEAST_LOGARITHM = -745.0
+"""Of a probability of survival: exp gives 0, and 0 times it is 0."""
 
-_FURTHEST = 1e3
-"""Largest factor of motions that is looked for, and the inverse of the least."""
+_FURTHEST = math.log(1e3)
+"""Logarithm of the largest factor of motions that is looked for; minus it of the least."""
 
-_GROUP = 128
-"""Curves at a time, so that a tree of thousands needs no more memory than one of these."""
-
-_STEP = 1.05
+_STEP = math.log(1.05)
 """Between factors of motions at which draws are computed; rates are power laws between them."""
 
-
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """A rock that has stood for some time."""
-
-    name: str
-    curve: Lognormal  # with samples of other records, where these are known
-    years: Array  # (n,): equally likely ages; one where it is known
-    # Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
-    together: bool = False
-
-    @property
-    def drawn(self) -> list[Lognormal]:
-        """Its curve of each resample; none where they are not known."""
-        known = self.curve.resampled
-        return known.lognormals(self.curve.measure) if known and len(known.fitted) else []
+_MANY_EVENTS = 2000
+_NEGLIGIBLE = 1e-12
+"""Toppling probability of an event ten times stronger below which it is left out of a search for factors."""
 
 
-def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
-    """Probability that all rocks still stand, each after its own age, under common events.
+def topples(fragility: Fragility, motions: Motions) -> Array:
+    """Toppling probability of events, given their motions.
 
-    Over the years that only the older rocks stood, only they could topple. Uncertain ages are averaged over.
+    Raises InputError if the motions lack a measure of the fragility.
     """
-    together, stood = _epochs(rocks)
-    return stood.survival([toppling_rate(curves, hazard) for curves in together])
+    lacking = [name for name in fragility.measures if name not in motions]
+    if lacking:
+        raise InputError("hazard.measure_other",
+            what=f"states {', '.join(motions)}, and no {', '.join(lacking)}", where="--hazard",
+            expected=f"motions in {', '.join(fragility.measures)}, as the rock's fragility is over them",
+            remedy="choose another --measure, or compute fields of that measure too")  # fmt: skip
+    if isinstance(fragility, Surface):
+        return fragility.probability(motions)
+    return fragility.probability(motions[fragility.measure])
 
 
-def rejected_rate(rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95) -> Array:
+def any_topples(rocks: Sequence[Standing], motions: Motions, states: ArrayLike | None = None) -> Array:
+    """Probability that an event topples at least one of the rocks, (s, m) in each of their states.
+
+    motions: mapping of (m, sites).
+    states: (s, rocks), of `Exposure`; all rocks as they are unless given.
+    """
+    wanted = np.full((1, len(rocks)), AS_NOW) if states is None else np.asarray(states)
+    standing = np.zeros((len(wanted), len(next(iter(motions.values())))))
+    for number, rock in enumerate(rocks):
+        felt = {name: values[:, rock.site] for name, values in motions.items()}
+        for state in np.unique(wanted[:, number]):
+            if state in (AS_NOW, STOUTER):
+                factor = rock.since.factor if state == STOUTER and rock.since else 1.0
+                part = _log_standing(rock.fragility.stouter(factor), felt)
+                standing[wanted[:, number] == state] += part
+    return -np.expm1(np.maximum(standing, _LEAST_LOGARITHM))
+
+
+def _log_standing(fragility: Fragility, motions: Motions) -> Array:
+    with np.errstate(divide="ignore"):
+        return np.maximum(np.log1p(-topples(fragility, motions)), _LEAST_LOGARITHM)
+
+
+def together(curves: Sequence[Lognormal], intensity: ArrayLike) -> Array:
+    """Probability that an event of some intensity topples at least one rock of some fragilities."""
+    rocks = [Standing("", curve) for curve in curves]
+    return any_topples(rocks, {curves[0].measure: np.asarray(intensity, float).reshape(-1, 1)})[0]
+
+
+def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
+    """Annual rate of events that topple at least one of some rocks at a site.
+
+    Rates above the hazard curve's last point count with the probability at that point, rates below its first
+    not at all (`unstated_shares`).
+    """
+    intensity, rates = events_of_curves([hazard], [curve.median for curve in curves])
+    return float(together(curves, intensity) @ rates[0])
+
+
+def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
+    """Shares of the toppling rate under the `continued` curve that lie below and above the stated points."""
+    stated, whole = (toppling_rate(curves, curve) for curve in (hazard, continued(hazard, curves)))
+    if not whole > 0:
+        return 0.0, 0.0
+    above = (1.0 - together(curves, hazard.intensity[-1:])[0]) * hazard.annual_rate[-1]
+    return max(0.0, 1.0 - (stated + above) / whole), float(above / whole)
+
+
+def rates_by_state(rocks: Sequence[Standing], groups: Sequence[Group], states: NDArray[np.int8]) -> Array:
+    """Annual rate of events that topple at least one of the rocks, of each branch and state (branches, s)."""
+    found = np.empty((sum(len(group.numbers) for group in groups), len(states)))
+    for group in groups:
+        found[group.numbers] = group.rates @ any_topples(rocks, group.motions, states).T
+    return found
+
+
+def survivals(rocks: Sequence[Standing], events: EventSet, exposure: Exposure) -> Array:
+    """Probability that all rocks still stand under each branch and, last, under the mean hazard."""
+    return np.array([exposure.survival(row) for row in rates_by_state(rocks, events.groups, exposure.states)])
+
+
+def rejected_rate(
+    rocks: Sequence[Standing], intensity: ArrayLike, exposure: Exposure, confidence: float = 0.95
+) -> Array:
     """Annual rate of exceedance above which an intensity is rejected, whatever the rest of the hazard curve.
 
     Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
     at most exp(-F(x) lambda(x) T). Returned is the rate at which that bound is 1 - confidence; infinite where
     F(x) is 0.
     """
-    values = np.atleast_1d(np.asarray(intensity, float))
-    together, stood = _epochs(rocks)
-    topple = np.array([any_topples(curves, values) for curves in together])
-    return np.array([greatest_rate(row, 1.0 - confidence) for row in topple.T @ stood.years])
+    motions = {rocks[0].fragility.measures[0]: np.asarray(intensity, float).reshape(-1, 1)}
+    topple = any_topples([replace(rock, site=0) for rock in rocks], motions, exposure.states)
+    return np.array([greatest_rate(row, 1.0 - confidence) for row in topple.T @ exposure.years])
 
 
 def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
@@ -79,37 +143,7 @@ def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
     low, high = (min(curve.intensity(share) for curve in curves) for share in (1e-9, confidence))
     if len(curves) == 1 or math.isinf(high):
         return high
-    return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
-
-
-def _drawn_ages(rocks: Sequence[Standing], draws: int) -> Array:
-    """Ages of each rock (draws, rocks).
-
-    Independent ones are each rock's equally likely ages, shuffled with a fixed seed; those that go `together` keep
-    their order.
-    """
-    random = np.random.default_rng(0)
-    alone = all(rock.together for rock in rocks) or (len(rocks) == 1 and len(rocks[0].years) == draws)
-    columns = [_resized(rock.years, draws) for rock in rocks]
-    return np.column_stack(
-        [ages if alone or len(ages) == 1 else random.permutation(ages) for ages in columns]
-    )
-
-
-def _resized(years: Array, draws: int) -> Array:
-    """As many equally likely ages as are asked for: repeated, or evenly left out."""
-    if draws >= len(years):
-        return np.resize(years, draws)
-    return years[((np.arange(draws) + 0.5) * len(years) / draws).astype(int)]
-
-
-def _epochs(rocks: Sequence[Standing]) -> tuple[list[list[Lognormal]], Exposure]:
-    """Find the sets of rocks that stood together, by their curves, and how long in each draw of their ages."""
-    stood = exposure(_drawn_ages(rocks, max(len(rock.years) for rock in rocks)))
-    together = [
-        [rock.curve for rock, stands in zip(rocks, state, strict=True) if stands] for state in stood.states
-    ]
-    return together, stood
+    return float(brentq(lambda x: together(curves, x)[0] - confidence, low, high * (1 + 1e-9)))
 
 
 def greatest_rate(exposure: Array, chance: float) -> float:
@@ -126,174 +160,155 @@ def greatest_rate(exposure: Array, chance: float) -> float:
     )
 
 
-def motion_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:
-    """Largest factor of a curve's motions under which the rocks survive with a probability.
+def scale_factors(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Array:
+    """Largest factor of motions under which the rocks survive with a probability: of each branch, and of the mean.
 
-    Infinite where they do however strong the motions are, as there are so few events.
+    Infinite where they do however strong the motions are, as there are so few events; 0 where no factor is small
+    enough.
     """
-    together, stood = _epochs(rocks)
+    found = np.empty(len(events.branches) + 1)
+    for group in events.groups:
+        felt = _felt(rocks, group) if events.sampled else group
+        for row, number in enumerate(group.numbers):
+            rate = felt.rates[row]
 
-    def above(log_factor: float) -> float:
-        stronger = hazard.stronger(math.exp(log_factor))
-        return stood.survival([toppling_rate(curves, stronger) for curves in together]) - chance
+            def above(log_factor: float, felt: Group = felt, rate: Array = rate) -> float:
+                topple = any_topples(_scaled(rocks, log_factor), felt.motions, exposure.states)
+                return exposure.survival(topple @ rate) - chance
 
-    return largest_factor(above, precision=1e-9)
+            found[number] = _largest_factor(above)
+    return found
 
 
-def largest_factor(above: Callable[[float], float], precision: float) -> float:
+def _scaled(rocks: Sequence[Standing], log_factor: float) -> list[Standing]:
+    """Rocks under motions a factor stronger: those that take motions a factor weaker."""
+    factor = math.exp(-log_factor)
+    return [replace(rock, fragility=rock.fragility.stouter(factor)) for rock in rocks]
+
+
+def _largest_factor(above: Callable[[float], float]) -> float:
     """Factor at which a falling function of its logarithm is 0; infinite or 0 where that is far beyond 1."""
-    far = math.log(_FURTHEST)
-    if above(far) > 0:
+    if above(_FURTHEST) > 0:
         return math.inf
-    if above(-far) < 0:
+    if above(-_FURTHEST) < 0:
         return 0.0
-    return math.exp(brentq(above, -far, far, xtol=precision))
+    return math.exp(brentq(above, -_FURTHEST, _FURTHEST, xtol=1e-8))
 
 
-def rate_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:
-    """Largest factor of a curve's rates under which the rocks survive with a probability; infinite if none topples."""
-    together, stood = _epochs(rocks)
-    rates = np.array([toppling_rate(curves, hazard) for curves in together])
-    return greatest_rate(rates @ stood.years, chance)
+def _felt(rocks: Sequence[Standing], group: Group) -> Group:
+    """Events without those that topple nothing even ten times stronger: a large set has few others."""
+    if group.rates.shape[1] < _MANY_EVENTS:
+        return group
+    return group.chosen(any_topples(_scaled(rocks, math.log(10.0)), group.motions)[0] > _NEGLIGIBLE)
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Draws of rocks' fragilities and ages."""
+    """Draws of what is uncertain, and what the rocks say in each."""
 
-    curves: list[list[Lognormal]]  # of each draw, one per rock
-    years: Array  # (draws, rocks)
-    carries: tuple[str, ...]  # what differs between draws: fragility, age, or both
-    # The bootstrap with the fewest records, which decides how wide an interval has to be; None where only
-    # ages vary.
+    carries: tuple[str, ...]  # what differs between draws: event, fragility, age, joint rate
+    # The bootstrap with the fewest records, which decides how wide an interval has to be; None where the
+    # fragility does not vary.
     records: Resampled | None
+    # (draws, branches), and the mean hazard last: expected topplings since the rocks stand, of which survival
+    # is exp of minus it, and factors of motions.
+    topplings: Array
+    factors: Array
 
     def interval(self, values: Array) -> Array:
         """Ends of the 95 % interval (2, ...) of values of each draw (draws, ...), which may be infinite."""
-        if self.records is not None:
-            return self.records.interval(values)
-        return ends(values)
+        return ends(values) if self.records is None else self.records.interval(values)
 
 
-def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Lognormal]], Resampled] | None:
-    """Curves of all rocks in each resample, as many as every rock has, and the bootstrap with the fewest records.
+def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Any]], Resampled] | None:
+    """Fragilities of all rocks in each resample, as many as every rock has, and the bootstrap with the fewest records.
 
     None unless all rocks' fragilities are known to vary.
     """
     drawn = [rock.drawn for rock in rocks]
     if not all(drawn):
         return None
-    known = [rock.curve.resampled for rock in rocks if rock.curve.resampled]
-    together = [list(curves) for curves in zip(*drawn, strict=False)]
-    return together, min(known, key=lambda one: one.records)
+    known = [rock.fragility.resampled for rock in rocks if rock.fragility.resampled]
+    return [list(ones) for ones in zip(*drawn, strict=False)], min(known, key=lambda one: one.records)
 
 
-def draws_of(rocks: Sequence[Standing]) -> Draws | None:
-    """Draws of rocks' fragilities and ages; None where neither is known to vary.
-
-    Fragilities vary if all rocks' do; a sample without a fit is a rock that no shaking topples.
-    """
-    known = drawn_together(rocks)
-    old = any(len(rock.years) > 1 for rock in rocks)
-    if not (known or old) or any(np.isnan(rock.years).any() for rock in rocks):
+def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Draws | None:
+    """Draws of all that is uncertain; None where nothing is."""
+    known, count = drawn_together(rocks), exposure.years.shape[1]
+    vary = {
+        "event": events.sampled, "fragility": known is not None, "age": count > 1,
+        "joint rate": bool(events.readings),
+    }  # fmt: skip
+    if not any(vary.values()):
         return None
-    curves, fewest = known or ([[rock.curve for rock in rocks]] * SAMPLES, None)
-    carries = ("fragility",) * (known is not None) + ("age",) * old
-    return Draws(curves, _drawn_ages(rocks, len(curves)), carries, fewest)
-
-
-def _event_matrix(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
-    """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
-
-    As `curves.events_by_intensity`, for many curves at once: what each says beyond its last point lies at that point.
-    """
-    bearing = [curve for curve in curves if len(curve.intensity)]
-    if not bearing:
-        return np.ones(1), np.zeros((len(curves), 1))
-    corners = np.unique(np.concatenate([np.log(curve.intensity) for curve in bearing]))
-    nodes = nodes_between(corners, _NODES_PER_E_FOLD)
-    ends = np.unique([curve.intensity[-1] for curve in bearing])
-    x = np.concatenate([np.exp((nodes[1:] + nodes[:-1]) / 2), ends])
-    rates = np.zeros((len(curves), len(x)))
-    for row, curve in zip(rates, curves, strict=True):
-        if len(curve.intensity):
-            row[: len(nodes) - 1] = -np.diff(curve.rate(np.exp(nodes)))
-            row[len(nodes) - 1 :] = curve.annual_rate[-1] * (ends == curve.intensity[-1])
-    return x, rates
-
-
-def _exponents(draws: Draws, curves: Sequence[HazardCurve], factors: Array) -> Array:
-    """Expected topplings (draws, factors, curves) since the rocks stand, of motions multiplied by each factor.
-
-    Survival is exp of minus it. Over the years that only the older rocks stood, only they could topple.
-    """
-    x, rates = _event_matrix(curves)
-    scaled = np.outer(factors, x)
-    found = np.zeros((len(draws.curves), len(factors), len(curves)))
-    known: dict[tuple, Array] = {}
-    for number, (fragilities, years) in enumerate(zip(draws.curves, draws.years, strict=True)):
-        order = np.argsort(-years)
-        spans = -np.diff(np.append(years[order], 0.0))
-        standing = np.ones_like(scaled)
-        for index, rock in enumerate(order):
-            curve = fragilities[rock]
-            key = (rock, curve.median, curve.beta)
-            if key not in known:
-                known = {key: curve.probability(scaled)} if len(known) > len(order) else known
-                known[key] = curve.probability(scaled)
-            standing = standing * (1.0 - known[key])
-            if spans[index] > 0:
-                found[number] += spans[index] * ((1.0 - standing) @ rates.T)
-    return found
-
-
-def drawn_factors(
-    draws: Draws, curves: Sequence[HazardCurve], chance: float, central: Sequence[float]
-) -> tuple[Array, Array, Array]:
-    """Factors of motions and of rates, and survivals, of each draw and curve, (draws, curves) each.
-
-    `central` are the curves' factors of motions, about which those of the draws are looked for.
-    """
-    finite = [factor for factor in central if 0 < factor < math.inf] or [1.0]
-    low, high = math.log(min(*finite, 1.0) / 8), math.log(max(*finite, 1.0) * 8)
-    grid = np.arange(math.floor(low / math.log(_STEP)), math.ceil(high / math.log(_STEP)) + 1) * math.log(
-        _STEP
-    )
+    curves, records = known or ([[rock.fragility for rock in rocks]] * SAMPLES, None)
+    levels = ((np.arange(len(curves)) + 0.5) * count / len(curves)).astype(int)
+    ages = exposure.years[:, np.random.default_rng(0).permutation(levels)]  # none goes with a resample
     found = [
-        _of_group(draws, curves[first : first + _GROUP], grid, chance)
-        for first in range(0, len(curves), _GROUP)
-    ]
-    motions, rates, survivals = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
-    return motions, rates, survivals
+        _one_draw(
+            [replace(rock, fragility=one) for rock, one in zip(rocks, fragilities, strict=True)],
+            events, number, (exposure.states, years), chance,
+        )
+        for number, (fragilities, years) in enumerate(zip(curves, ages.T, strict=True))
+    ]  # fmt: skip
+    topplings, factors = (np.array(rows) for rows in zip(*found, strict=True))
+    return Draws(tuple(name for name, varies in vary.items() if varies), records, topplings, factors)
 
 
-def _of_group(
-    draws: Draws, curves: Sequence[HazardCurve], grid: NDArray[np.floating], chance: float
-) -> tuple[Array, Array, Array]:
-    """As `drawn_factors`, of some curves and on a grid of logarithms of factors that holds 0."""
-    topplings = _exponents(draws, curves, np.exp(grid))
+def _one_draw(
+    rocks: Sequence[Standing],
+    events: EventSet,
+    number: int,
+    stood: tuple[NDArray[np.int8], Array],
+    chance: float,
+) -> tuple[Array, Array]:
+    """Expected topplings of a draw, and factors of motions at which survival is a chance: by branch, the mean last.
+
+    Factors lie on a grid of logarithms, of which each is computed once for all branches that share their events.
+
+    stood: states of the rocks, and the years in each.
+    """
+    random = np.random.default_rng(number)
+    groups = []
+    for group in events.drawn_groups[number % len(events.drawn_groups)]:
+        if events.sampled:
+            felt = _felt(rocks, group)
+            group = replace(felt, rates=felt.rates * random.poisson(1.0, felt.rates.shape))
+        groups.append(group)
+    places = {of: (group, row) for group in groups for row, of in enumerate(group.numbers)}
+    states, years = stood
+    known: dict[tuple[int, int], Array] = {}
+
+    def topplings(of: int, step: int) -> float:
+        if of not in places:  # the mean hazard
+            return float(events.prior @ [topplings(branch, step) for branch in range(len(events.branches))])
+        group, row = places[of]
+        if (key := (id(group), step)) not in known:
+            topple = any_topples(_scaled(rocks, _STEP * step), group.motions, states)
+            known[key] = group.rates @ (years @ topple)
+        return float(known[key][row])
+
     enough = -math.log(chance)
-    as_it_is = topplings[:, int(np.abs(grid).argmin()), :]
-    with np.errstate(divide="ignore"):
-        rates = enough / as_it_is
-        rising = np.log(topplings)
-    motions = np.empty_like(as_it_is)
-    for number, curve in np.ndindex(*motions.shape):
-        motions[number, curve] = _crossing(grid, rising[number, :, curve], math.log(enough))
-    return motions, rates, np.exp(-as_it_is)
+    rows = range(len(events.branches) + 1)
+    factors = [_reached(partial(topplings, of), enough) for of in rows]
+    return np.array([topplings(of, 0) for of in rows]), np.array(factors)
 
 
-def _crossing(grid: NDArray[np.floating], rising: NDArray[np.floating], value: float) -> float:
-    """Factor at which a rising curve reaches a value; infinite or 0 where it does so outside the grid."""
-    if rising[-1] < value:
+def _reached(topplings: Callable[[int], float], enough: float) -> float:
+    """Factor of motions from which on topplings, which rise with it, are enough; infinite or 0 where far beyond 1."""
+    high = math.ceil(_FURTHEST / _STEP)
+    low = -high
+    if topplings(high) < enough:
         return math.inf
-    if rising[0] > value:
+    if topplings(low) >= enough:
         return 0.0
-    index = int(np.searchsorted(rising, value))
-    if index == 0 or not math.isfinite(rising[index - 1]):
-        return math.exp(grid[index])
-    share = (value - rising[index - 1]) / (rising[index] - rising[index - 1])
-    return math.exp(grid[index - 1] + share * (grid[index] - grid[index - 1]))
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if topplings(middle) >= enough else (middle, high)
+    if not topplings(low) > 0:
+        return math.exp(_STEP * high)
+    below, above = math.log(topplings(low)), math.log(topplings(high))
+    return math.exp(_STEP * (low + (math.log(enough) - below) / (above - below)))
 
 
 @dataclass(frozen=True)
@@ -313,7 +328,7 @@ class RandomRock:
 
 
 def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
-    """Fragility of a random rock from several; None from fewer than two, or where one never topples."""
+    """Fragility of a random rock from several over one measure; None of fewer than two, or where one never topples."""
     curves = [rock.curve for rock in rocks]
     if len(curves) < 2 or not all(math.isfinite(curve.median) for curve in curves):
         return None
@@ -323,9 +338,9 @@ def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
     within = math.sqrt(np.mean([curve.beta**2 for curve in curves]))
     between = float(np.std(logs, ddof=1))
     curve = Lognormal(curves[0].measure, math.exp(logs.mean()), math.hypot(within, between))
-    known = draws_of(rocks)
-    if known is None or "fragility" not in known.carries:
+    known = drawn_together(rocks)
+    if known is None:
         return RandomRock(curve, within, between, None, beyond)
-    medians = np.array([math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known.curves])
-    low, high = known.interval(medians)
+    medians = [math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known[0]]
+    low, high = known[1].interval(np.array(medians))
     return RandomRock(curve, within, between, (float(low), float(high)), beyond)

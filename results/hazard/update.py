@@ -1,36 +1,41 @@
 """What standing rocks do to a hazard: branches weighted by survival, the hazard before and after, factors, levels."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import ends
+from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (
     HazardCurve,
     annual_rate_of,
     bearing,
+    continued,
     intensity_at,
     probability_of,
-    toppling_rate,
 )
+from toppling.results.hazard.events import MEAN, EventSet, Standing, events_of_tree
 from toppling.results.hazard.survival import (
     Draws,
-    Standing,
-    drawn_factors,
+    any_topples,
     draws_of,
-    joint_survival,
-    motion_factor,
-    rate_factor,
+    greatest_rate,
+    rates_by_state,
+    scale_factors,
+    survivals,
+    toppling_rate,
+    unstated_shares,
 )
 from toppling.results.hazard.tree import (
     FRACTILES,
+    Branch,
     HazardTree,
     Statistics,
     branch_weights,
@@ -39,28 +44,67 @@ from toppling.results.hazard.tree import (
     level_choices,
     same_levels,
     statistics,
+    statistics_of,
 )
 
 RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
 """Annual rates at which motions are compared; those of 475 and 2475 years are 10 and 2 % in 50 years."""
 
-MEAN = "mean of the branches"
+_LEVELS = 40
+"""At which the rates of exceedance of a set of events are counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exceedance:
+    """Annual rates of exceedance of the branches, of a measure at a site."""
+
+    measure: str
+    site: str
+    levels: Array  # (n,)
+    rates: Array  # (branches, n)
+    # Time over whose probabilities means and fractiles are; None for those of rates.
+    years: float | None = None
+    # Of the one branch, as its files state them: they stand in for fractiles over branches.
+    stated: dict[float, Array] | None = None
+
+    def statistics(self, weights: Array | None, *, after: bool = False) -> Statistics | None:
+        """Mean and fractiles under some weights; None where these are not known."""
+        if weights is None:
+            return None
+        found = statistics_of(self.levels, self.rates, weights, self.years)
+        if self.stated is None:
+            return found
+        unknown = {q: np.full(len(self.levels), math.nan) for q in FRACTILES}
+        return replace(found, fractiles=unknown if after else unknown | self.stated)
 
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """A tree of hazard and the rocks that have stood under it."""
+    """A hazard and the rocks that have stood under it."""
 
     rocks: Sequence[Standing]
-    tree: HazardTree
+    events: EventSet
+    exposure: Exposure
     # A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at
     # which survival falls to it.
     confidence: float = 0.95
+    tree: HazardTree | None = None  # of curves, where the events stand for these
+
+    @classmethod
+    def of_curves(
+        cls, rocks: Sequence[Standing], tree: HazardTree, exposure: Exposure, confidence: float = 0.95
+    ) -> "Update":
+        """What rocks do to a logic tree of curves at their site."""
+        return cls(rocks, events_of_tree(tree, rocks, _mean_of(tree)), exposure, confidence, tree)
 
     @cached_property
+    def _survivals(self) -> Array:
+        return survivals(self.rocks, self.events, self.exposure)
+
+    @property
     def survival(self) -> Array:
         """Of the rocks under each branch."""
-        return np.array([joint_survival(self.rocks, curve) for curve in self.tree.curves])
+        return self._survivals[:-1]
 
     @property
     def rejected(self) -> NDArray[np.bool_]:
@@ -69,166 +113,231 @@ class Update:
 
     @cached_property
     def posterior(self) -> Array | None:
-        """Bayes weights; None where no branch lets the rocks survive."""
-        weights = branch_weights(self.tree.weights, self.survival)
+        """Posterior weights (Bayes); None where no branch lets the rocks survive."""
+        weights = branch_weights(self.events.prior, self.survival)
         return None if np.isnan(weights).any() else weights
 
     @cached_property
-    def before(self) -> Statistics:
-        """Mean and fractiles under the prior weights; fractiles of the files where these state no branches."""
-        curves = statistics(self.tree)
-        if not self._bare_fractiles:
-            return curves
-        fractiles = {q: np.full(len(curves.levels), math.nan) for q in FRACTILES}
-        for q, curve in self.tree.fractiles.items():
-            if q in fractiles and same_levels(curve.levels, curves.levels):
-                fractiles[q] = curve.rates
-        return replace(curves, fractiles=fractiles)
-
-    @cached_property
-    def after(self) -> Statistics | None:
-        """Mean and fractiles under the Bayes weights; null fractiles where the files state no branches."""
-        if self.posterior is None:
-            return None
-        curves = statistics(self.tree, self.posterior)
-        unknown = {q: np.full(len(curves.levels), math.nan) for q in FRACTILES}
-        return replace(curves, fractiles=unknown) if self._bare_fractiles else curves
-
-    @property
-    def _bare_fractiles(self) -> bool:
-        return len(self.tree.branches) == 1 and bool(self.tree.fractiles)
-
-    @cached_property
-    def mean_curve(self) -> HazardCurve:
-        """Mean of the branches before the rocks have a say."""
-        return _mean_of(self.tree, self.before)
-
-    @cached_property
-    def _curves(self) -> list[HazardCurve]:
-        return [*self.tree.curves, self.mean_curve]
-
-    @cached_property
     def draws(self) -> Draws | None:
-        """Of fragilities and ages."""
-        return draws_of(self.rocks)
+        """Of all that is uncertain."""
+        return draws_of(self.rocks, self.events, self.exposure, 1.0 - self.confidence)
 
-    @cached_property
-    def _drawn(self) -> dict[str, Array] | None:
-        if self.draws is None:
-            return None
-        found = drawn_factors(self.draws, self._curves, 1.0 - self.confidence, self._motion)
-        return dict(zip(("scale_factor", "rate_factor", "survival"), found, strict=True))
-
-    @cached_property
-    def _motion(self) -> list[float]:
-        return [motion_factor(self.rocks, curve, 1.0 - self.confidence) for curve in self._curves]
+    def _interval(self, values: Array) -> Array:
+        return ends(values) if self.draws is None else self.draws.interval(values)
 
     @cached_property
     def factors(self) -> pd.DataFrame:
-        """Survival and largest factors of each branch and, last, of their mean, with intervals.
+        """Survival and largest factors of each branch and, last, of the mean hazard, with intervals.
 
         name (of a branch, or `MEAN`), survival, scale_factor (of motions), rate_factor, and _low and _high of each (95
-        %, over other records and ages; null where neither is known to vary).
+        %, over all that is drawn; null where nothing is known to vary).
         """
         chance = 1.0 - self.confidence
-        table = pd.DataFrame({"name": [*(branch.name for branch in self.tree.branches), MEAN]})
+        exposed = rates_by_state(self.rocks, self.events.groups, self.exposure.states) @ self.exposure.years
+        table = pd.DataFrame({"name": [*(branch.name for branch in self.events.branches), MEAN]})
+        drawn: dict[str, Array] = {}
+        if self.draws is not None:
+            with np.errstate(divide="ignore"):
+                rate_factors = -math.log(chance) / self.draws.topplings
+            drawn = {
+                "survival": np.exp(-self.draws.topplings), "scale_factor": self.draws.factors,
+                "rate_factor": rate_factors,
+            }  # fmt: skip
         for name, values in (
-            ("survival", np.append(self.survival, joint_survival(self.rocks, self.mean_curve))),
-            ("scale_factor", self._motion),
-            ("rate_factor", [rate_factor(self.rocks, curve, chance) for curve in self._curves]),
+            ("survival", self._survivals),
+            ("scale_factor", scale_factors(self.rocks, self.events, self.exposure, chance)),
+            ("rate_factor", [greatest_rate(row, chance) for row in exposed]),
         ):
             table[name] = values
             table[f"{name}_low"] = table[f"{name}_high"] = math.nan
-            if self.draws is not None and self._drawn is not None:
-                table[f"{name}_low"], table[f"{name}_high"] = self.draws.interval(self._drawn[name])
+            if drawn:
+                table[f"{name}_low"], table[f"{name}_high"] = self._interval(drawn[name])
         return table
+
+    @cached_property
+    def branches(self) -> pd.DataFrame:
+        """Each branch: survival, verdict, weights and factors.
+
+        A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
+
+        Returns DataFrame: one row a branch: name, toppling_rate (annual, any of the rocks), rejected, prior_weight,
+        posterior_weight (null where no branch lets the rocks survive), and columns of `factors`. Of a set of events
+        also model, events and effective_events (Kish's number of those that bear the toppling rate); of curves
+        unstated_below and unstated_above (shares of the rate outside the curve's points, not counted:
+        `results.hazard`) and survival_least (with these counted).
+        """
+        bearing_rate = [
+            any_topples(self.rocks, branch.motions)[0] * branch.rate for branch in self.events.branches
+        ]
+        table = pd.DataFrame({
+            "name": [branch.name for branch in self.events.branches],
+            "toppling_rate": [part.sum() for part in bearing_rate], "rejected": self.rejected,
+            "prior_weight": self.events.prior,
+            "posterior_weight": math.nan if self.posterior is None else self.posterior,
+        })  # fmt: skip
+        if self.tree is None:
+            table["model"] = [branch.model for branch in self.events.branches]
+            table["events"] = [len(branch.rate) for branch in self.events.branches]
+            table["effective_events"] = [
+                effective_number(part) if part.sum() > 0 else 0.0 for part in bearing_rate
+            ]
+        else:
+            curves = [rock.curve for rock in self.rocks]
+            shares = [unstated_shares(curves, curve) for curve in self.tree.curves]
+            table["unstated_below"], table["unstated_above"] = zip(*shares, strict=True)
+            whole = [continued(curve, curves) for curve in self.tree.curves]
+            table["survival_least"] = [self._survival_under(curve) for curve in whole]
+        return table.join(self.factors.iloc[:-1].drop(columns="name"))
+
+    def _survival_under(self, curve: HazardCurve) -> float:
+        alone = HazardTree(curve.measure, (Branch(curve.name, 1.0, curve),))
+        return float(survivals(self.rocks, events_of_tree(alone, self.rocks, curve), self.exposure)[0])
 
     @property
     def decided(self) -> dict[str, float | None]:
-        """How much the rocks decide, `decided_by`."""
-        return decided_by(self.tree.weights, self.posterior, self.survival, self.rejected)
+        """How much the rocks decide: effective branches before and after, mean survival, and the weight rejected."""
+        prior, gone = self.events.prior, self.rejected
+        return {
+            "branches": len(prior),
+            "effective_branches_prior": effective_number(prior),
+            "effective_branches_posterior": None
+            if self.posterior is None
+            else effective_number(self.posterior),
+            "survival_mean_of_branches": float(prior @ self.survival),
+            "weight_rejected": float(prior[gone].sum()),
+            "branches_rejected": int(gone.sum()),
+        }
 
     @cached_property
-    def drawn_posteriors(self) -> Array | None:
-        """`drawn_weights` of the branches; None where neither records nor ages vary."""
-        if self._drawn is None:
+    def exceedances(self) -> list[Exceedance]:
+        """The hazard of each measure at each of the rocks' sites, where some event is felt."""
+        if self.tree is not None:
+            return [_of_tree(self.tree, self.events.sites[0].name)]
+        places = dict.fromkeys(rock.site for rock in self.rocks)
+        found = [
+            Exceedance(measure, self.events.sites[at].name, levels, rates[:, 0])
+            for at in places
+            for measure in self.rocks[0].fragility.measures
+            for levels, rates in [self.counted(measure, [at])]
+        ]
+        return [one for one in found if len(one.levels)]
+
+    @property
+    def before(self) -> Statistics:
+        """Mean and fractiles of the first hazard under the prior weights."""
+        found = self.exceedances[0].statistics(self.events.prior)
+        assert found is not None
+        return found
+
+    @property
+    def after(self) -> Statistics | None:
+        """Mean and fractiles of the first hazard under the posterior weights."""
+        return self.exceedances[0].statistics(self.posterior, after=True)
+
+    def counted(self, measure: str, sites: Sequence[int]) -> tuple[Array, Array]:
+        """Levels, and each branch's rate of events above them at sites (branches, sites, levels); none felt, none."""
+        branches = self.events.branches
+        felt = np.concatenate([branch.motions[measure][:, sites].ravel() for branch in branches])
+        felt = felt[felt > 0]
+        if not len(felt):
+            return np.empty(0), np.empty((len(branches), len(sites), 0))
+        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, _LEVELS)
+        return levels, np.array([
+            [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
+        ])  # fmt: skip
+
+    def _drawn_means(self, of: Exceedance) -> Array | None:
+        """Posterior mean rates of each draw (draws, levels); None where nothing varies, or no draw survives."""
+        if self.draws is None:
             return None
-        return drawn_weights(self.tree.weights, self._drawn["survival"][:, :-1])
+        weights = drawn_weights(self.events.prior, np.exp(-self.draws.topplings[:, :-1]))
+        if not len(weights):
+            return None
+        if of.years is None:
+            return weights @ np.where(np.isfinite(of.rates), of.rates, 0.0)
+        return annual_rate_of(np.minimum(weights @ probability_of(of.rates, of.years), 1.0), of.years)
 
     @cached_property
-    def drawn_means(self) -> Array | None:
-        """Posterior mean rates of each draw (draws, levels)."""
-        if self.drawn_posteriors is None or not len(self.drawn_posteriors):
-            return None
-        _, rates = common_levels(self.tree.curves)
-        years = self.tree.years
-        if years is None:
-            return self.drawn_posteriors @ np.where(np.isfinite(rates), rates, 0.0)
-        return annual_rate_of(np.minimum(self.drawn_posteriors @ probability_of(rates, years), 1.0), years)
+    def updated(self) -> pd.DataFrame:
+        """The hazard before and after at every level.
+
+        Returns DataFrame: measure, site, level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95:
+        over branches), rate_posterior_mean_low and _high (95 %, over all that is drawn), change_percent (of the mean
+        rate).
+        """
+        return _stacked([self._updated(one) for one in self.exceedances])
+
+    def _updated(self, of: Exceedance) -> pd.DataFrame:
+        table = pd.DataFrame({"measure": of.measure, "site": of.site, "level": of.levels})
+        after = of.statistics(self.posterior, after=True)
+        for name, one in (("prior", of.statistics(self.events.prior)), ("posterior", after)):
+            table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
+            for q in FRACTILES:
+                table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
+        table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
+        if after is not None and (means := self._drawn_means(of)) is not None:
+            table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = self._interval(means)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
+        return table
+
+    @cached_property
+    def changes(self) -> pd.DataFrame:
+        """The motions exceeded at some annual rates, before and after.
+
+        Returns DataFrame: measure, site, annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05,
+        p50, p95: over branches), level_posterior_mean_low and _high (95 %, over all that is drawn),
+        level_change_percent (of the mean's motion), rate_change_percent (of the mean's rate at the prior's motion).
+        Null where a curve does not reach the rate.
+        """
+        return _stacked([self._changes(one) for one in self.exceedances])
+
+    def _changes(self, of: Exceedance) -> pd.DataFrame:
+        before, after = of.statistics(self.events.prior), of.statistics(self.posterior, after=True)
+        assert before is not None
+        means = None if after is None else self._drawn_means(of)
+        rows = []
+        for rate in RATES:
+            low, high = _level_interval(of.levels, means, rate, self._interval)
+            drawn = {"level_posterior_mean_low": low, "level_posterior_mean_high": high}
+            rows.append(_change_at(rate, before, after) | drawn)
+        table = pd.DataFrame(rows)
+        table.insert(0, "site", of.site)
+        table.insert(0, "measure", of.measure)
+        return table
 
 
-def _mean_of(tree: HazardTree, curves: Statistics) -> HazardCurve:
+def _of_tree(tree: HazardTree, site: str) -> Exceedance:
+    """Rates of a tree's curves, with the fractiles that the files state where these state no branches."""
+    levels, rates = common_levels(tree.curves)
+    stated = None
+    if len(tree.branches) == 1 and tree.fractiles:
+        stated = {
+            q: curve.rates
+            for q, curve in tree.fractiles.items()
+            if q in FRACTILES and same_levels(curve.levels, levels)
+        }
+    return Exceedance(tree.measure, site, levels, rates, tree.years, stated)
+
+
+def _exceeded(values: Array, rate: Array, levels: Array) -> Array:
+    order = np.argsort(values)
+    summed = np.concatenate([np.cumsum(rate[order][::-1])[::-1], [0.0]])
+    return summed[np.searchsorted(values[order], levels, side="right")]
+
+
+def _stacked(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def _mean_of(tree: HazardTree) -> HazardCurve:
     """The mean of a tree as a curve, of the levels at which it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]
+    curves = statistics(tree)
     levels, rates = bearing(curves.levels, curves.mean)
     falling = np.minimum.accumulate(rates)
     return HazardCurve(MEAN, tree.measure, levels, falling, site=tree.site, years=tree.years)
-
-
-def rates_table(levels: Array, curves: Mapping[str, Statistics | None]) -> pd.DataFrame:
-    """Columns level, and rate_NAME_mean, rate_NAME_p05 and so on of statistics by name; null where these are None."""
-    table = pd.DataFrame({"level": levels})
-    for name, one in curves.items():
-        table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
-        for q in FRACTILES:
-            table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
-    return table
-
-
-def updated_table(update: Update) -> pd.DataFrame:
-    """The hazard before and after at every level.
-
-    Returns DataFrame: level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95: over branches),
-    rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate).
-    """
-    levels = update.before.levels
-    table = rates_table(levels, {"prior": update.before, "posterior": update.after})
-    table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
-    if update.draws is not None and update.drawn_means is not None and update.after is not None:
-        low, high = update.draws.interval(update.drawn_means)
-        table = table.assign(rate_posterior_mean_low=low, rate_posterior_mean_high=high)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
-    return table
-
-
-def changes_table(update: Update) -> pd.DataFrame:
-    """The motions exceeded at some annual rates, before and after.
-
-    Returns DataFrame: annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05, p50, p95: over
-    branches), level_posterior_mean_low and _high (95 %, over other records and ages), level_change_percent (of the
-    mean's motion), rate_change_percent (of the mean's rate at the prior's motion). Null where a curve does not
-    reach the rate.
-    """
-    means = None if update.after is None else update.drawn_means
-    return changes_of(update.before, update.after, means, update.draws.interval if update.draws else ends)
-
-
-def changes_of(
-    before: Statistics, after: Statistics | None, means: Array | None, interval: Callable[[Array], Array]
-) -> pd.DataFrame:
-    """Rows of `changes_table`, a rate each.
-
-    means: mean rates after of each draw (draws, levels), if these are known.
-    interval: from values of the draws to its ends.
-    """
-    rows = []
-    for rate in RATES:
-        low, high = _level_interval(before.levels, means, rate, interval)
-        drawn = {"level_posterior_mean_low": low, "level_posterior_mean_high": high}
-        rows.append(_change_at(rate, before, after) | drawn)
-    return pd.DataFrame(rows)
 
 
 def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
@@ -271,18 +380,18 @@ def levels_table(update: Update) -> pd.DataFrame:
     Returns DataFrame: level, moved (share of the weight that changes its choice: half the sum of absolute changes),
     choice, prior_weight, posterior_weight; empty where branches have no paths.
     """
-    columns = ["level", "moved", "choice", "prior_weight", "posterior_weight"]
-    if update.posterior is None:
-        return pd.DataFrame(columns=columns)
+    if update.posterior is None or update.tree is None:
+        return pd.DataFrame()
     tables = []
     for level, chosen in level_choices([branch.path for branch in update.tree.branches]).items():
         shares = pd.DataFrame({
-            "choice": chosen, "prior_weight": update.tree.weights, "posterior_weight": update.posterior,
+            "choice": chosen, "prior_weight": update.events.prior, "posterior_weight": update.posterior,
         }).groupby("choice", as_index=False).sum()  # fmt: skip
         moved = 0.5 * (shares["posterior_weight"] - shares["prior_weight"]).abs().sum()
-        tables.append(shares.assign(level=level, moved=moved)[columns])
-    tables.sort(key=lambda table: -table["moved"].iloc[0])
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
+        shares.insert(0, "moved", moved)
+        shares.insert(0, "level", level)
+        tables.append(shares)
+    return _stacked(sorted(tables, key=lambda table: -table["moved"].iloc[0]))
 
 
 def parts_table(update: Update) -> pd.DataFrame:
@@ -290,6 +399,8 @@ def parts_table(update: Update) -> pd.DataFrame:
 
     Returns DataFrame: part, toppling_rate (annual), share; empty where the files state no contributions.
     """
+    if update.tree is None:
+        return pd.DataFrame()
     curves = [rock.curve for rock in update.rocks]
     total = toppling_rate(curves, update.tree.curves[0])
     rows = [(part.name, toppling_rate(curves, part)) for part in update.tree.parts]
@@ -297,19 +408,44 @@ def parts_table(update: Update) -> pd.DataFrame:
     return table.assign(share=table["toppling_rate"] / total if total > 0 else math.nan)
 
 
-def decided_by(
-    prior: Array,
-    posterior: Array | None,
-    survivals: ArrayLike,
-    rejected: ArrayLike,
-) -> dict[str, float | None]:
-    """How much rocks decide: effective branches before and after, mean survival, and the weight rejected."""
-    gone = np.asarray(rejected, bool)
-    return {
-        "branches": len(prior),
-        "effective_branches_prior": effective_number(prior),
-        "effective_branches_posterior": None if posterior is None else effective_number(posterior),
-        "survival_mean_of_branches": float(prior @ np.asarray(survivals)),
-        "weight_rejected": float(prior[gone].sum()),
-        "branches_rejected": int(gone.sum()),
-    }
+def models_table(update: Update) -> pd.DataFrame:
+    """Ground-motion models of a set of events: survival averaged over a model's branches, weight before and after.
+
+    Returns DataFrame: best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (over all
+    models' mean); empty for curves.
+    """
+    if update.tree is not None:
+        return pd.DataFrame()
+    branches = update.branches
+    table = branches.assign(joint=branches["prior_weight"] * branches["survival"]).groupby("model", sort=False).agg(
+        branches=("name", "size"), joint=("joint", "sum"), prior_weight=("prior_weight", "sum"),
+        posterior_weight=("posterior_weight", lambda weights: weights.sum(min_count=1)),
+    ).reset_index()  # fmt: skip
+    table["survival"] = table.pop("joint") / table["prior_weight"]
+    table["bayes_factor"] = table["survival"] / (table["survival"] @ table["prior_weight"])
+    order = ["model", "branches", "survival", "prior_weight", "posterior_weight", "bayes_factor"]
+    return table[order].sort_values("survival", ascending=False, ignore_index=True)
+
+
+def leave_one_out(update: Update) -> pd.DataFrame:
+    """What each rock adds: weights of the branches without it, and its survival as the others predict it.
+
+    Returns DataFrame: one row a rock and branch: left_out, branch, survival_of_others, posterior_weight (by the
+    others), survival_predicted (of the rock that is left out, given that the others stand: the same in all its
+    rows); empty for one rock, or curves.
+    """
+    rocks, events, stood = update.rocks, update.events, update.exposure
+    if len(rocks) < 2 or update.tree is not None:
+        return pd.DataFrame()
+    tables = []
+    for number, rock in enumerate(rocks):
+        others = [one for place, one in enumerate(rocks) if place != number]
+        left = replace(stood, states=np.delete(stood.states, number, axis=1))
+        alive = survivals(others, events, left)[:-1]
+        chance = events.prior @ alive
+        tables.append(pd.DataFrame({
+            "left_out": rock.name, "branch": [branch.name for branch in events.branches],
+            "survival_of_others": alive, "posterior_weight": branch_weights(events.prior, alive),
+            "survival_predicted": (events.prior @ update.survival) / chance if chance > 0 else math.nan,
+        }))  # fmt: skip
+    return pd.concat(tables, ignore_index=True)

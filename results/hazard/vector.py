@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.event_survival import EventBranch
+from toppling.results.hazard.events import EventBranch
 
 _CORRELATIONS = {("pga_m_s2", "pgv_m_s"): 0.733, ("sa_1s_m_s2", "pgv_m_s"): 0.786}
 """Of residuals of two measures of one earthquake: Bradley (2012)."""

@@ -7,7 +7,8 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.curves import HazardCurve, toppling_rate
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.survival import toppling_rate
 from toppling.results.precision.probit import Curve
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 

@@ -15,10 +15,9 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
-from toppling.results.hazard.curves import HazardCurve, toppling_rate
-from toppling.results.hazard.event_survival import EventBranch, FeltRock
-from toppling.results.hazard.event_survival import events_drawn_anew as events_anew
-from toppling.results.hazard.event_survival import survival as survival_of_events
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Standing
+from toppling.results.hazard.survival import draws_of, survivals, toppling_rate
 from toppling.results.hazard.tree import branch_weights, weighted_fractile
 
 SITES = 500
@@ -127,30 +126,32 @@ def test_a_true_hazard_is_rejected_by_at_most_five_of_a_hundred_rocks():
 def test_catalogues_of_enough_events_hold_the_true_survival_in_95_of_100():
     """Some thirty events bear the rate of each catalogue."""
     random = np.random.default_rng(5)
-    rock = FeltRock("rock", Lognormal("pgv_m_s", 1.0, 0.3))
+    rock = Standing("rock", Lognormal("pgv_m_s", 1.0, 0.3))
     once = exposure(joint_ages([np.array([1000.0])]))
     span, rate = 2000.0, 0.1
     nodes = (np.arange(20_000) + 0.5) / 20_000
     true = rate * rock.fragility.probability(np.exp(0.7 * norm.ppf(nodes) - 0.8)).mean()
     inside = []
-    for site in range(SITES):
+    for _ in range(SITES):
         motions = np.exp(0.7 * random.standard_normal((random.poisson(rate * span), 1)) - 0.8)
         branch = EventBranch("drawn", np.full(len(motions), 1 / span), {"pgv_m_s": motions})
-        survivals = np.exp(-events_anew([rock], branch, once, draws=100, seed=site))
-        low, high = np.quantile(survivals, [0.025, 0.975])
+        drawn = draws_of([rock], EventSet((EventSite("here"),), (branch,), ""), once, 0.05)
+        low, high = drawn.interval(np.exp(-drawn.topplings[:, 0]))
         inside.append(low <= math.exp(-1000 * true) <= high)
     assert 0.92 <= np.mean(inside) <= 0.97
 
 
 def test_a_catalogue_of_few_events_is_right_on_average():
     random = np.random.default_rng(6)
-    rock = FeltRock("rock", Lognormal("pgv_m_s", 1.0, 0.3))
+    rock = Standing("rock", Lognormal("pgv_m_s", 1.0, 0.3))
     once = exposure(joint_ages([np.array([100.0])]))
     rates = []
     for _ in range(400):
         motions = np.exp(0.7 * random.standard_normal((random.poisson(10.0), 1)) - 0.8)
         branch = EventBranch("drawn", np.full(len(motions), 1 / 100.0), {"pgv_m_s": motions})
-        rates.append(-math.log(survival_of_events([rock], branch, once)) / 100.0)
+        rates.append(
+            -math.log(survivals([rock], EventSet((EventSite("here"),), (branch,), ""), once)[0]) / 100.0
+        )
     nodes = (np.arange(20_000) + 0.5) / 20_000
     true = 0.1 * rock.fragility.probability(np.exp(0.7 * norm.ppf(nodes) - 0.8)).mean()
     assert np.mean(rates) == pytest.approx(true, abs=3 * np.std(rates) / 20)

@@ -53,7 +53,7 @@ def curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Dr
     """The hazard before and after, where there is one, and with ages the rates that are rejected."""
     found = []
     if (update := constraint.update) is not None:
-        several = len(update.tree.branches) > 1
+        several = len(update.events.branches) > 1
         caption = (
             f"Hazard of {short_name(statement['measure'])} at {_site(statement)}, {ages_words(constraint.rocks)}"
         ) + (

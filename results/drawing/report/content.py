@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from toppling.models.arrays import Array
@@ -17,7 +16,8 @@ from toppling.results.analysis.fragility import FRICTION, by_contact, contact_wo
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.style import printed_unit
-from toppling.results.hazard.survival import Standing
+from toppling.results.hazard.ages import Exposure, exposure, joint_ages
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
 from toppling.results.reader import Run
@@ -46,6 +46,7 @@ class Content:
     run: Run
     samples: int = resampling.SAMPLES  # bootstrap samples of the fits
     years: Array | None = None  # (n,): equally likely ages of the standing rock
+    age: str = ""  # as it was stated
     tree: HazardTree | None = None  # asked about; it needs an age
 
     @cached_property
@@ -96,15 +97,22 @@ class Content:
         curve = chief.curves.get(self.tree.measure) if self.tree else chief.headline
         if curve is None or chief.toppled < fits.FEW_TOPPLED:
             return None
-        return Standing(self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years)
+        return Standing(self.run.rock, curve, age=self.age)
+
+    @property
+    def exposure(self) -> Exposure | None:
+        """Of the standing rock; None without its age."""
+        return None if self.years is None else exposure(joint_ages([self.years]))
 
     @cached_property
     def constraint(self) -> Constraint | None:
         """What the standing rock says, with its age and under the hazard where these are known."""
         if self.standing is None:
             return None
-        update = Update([self.standing], self.tree, CONFIDENCE) if self.tree else None
-        return Constraint([self.standing], CONFIDENCE, update, dated=self.years is not None)
+        stood, update = self.exposure, None
+        if self.tree and stood:
+            update = Update.of_curves([self.standing], self.tree, stood, CONFIDENCE)
+        return Constraint([self.standing], CONFIDENCE, update, stood)
 
     @cached_property
     def statement(self) -> dict[str, Any] | None:
@@ -114,9 +122,9 @@ class Content:
     @property
     def extrapolated(self) -> str:
         """A remark if the statement about a single event is an extrapolation; empty otherwise."""
-        if self.statement is None or self.standing is None or self.standing.curve.basis is None:
+        if self.statement is None or self.standing is None or self.standing.fragility.basis is None:
             return ""
-        strongest = self.standing.curve.basis.strongest_shaken
+        strongest = self.standing.fragility.basis.strongest_shaken
         if self.statement["unexceeded"] <= strongest:
             return ""
         unit = printed_unit(self.statement["measure"])

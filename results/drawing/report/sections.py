@@ -233,12 +233,12 @@ def _constraint_section(content: Content, document: Document) -> str:
         f"exceeded a {short_name(said['measure'])} of {said['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
         f"{', ' if content.extrapolated else ''}{content.extrapolated}."
     )
-    if not constraint.dated:
+    if constraint.exposure is None:
         return (
             f"{event}<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of "
             "exceedance, and tests hazard curves (<code>--hazard FILE</code>).</p>"
         )
-    stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0]['age_years'])}.")
+    stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}.")
     drawn = [document.figure(one.draw, one.caption, one.width_in) for one in rejected_drawing(constraint)]
     return "".join([event, stood, *drawn, branches_table(said, document)])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.event_survival import EventBranch, EventSet, EventSite
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite
 from toppling.results.hazard.measure_names import measure_of, measure_with_unit
 from toppling.results.hazard.readers.event_tables import (
     BRANCH,

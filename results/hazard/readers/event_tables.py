@@ -14,7 +14,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.csv_text import separator_of
 from toppling.models.files.given import LONGEST_LINE_BYTES, check_lines, open_given
 from toppling.models.files.text_file import HEAD_BYTES, encoding_of
-from toppling.results.hazard.event_survival import EventBranch, EventSite
+from toppling.results.hazard.events import EventBranch, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_with_unit
 from toppling.results.hazard.readers.openquake_curves import header_values
 

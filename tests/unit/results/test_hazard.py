@@ -12,15 +12,10 @@ from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
 from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
-from toppling.results.hazard.ages import parse_age
-from toppling.results.hazard.curves import (
-    NODES_PER_E_FOLD,
-    HazardCurve,
-    continued,
-    toppling_rate,
-    unstated_shares,
-)
-from toppling.results.hazard.survival import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.ages import age_given, exposure, joint_ages, parse_age
+from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
+from toppling.results.hazard.events import Standing
+from toppling.results.hazard.survival import rejected_rate, toppling_rate, unexceeded, unstated_shares
 from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
 from toppling.results.hazard.update import Update
 
@@ -64,17 +59,28 @@ def test_a_nearly_sharp_threshold_keeps_to_the_error_that_is_claimed(beta):
 ROCK = Lognormal("pgv_m_s", 1.2, 0.4)
 
 
+def stood(*ages):
+    return exposure(joint_ages([parse_age(age) for age in ages]))
+
+
+def survival(curves, ages, hazard):
+    """Of rocks of some fragilities and ages under one curve."""
+    rocks = [Standing(str(number), curve) for number, curve in enumerate(curves)]
+    tree = HazardTree("pgv_m_s", tuple(branches_of(hazard)))
+    return Update.of_curves(rocks, tree, stood(*ages)).survival[0]
+
+
 def test_survival_falls_exponentially_with_age():
     hazard = power_law()
     rate = toppling_rate([ROCK], hazard)
-    told = joint_survival([Standing("rock", ROCK, np.array([2000.0]))], hazard)
+    told = survival([ROCK], ["2000"], hazard)
     assert told == pytest.approx(math.exp(-2000 * rate))
 
 
 def test_an_uncertain_age_is_averaged_over():
     hazard = power_law()
     rate = toppling_rate([ROCK], hazard)
-    told = joint_survival([Standing("rock", ROCK, parse_age("1000..5000"))], hazard)
+    told = survival([ROCK], ["1000..5000"], hazard)
     exact = (math.exp(-1000 * rate) - math.exp(-5000 * rate)) / (4000 * rate)
     assert told == pytest.approx(exact, rel=1e-5)
 
@@ -82,22 +88,21 @@ def test_an_uncertain_age_is_averaged_over():
 def test_a_second_rock_that_is_the_same_but_never_weaker_adds_less_than_an_independent_one():
     """Rocks feel the same events: a product of their survivals is biased low."""
     hazard = power_law()
-    one, two = (Standing(name, ROCK, np.array([3000.0])) for name in "ab")
-    alone, together = joint_survival([one], hazard), joint_survival([one, two], hazard)
+    alone, together = (survival([ROCK] * count, ["3000"] * count, hazard) for count in (1, 2))
     assert alone**2 < together < alone
 
 
 def test_a_sharp_weaker_rock_decides_alone():
     hazard = power_law()
-    weak, strong = (Standing(str(x), Lognormal("pgv_m_s", x, 0.0), np.array([500.0])) for x in (1.0, 2.0))
-    assert joint_survival([weak, strong], hazard) == pytest.approx(joint_survival([weak], hazard), rel=1e-12)
+    weak, strong = (Lognormal("pgv_m_s", x, 0.0) for x in (1.0, 2.0))
+    alone = survival([weak], ["500"], hazard)
+    assert survival([weak, strong], ["500", "500"], hazard) == pytest.approx(alone, rel=1e-12)
 
 
 def test_before_the_younger_rock_stood_only_the_older_could_topple():
     hazard = power_law()
-    old, young = Standing("old", ROCK, np.array([5000.0])), Standing("young", ROCK, np.array([1000.0]))
     exponent = 4000 * toppling_rate([ROCK], hazard) + 1000 * toppling_rate([ROCK, ROCK], hazard)
-    assert joint_survival([young, old], hazard) == pytest.approx(math.exp(-exponent))
+    assert survival([ROCK, ROCK], ["1000", "5000"], hazard) == pytest.approx(math.exp(-exponent))
 
 
 def test_bayes_weights_follow_the_survivals():
@@ -107,20 +112,19 @@ def test_bayes_weights_follow_the_survivals():
 
 def test_a_rejected_rate_is_one_under_which_the_rock_cannot_have_survived():
     years, confidence = 10_000.0, 0.95
-    rock = Standing("rock", ROCK, np.array([years]))
-    bound = rejected_rate([rock], [0.0, 1.2, 5.0], confidence)
+    bound = rejected_rate([Standing("rock", ROCK)], [0.0, 1.2, 5.0], stood("10000"), confidence)
     # At the median F is one half: lambda = -ln(0.05) / (0.5 T).
     assert bound[1] == pytest.approx(-math.log(0.05) / (0.5 * years))
     assert math.isinf(bound[0])
     # A hazard curve that reaches the bound at some intensity leaves at most 5 % of survival.
     for exponent in (1.0, 2.5, 4.0):
         hazard = power_law(bound[2] * 5.0**exponent, exponent)
-        assert joint_survival([rock], hazard) <= 1 - confidence + 1e-9
+        assert survival([ROCK], ["10000"], hazard) <= 1 - confidence + 1e-9
 
 
 def test_an_uncertain_age_rejects_less_than_its_greatest_and_more_than_its_least():
     bounds = [
-        rejected_rate([Standing("rock", ROCK, parse_age(age))], [2.0])[0]
+        rejected_rate([Standing("rock", ROCK)], [2.0], stood(age))[0]
         for age in ("20000", "10000..20000", "10000")
     ]
     assert bounds[0] < bounds[1] < bounds[2]
@@ -136,16 +140,14 @@ def _rock_of_samples(samples):
     medians = np.linspace(1.0, 1.5, samples)
     coefficients = np.column_stack([-np.log(medians) / 0.4, np.full(samples, 2.5)])
     drawn = Resampled(coefficients, np.full(samples, True), 30, reflected=True)
-    return Standing(
-        "rock", with_samples(lognormal_of("pgv_m_s", -math.log(1.2) / 0.4, 2.5), drawn), np.array([1e4])
-    )
+    return Standing("rock", with_samples(lognormal_of("pgv_m_s", -math.log(1.2) / 0.4, 2.5), drawn))
 
 
 def test_rocks_with_unlike_numbers_of_samples_are_drawn_together_as_far_as_both_go():
     few, many = _rock_of_samples(40), _rock_of_samples(100)
     told = Constraint([many, few], 0.95).summary()
-    first = replace(many, curve=with_samples(ROCK, replace(
-        many.curve.resampled, coefficients=many.curve.resampled.coefficients[:40], fitted=np.full(40, True)
+    first = replace(many, fragility=with_samples(ROCK, replace(
+        many.fragility.resampled, coefficients=many.fragility.resampled.coefficients[:40], fitted=np.full(40, True)
     )))  # fmt: skip
     alike = Constraint([first, few], 0.95).summary()
     assert [rock["samples"] for rock in told["rocks"]] == [100, 40]
@@ -186,12 +188,11 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
     assert told == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
 
 
-def dated(*curves, years=(1e4,)):
-    """What a rock of some ages says of some hazard curves."""
-    rocks = [Standing("rock", ROCK, np.array(years))]
-    return Constraint(
-        rocks, 0.95, Update(rocks, HazardTree("pgv_m_s", tuple(branches_of(*curves)))), dated=True
-    )
+def dated(*curves, age="10000"):
+    """What a rock of some age says of some hazard curves."""
+    rocks = [Standing("rock", ROCK, age=age_given(age))]
+    tree = HazardTree("pgv_m_s", tuple(branches_of(*curves)))
+    return Constraint(rocks, 0.95, Update.of_curves(rocks, tree, stood(age)), stood(age))
 
 
 @pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
@@ -213,19 +214,19 @@ def test_a_branch_without_rates_in_the_frame_is_named_so():
 
 def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     hazards = power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9)
-    figure = constraint_figure(dated(*hazards, years=(1e4, 2e4)))
+    figure = constraint_figure(dated(*hazards, age="15 ± 3 ka"))
     (legend,) = figure.legends
     area, loud, quiet = (text.get_text() for text in legend.get_texts())
     assert "whatever the rest of the curve" in area
     assert loud.endswith(", rejected")
     assert quiet == "power law: survival 1.00, not rejected"
-    assert figure.axes[0].get_title() == "standing for 10,000 to 20,000 years"
+    assert figure.axes[0].get_title() == "standing for 15 ± 3 ka"
 
 
-def test_ages_of_many_rocks_are_told_together_where_there_is_no_room_for_each():
-    rocks = [Standing(f"rock {n}", ROCK, np.array([1e3 * n, 2e3 * n])) for n in range(1, 6)]
-    assert ages_words(rocks[:2], 7.0) == "rock 1: 1,000 to 2,000 years; rock 2: 2,000 to 4,000 years"
-    assert ages_words(rocks, 3.6) == "5 rocks, standing for 1,000 to 10,000 years"
+def test_ages_of_many_rocks_are_told_where_there_is_room_for_each():
+    rocks = [Standing(f"rock {n}", ROCK, age=f"{n} ± 0.5 ka") for n in range(1, 6)]
+    assert ages_words(rocks[:2], 7.0) == "rock 1: 1 ± 0.5 ka; rock 2: 2 ± 0.5 ka"
+    assert ages_words(rocks, 3.6) == "5 rocks, each with its age"
 
 
 @pytest.mark.parametrize(
@@ -235,7 +236,7 @@ def test_ages_of_many_rocks_are_told_together_where_there_is_no_room_for_each():
 def test_a_lone_curve_is_drawn_with_the_outermost_fractiles_that_its_files_state(stated, words):
     fractiles = {q: power_law(rate_at_one=1e-3 * 4 ** (q - 0.5)) for q in stated}
     tree = HazardTree("pgv_m_s", tuple(branches_of(power_law())), fractiles=fractiles)
-    figure = hazard_figure(Update([Standing("rock", ROCK, np.array([1e4]))], tree))
+    figure = hazard_figure(Update.of_curves([Standing("rock", ROCK)], tree, stood("10000")))
     handles, labels = figure.axes[0].get_legend_handles_labels()
     assert all(len(handle.get_xdata()) for handle in handles)
     assert labels == [f"{words} as the files state them"] * bool(words) + ["hazard"]

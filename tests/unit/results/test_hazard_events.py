@@ -10,22 +10,13 @@ from toppling.models.errors import InputError
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
-from toppling.results.hazard.event_survival import (
-    EventBranch,
-    EventSet,
-    EventSite,
-    FeltRock,
-    events_drawn_anew,
-    leave_one_out,
-    rank_branches,
-    rank_models,
-    survival,
-    toppling_probabilities,
-)
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
+from toppling.results.hazard.survival import any_topples, draws_of, survivals
+from toppling.results.hazard.update import Update, leave_one_out, models_table
 
-ROCK = FeltRock("rock", Lognormal("pga_m_s2", 0.5 * G, 0.3))
+ROCK = Standing("rock", Lognormal("pga_m_s2", 0.5 * G, 0.3))
 
 
 def write_calculation(
@@ -52,6 +43,10 @@ def write_calculation(
 
 def a_set(*branches, sites=2):
     return EventSet(tuple(EventSite(str(number)) for number in range(sites)), branches, "made here")
+
+
+def survival(rocks, branch, stood):
+    return survivals(rocks, a_set(branch), stood)[0]
 
 
 def a_branch(seed, name="branch", events=60, rate=1e-3, strength=3.0, sites=2, weight=1.0):
@@ -260,7 +255,7 @@ def test_a_hazard_curve_is_no_set_of_events(tmp_path):
 
 def test_openquakes_event_set_gives_its_branches_rates_of_toppling_and_of_exceedance(tmp_path):
     events = read_events(write_calculation(tmp_path))
-    rates = [toppling_probabilities([ROCK], branch) @ branch.rate for branch in events.branches]
+    rates = [any_topples([ROCK], branch.motions)[0] @ branch.rate for branch in events.branches]
     # Motions of 0.5 and 0.8 g in 100 years of the first branch, at the rock's median and above it.
     assert rates == pytest.approx([0.01 * (0.5 + norm.cdf(math.log(1.6) / 0.3)), 0.0])
     exceeded = [branch.rate @ (branch.motions["pgv_m_s"][:, 0] > 0.2) for branch in events.branches]
@@ -304,7 +299,7 @@ def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_pat
 
 def test_one_event_topples_with_its_fragility():
     one = EventBranch("one", np.array([1e-3]), {"pga_m_s2": np.array([[0.5 * G]])})
-    assert toppling_probabilities([ROCK], one) @ one.rate == pytest.approx(0.5e-3)
+    assert any_topples([ROCK], one.motions)[0] @ one.rate == pytest.approx(0.5e-3)
     told = survival([ROCK], one, exposure(joint_ages([parse_age("2000")])))
     assert told == pytest.approx(math.exp(-1.0))
 
@@ -312,7 +307,7 @@ def test_one_event_topples_with_its_fragility():
 def test_rocks_that_feel_the_same_events_survive_more_often_than_independent_ones():
     branch, once = a_branch(0), exposure(joint_ages([parse_age("20")]))
     both = exposure(joint_ages([parse_age("20")] * 2))
-    twin = FeltRock("twin", ROCK.fragility)
+    twin = Standing("twin", ROCK.fragility)
     alone = survival([ROCK], branch, once)
     assert alone**2 < survival([ROCK, twin], branch, both) < alone
 
@@ -321,8 +316,8 @@ def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand()
     """Brute force: Poisson events over each rock's own age, each toppling each rock by chance."""
     branch = a_branch(1, events=12, rate=2e-3, strength=4.0)
     rocks = [
-        FeltRock("old", Lognormal("pga_m_s2", 9.0, 0.4), 0),
-        FeltRock("young", Lognormal("pga_m_s2", 6.0, 0.4), 1),
+        Standing("old", Lognormal("pga_m_s2", 9.0, 0.4), 0),
+        Standing("young", Lognormal("pga_m_s2", 6.0, 0.4), 1),
     ]
     years = np.array([300.0, 120.0])
     told = survival(rocks, branch, exposure(years[None, :]))
@@ -346,31 +341,32 @@ def test_a_rock_that_was_stouter_topples_less_often_before():
     plain = exposure(joint_ages([parse_age("50")]))
     since = parse_since("20:1.5")
     late = exposure(joint_ages([parse_age("50")]), [since])
-    rock = FeltRock("rock", ROCK.fragility, since=since)
+    rock = Standing("rock", ROCK.fragility, since=since)
     young = exposure(joint_ages([parse_age("20")]))
     assert survival([ROCK], branch, plain) < survival([rock], branch, late) < survival([ROCK], branch, young)
 
 
-def test_the_branch_under_which_all_rocks_stand_is_ranked_first():
+def test_the_model_under_which_all_rocks_stand_is_ranked_first():
     events = a_set(
         a_branch(5, "strong", strength=4.0, weight=0.7), a_branch(5, "weak", strength=1.0, weight=0.3)
     )
-    rocks = [ROCK, FeltRock("other", ROCK.fragility, 1)]
+    rocks = [ROCK, Standing("other", ROCK.fragility, 1)]
     once = exposure(joint_ages([parse_age("50")] * 2))
-    ranked = rank_branches(rocks, events, once)
-    assert ranked.set_index("name")["rank"].to_dict() == {"weak": 1, "strong": 2}
+    update = Update(rocks, events, once)
+    ranked = update.branches
+    assert ranked["survival"].tolist() == sorted(ranked["survival"])
     joint = ranked["prior_weight"] * ranked["survival"]
     assert ranked["posterior_weight"].tolist() == pytest.approx((joint / joint.sum()).tolist())
-    models = rank_models(ranked)
+    models = models_table(update)
     assert models["model"][0] == "weak"
     assert models["prior_weight"] @ models["bayes_factor"] == pytest.approx(1.0)
 
 
 def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them():
     events = a_set(a_branch(6, "strong", strength=4.0), a_branch(6, "weak", strength=1.5))
-    rocks = [ROCK, FeltRock("other", ROCK.fragility, 1)]
+    rocks = [ROCK, Standing("other", ROCK.fragility, 1)]
     once = exposure(joint_ages([parse_age("50")] * 2))
-    table = leave_one_out(rocks, events, once)
+    table = leave_one_out(Update(rocks, events, once))
     left = table[table["left_out"] == "other"]
     alone = exposure(joint_ages([parse_age("50")]))
     survivals = np.array([survival([ROCK], branch, alone) for branch in events.branches])
@@ -382,9 +378,9 @@ def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them()
 def test_events_drawn_anew_vary_as_poisson_counts_do():
     """One level of motion: the rate is a count over a time, with the relative spread 1 / sqrt(count)."""
     pga = np.full((400, 1), 0.5 * G)
-    branch = EventBranch("many", np.full(400, 1e-4), {"pga_m_s2": pga})
+    branches = [EventBranch("many", np.full(400, 1e-4), {"pga_m_s2": pga}) for _ in range(10)]
     once = exposure(joint_ages([parse_age("50")]))
-    drawn = events_drawn_anew([ROCK], branch, once, draws=2000) / 50
+    drawn = draws_of([ROCK], a_set(*branches), once, 0.05).topplings[:, :-1] / 50
     assert drawn.mean() == pytest.approx(0.02, rel=0.01)
     assert drawn.std() / drawn.mean() == pytest.approx(1 / math.sqrt(400), rel=0.1)
 

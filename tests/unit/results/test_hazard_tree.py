@@ -9,15 +9,12 @@ from hazard_samples import LEVELS, PLACES, RATE_AT_1, WEIGHTS, branch_poes, logi
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.curves import (
-    HazardCurve,
-    curve_of,
-    probability_of,
-    toppling_rate,
-)
+from toppling.results.hazard.ages import exposure, joint_ages, parse_age
+from toppling.results.hazard.curves import HazardCurve, curve_of, probability_of
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
-from toppling.results.hazard.survival import Standing
+from toppling.results.hazard.survival import toppling_rate
 from toppling.results.hazard.tree import (
     Branch,
     HazardTree,
@@ -26,7 +23,7 @@ from toppling.results.hazard.tree import (
     statistics,
     weighted_fractile,
 )
-from toppling.results.hazard.update import Update, updated_table
+from toppling.results.hazard.update import Update
 
 G = 9.80665
 ROCK = Lognormal("pga_m_s2", 0.3 * G, 0.3)
@@ -133,8 +130,8 @@ def test_levels_are_letters_of_the_path_and_those_without_a_choice_are_left_out(
 
 def test_fractiles_without_branches_are_told_before_and_unknown_after(folder):
     tree = chosen_tree(read_hazard(folder), "sa_1s_m_s2", PLACES[0], "tree")
-    rock = Standing("rock", Lognormal("sa_1s_m_s2", 3.0, 0.4), np.array([1e4]))
-    told = updated_table(Update([rock], tree)).iloc[10]
+    rock = Standing("rock", Lognormal("sa_1s_m_s2", 3.0, 0.4))
+    told = Update.of_curves([rock], tree, exposure(joint_ages([parse_age("10000")]))).updated.iloc[10]
     assert told["rate_prior_p05"] < told["rate_prior_mean"] < told["rate_prior_p95"]
     assert told["rate_posterior_mean"] == told["rate_prior_mean"]
     assert math.isnan(told["rate_posterior_p05"])

@@ -9,7 +9,8 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.event_survival import FeltRock, topples, toppling_probabilities
+from toppling.results.hazard.events import Standing
+from toppling.results.hazard.survival import any_topples, topples
 from toppling.results.hazard.vector import SCATTERS, joint_rate
 
 PGA, PGV = "pga_m_s2", "pgv_m_s"
@@ -37,7 +38,7 @@ def exact_rate(surface, rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv, correlat
 
 def rate_of(fragility, joint):
     events, _ = joint
-    return toppling_probabilities([FeltRock("rock", fragility)], events) @ events.rate
+    return any_topples([Standing("rock", fragility)], events.motions)[0] @ events.rate
 
 
 def seismicity():
@@ -74,7 +75,7 @@ def test_two_power_laws_have_their_closed_form(surface):
 
 @pytest.mark.parametrize("measure", [PGA, PGV])
 def test_either_measure_alone_topples_as_its_own_curve_says(measure):
-    from toppling.results.hazard.curves import toppling_rate as of_curve
+    from toppling.results.hazard.survival import toppling_rate as of_curve
 
     curves = dict(zip((PGA, PGV), of_earthquakes(*seismicity()), strict=True))
     joint = joint_rate(*curves.values(), SCATTER)

@@ -18,11 +18,7 @@ def can_mount():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(not can_mount(), reason="only root can mount a small disk")
-@pytest.mark.parametrize(
-    "spare_kb",
-    [-20, 75],
-    ids=["as the run begins", "as the rows come"],
-)
+@pytest.mark.parametrize("spare_kb", [-20, 75], ids=["as the run begins", "as the rows come"])
 def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
     spare_kb, inputs, undisturbed, faults, tmp_path
 ):

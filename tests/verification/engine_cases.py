@@ -52,11 +52,7 @@ def let_go(scene, start, preset, motion=STILL, **settings):
 def turning_about(scene, corner, spin):
     """The rock where the scene has it, turning about a corner."""
     com = scene.rock.com_m
-    return {
-        "position_m": com,
-        "angular_velocity_rad_s": spin,
-        "velocity_m_s": np.cross(spin, com - corner),
-    }
+    return {"position_m": com, "angular_velocity_rad_s": spin, "velocity_m_s": np.cross(spin, com - corner)}
 
 
 def energy_before(scene, trajectory, sample):

@@ -197,10 +197,7 @@ def test_a_rock_let_go_wedges_and_slides_as_an_independent_contact_dynamics_says
     side = scene.rock.vertices_m[np.isclose(scene.rock.vertices_m[:, 0], foot_x_m)]
     pivot = np.array([foot_x_m, 0.0, side[:, 2].min()])
     turn = Rotation.from_quat([0.0, math.sin(half), 0.0, math.cos(half)])
-    start = {
-        "position_m": pivot + turn.apply(scene.rock.com_m - pivot),
-        "quaternion_xyzw": turn.as_quat(),
-    }
+    start = {"position_m": pivot + turn.apply(scene.rock.com_m - pivot), "quaternion_xyzw": turn.as_quat()}
     trajectory = shake(scene, STILL, "fast", initial=start, trajectory=True).trajectory
     rested = Rotation.from_quat(trajectory.quaternion_xyzw[-1]).magnitude()
     assert math.degrees(rested) == pytest.approx(rest_deg, rel=0.01)

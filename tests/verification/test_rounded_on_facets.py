@@ -69,10 +69,7 @@ def test_a_cap_that_rolls_off_by_itself_stands_no_acceleration_however_it_comes_
 
 @pytest.mark.thorough
 def test_a_cap_that_rolls_to_rest_on_a_slope_is_shaken_and_topples_there_as_on_a_plane():
-    on_facet, on_plane = (
-        cap_on_slope(5.0),
-        Scene.from_mesh(round_cap(0.04), friction=1.2, slope_deg=5.0),
-    )
+    on_facet, on_plane = (cap_on_slope(5.0), Scene.from_mesh(round_cap(0.04), friction=1.2, slope_deg=5.0))
     assert least(on_facet, 0.0, 90.0, 180.0) == pytest.approx(least(on_plane, 0.0, 90.0, 180.0), rel=0.03)
     assert shake(on_facet, STILL, preset="fast").outcome == "stands"
 

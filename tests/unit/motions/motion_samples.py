@@ -7,6 +7,10 @@ import obspy
 from obspy.core.inventory import Channel, Inventory, Network, Response, Site, Station
 from obspy.core.inventory.response import InstrumentSensitivity
 
+from toppling.models.motions.importing import Import, ImportOptions, import_records, record_files
+from toppling.models.motions.metadata import read_table
+from toppling.models.motions.record import Record
+
 G = 9.80665
 STEP_S = 0.01
 COUNT = 400
@@ -21,6 +25,21 @@ def shaking(count: int = COUNT, step_s: float = STEP_S, seed: int = 0) -> np.nda
     phases = rng.uniform(0, 2 * np.pi, (3, 8))
     series = np.sin(2 * np.pi * tones[:, :, None] * time + phases[:, :, None]).sum(axis=1)
     return (np.array([0.9, 0.6, 0.3])[:, None] * burst * series).T
+
+
+def imported(folder: Path, **options) -> Import:
+    """What is read from a folder's files, as its table says where it has one; unprocessed if nothing else is said."""
+    table = folder / "table.csv"
+    rows = read_table(table) if table.exists() else []
+    files = [file for file in record_files([folder]) if file != table]
+    return import_records(files, rows, ImportOptions(**{"process": False} | options))
+
+
+def only(outcome: Import) -> Record:
+    """The record of an import that left nothing out."""
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    (record,) = outcome.records
+    return record
 
 
 def peak_of(series: np.ndarray) -> float:
@@ -238,11 +257,7 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
             "Coords: 34.063  -117.785",
             "Recorder: Etna",
         ]
-        title += [
-            "Rcrd start time: 8/29/2018",
-            f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})",
-            "Raw",
-        ]
+        title += ["Rcrd start time: 8/29/2018", f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})", "Raw"]
         unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
         title += [
             f"Processed: Max = {peak_of(series) * factor:.3f} {unit.partition('(')[0].rstrip('. ')} at 1.0 sec"

@@ -4,13 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motion_samples import COUNT, WRITERS, shaking
-from refusals import refused, tells
+from motion_samples import COUNT, WRITERS, imported, only, shaking
+from refusals import left_out, refused
 
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.record_text import RecordText, column_width
-from toppling.models.motions.importing import ImportOptions, import_records, record_files
-from toppling.models.motions.metadata import read_table
 
 HERE = Path("file.txt")
 SPOKEN_COUNT = {  # how a header says 400, and how it would say another number
@@ -95,19 +93,12 @@ def miscounted(folder: Path, name: str, off: int) -> None:
         path.write_text(text)
 
 
-def imported(folder: Path):
-    table = folder / "table.csv"
-    table_rows = read_table(table) if table.exists() else []
-    return import_records(record_files([folder]), table_rows, ImportOptions(process=False))
-
-
 @pytest.mark.parametrize("off", [-3, 2])
 @pytest.mark.parametrize("name", sorted(SPOKEN_COUNT))
 def test_every_format_with_a_count_that_is_a_little_off_is_read_and_told(name, off, tmp_path):
     miscounted(tmp_path, name, off)
     outcome = imported(tmp_path)
-    assert [str(refusal.reason) for refusal in outcome.refusals] == []
-    (record,) = outcome.records
+    record = only(outcome)
     assert len(record.motion.acceleration_m_s2) == min(COUNT, COUNT + off)
     assert outcome.warnings
     assert any("where the header counts" in step for step in record.history)
@@ -120,5 +111,4 @@ def test_a_component_that_lacks_a_row_which_the_others_have_is_refused(tmp_path)
     path.write_text("\n".join(lines))
     (component,) = read_file(path)
     assert component.missing == 5
-    (refusal,) = imported(tmp_path).refusals
-    tells(str(refusal.reason), "record.count_contradicted", 395, 400)
+    left_out(imported(tmp_path), "record.count_contradicted", 395, 400)

@@ -5,18 +5,13 @@ import obspy
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from motion_samples import WRITERS, shaking
+from motion_samples import WRITERS, imported, shaking
 from refusals import left_out, tells
 
 from toppling.models.files.tables import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
-from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name, place_in_words
 from toppling.orchestrator.cli import cli
-
-
-def imported(folder, **options):
-    return import_records(record_files([folder]), (), ImportOptions(**options))
 
 
 def edited(folder, name, change):

@@ -5,14 +5,12 @@ import time
 
 import numpy as np
 import pytest
-from motion_samples import STEP_S, WRITERS, shaking
+from motion_samples import STEP_S, WRITERS, imported, only, shaking
 from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files.text_file import text_of
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.importing import ImportOptions, import_records, record_files
-from toppling.models.motions.metadata import read_table
 
 TEXT = sorted(
     set(WRITERS) - {"miniseed", "miniseed_in_pieces", "sac", "columns_with_commas", "csmip_v2_bare"}
@@ -32,35 +30,26 @@ WAYS = {
 }
 
 
-def imported(folder):
-    table = folder / "table.csv"
-    rows = read_table(table) if table.exists() else []
-    files = [file for file in record_files([folder]) if file != table]
-    return import_records(files, rows, ImportOptions(process=False))
-
-
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", TEXT)
 def test_a_record_is_the_same_however_its_text_is_written(name, way, tmp_path):
     WRITERS[name](tmp_path, shaking(120))
-    (expected,) = imported(tmp_path).records
+    expected = only(imported(tmp_path))
     for path in tmp_path.iterdir():
         if path.name != "table.csv":
             path.write_bytes(WAYS[way](path.read_bytes()))
-    outcome = imported(tmp_path)
-    assert [str(refusal.reason) for refusal in outcome.refusals] == []
-    (record,) = outcome.records
+    record = only(imported(tmp_path))
     assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
 
 
 @pytest.mark.parametrize("name", ["peer", "bhrc", "smc"])
 def test_exponents_of_fortran_are_read(name, tmp_path):
     WRITERS[name](tmp_path, shaking(120))
-    (expected,) = imported(tmp_path).records
+    expected = only(imported(tmp_path))
     for path in tmp_path.iterdir():
         if path.name != "table.csv":
             path.write_text(re.sub(r"(\d)E([+-]\d\d)", r"\1D\2", path.read_text()))
-    (record,) = imported(tmp_path).records
+    record = only(imported(tmp_path))
     assert record.sha == expected.sha
 
 
@@ -139,7 +128,7 @@ def test_commas_between_and_within_numbers_are_refused_with_the_cause(columns, t
 @pytest.mark.parametrize("name", ["esm", "unam", "csmip_v1", "peer", "cwb"])
 def test_decimal_commas_of_an_agencys_samples_are_read(name, tmp_path):
     WRITERS[name](tmp_path, shaking(120))
-    (expected,) = imported(tmp_path).records
+    expected = only(imported(tmp_path))
     for path in tmp_path.iterdir():
         lines = path.read_text().splitlines()
         numeric = [not any(letter.isalpha() and letter not in "eE" for letter in line) for line in lines]
@@ -151,7 +140,7 @@ def test_decimal_commas_of_an_agencys_samples_are_read(name, tmp_path):
             for place, line in enumerate(lines)
         ]
         path.write_text("\n".join(changed) + "\n")
-    (record,) = imported(tmp_path).records
+    record = only(imported(tmp_path))
     assert record.sha == expected.sha
 
 

@@ -5,14 +5,14 @@ import copy
 import numpy as np
 import obspy
 import pytest
-from motion_samples import STEP_S, miniseed, shaking
+from motion_samples import imported, miniseed, only, shaking
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 from obspy.core.inventory.response import InstrumentSensitivity
 from refusals import left_out
 
 from toppling.models.motions.formats.header_text import stated_unit
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, counted_unit, unit_of
-from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.importing import import_records, record_files
 
 G = 9.80665
 
@@ -81,21 +81,14 @@ def station_of(
     for letter, azimuth, dip in (("E", 90, 0), ("N", 0, 0), ("Z", 0, -90)):
         response = Response(instrument_sensitivity=InstrumentSensitivity(gain, 1.0, unit, "COUNTS"))
         if stages_unit is not None:
-            response = Response.from_paz(
-                [],
-                [],
-                stage_gain or gain,
-                1.0,
-                input_units="M/S**2",
-                output_units="COUNTS",
-                normalization_factor=1.0,
-            )
+            units = {"input_units": "M/S**2", "output_units": "COUNTS"}
+            response = Response.from_paz([], [], stage_gain or gain, 1.0, normalization_factor=1.0, **units)
             response.response_stages[0].input_units = stages_unit
             response.instrument_sensitivity = InstrumentSensitivity(gain, 1.0, unit, "COUNTS")
         channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
     inventory = Inventory([Network("XX", [Station("TST", 0, 0, 0, channels=channels)])], source="test")
     inventory.write(str(folder / "XX.TST.xml"), format="STATIONXML")
-    return a, import_records(record_files([folder]), options=ImportOptions(process=False))
+    return a, imported(folder)
 
 
 @pytest.mark.parametrize("stages", [False, True])
@@ -106,31 +99,28 @@ def station_of(
 )  # fmt: skip
 def test_a_response_in_any_unit_of_the_list_gives_the_same_motion(unit, one_m_s2, stages, tmp_path):
     a, outcome = station_of(tmp_path, unit, 2e5 * one_m_s2, unit if stages else None)
-    assert [str(refusal.reason) for refusal in outcome.refusals] == []
-    (record,) = outcome.records
+    record = only(outcome)
     assert np.abs(record.motion.acceleration_m_s2 - a).max() < 4e-6
 
 
-@pytest.mark.parametrize("unit", ["PA", "V", "M/S**2/K", "RAD/S**2"])
-@pytest.mark.parametrize("stages", [False, True])
-def test_a_response_in_another_unit_is_refused_by_its_name(unit, stages, tmp_path):
-    _, outcome = station_of(tmp_path, unit, 2e5, unit if stages else None)
-    assert not outcome.records
-    left_out(outcome, "response.unit_unknown", repr(unit))
+UNKNOWN = "response.unit_unknown"
+RESPONSES = [
+    *(({"unit": unit}, UNKNOWN, (repr(unit),)) for unit in ("PA", "V", "M/S**2/K", "RAD/S**2")),
+    *(({"unit": unit, "stages_unit": unit}, UNKNOWN, (repr(unit),)) for unit in ("PA", "V", "M/S**2/K", "RAD/S**2")),
+    ({"stages_unit": "G"}, "response.unit_contradicted", ("'M/S**2'", "'G'")),
+    ({"stages_unit": "M/S"}, "response.unit_contradicted", ("'M/S**2'", "'M/S'")),
+    ({"stages_unit": "M/S**2", "stage_gain": 2e5 * G}, "response.sensitivity_contradicted",
+     ("1.96133e+06 at 1 Hz", "200000")),
+    ({"unit": "M/S"}, "response.stages_missing", ("a sensor of velocity",)),
+]  # fmt: skip
+"""What a StationXML states of a sensor that nobody can read acceleration by: the code, and what is named."""
 
 
-@pytest.mark.parametrize(
-    ("stages_unit", "stage_gain", "code", "named"),
-    [
-        ("G", 2e5, "response.unit_contradicted", ("'M/S**2'", "'G'")),
-        ("M/S", 2e5, "response.unit_contradicted", ("'M/S**2'", "'M/S'")),
-        ("M/S**2", 2e5 * G, "response.sensitivity_contradicted", ("1.96133e+06 at 1 Hz", "200000")),
-    ],
-)
-def test_a_response_that_contradicts_itself_is_refused_with_both(
-    stages_unit, stage_gain, code, named, tmp_path
+@pytest.mark.parametrize(("stated", "code", "named"), RESPONSES)
+def test_a_response_in_another_unit_or_against_itself_is_refused_by_what_it_states(
+    stated, code, named, tmp_path
 ):
-    _, outcome = station_of(tmp_path, "M/S**2", 2e5, stages_unit, stage_gain)
+    _, outcome = station_of(tmp_path, **{"unit": "M/S**2", "gain": 2e5} | stated)
     assert not outcome.records
     left_out(outcome, code, *named)
 
@@ -142,19 +132,13 @@ def test_a_small_difference_between_stages_and_sensitivity_is_told(tmp_path, cap
     assert capfd.readouterr().err == ""  # evalresp's own words, which name no file
 
 
-def test_a_sensor_of_velocity_whose_response_has_no_stages_is_refused_by_what_is_missing(tmp_path):
-    _, outcome = station_of(tmp_path, "M/S", 2e5)
-    assert not outcome.records
-    left_out(outcome, "response.stages_missing", "a sensor of velocity")
-
-
 def test_a_record_before_the_epochs_of_its_response_is_refused_with_both_times(tmp_path):
     *_, xml = miniseed(tmp_path, shaking())
     inventory = obspy.read_inventory(str(xml))
     for channel in inventory[0][0]:
         channel.start_date = obspy.UTCDateTime(2021, 1, 1)
     inventory.write(str(xml), format="STATIONXML")
-    outcome = import_records(record_files([tmp_path]), options=ImportOptions(process=False))
+    outcome = imported(tmp_path)
     assert not outcome.records
     left_out(outcome, "response.epoch_other", "2021-01-01 to today", "2020-01-01T00:00:00")
 
@@ -168,13 +152,9 @@ def test_a_record_before_the_epochs_of_its_response_is_refused_with_both_times(t
 )
 def test_a_channel_that_the_xml_has_not_is_refused_with_those_that_it_has(change, code, named, tmp_path):
     miniseed(tmp_path, shaking())
-    path = tmp_path / "XX.TST..HNE.mseed"
-    trace = obspy.read(str(path))[0]
-    trace.stats.update(change)
-    trace.write(str(path), format="MSEED")
-    outcome = import_records([path, tmp_path / "XX.TST.xml"], options=ImportOptions(missing_vertical=True))
+    outcome = import_records(_three(tmp_path, change))
     assert not outcome.records
-    left_out(import_records(_three(tmp_path, change), options=ImportOptions()), code, *named)
+    left_out(outcome, code, *named)
 
 
 def with_xml_at(folder, codes):
@@ -192,7 +172,7 @@ def with_xml_at(folder, codes):
             placed.azimuth = None if channel.code == "HNZ" else (channel.azimuth + 30) % 360
             station.channels.append(placed)
     inventory.write(str(path), format="STATIONXML")
-    return import_records(record_files([folder]), options=ImportOptions(process=False))
+    return imported(folder)
 
 
 def test_the_only_location_of_a_channel_is_that_of_the_record_and_told(tmp_path):
@@ -220,24 +200,12 @@ def _three(folder, change):
     return record_files([folder])
 
 
-@pytest.mark.parametrize(
-    ("unit", "code"), [("m/s", "record.not_acceleration"), ("parsec", "record.unit_unknown")]
-)
-def test_columns_in_no_unit_of_acceleration_are_refused_by_its_name(unit, code, tmp_path):
-    time = np.arange(400) * STEP_S
-    header = f"t,h1 ({unit}),h2 ({unit}),v ({unit})"
-    np.savetxt(
-        tmp_path / "r.csv", np.column_stack([time, shaking()]), "%.5f", ",", header=header, comments=""
-    )
-    left_out(import_records([tmp_path / "r.csv"]), code, repr(unit))
-
-
 @pytest.mark.parametrize("value", ["", "counts", "NaN", "0"])
 def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
     station_of(tmp_path, "M/S**2", 2e5)
     xml = tmp_path / "XX.TST.xml"
     xml.write_text(xml.read_text().replace("<Value>200000.0</Value>", f"<Value>{value}</Value>"))
-    outcome = import_records(record_files([tmp_path]))
+    outcome = imported(tmp_path)
     assert not outcome.records
     assert {refusal.reason.code.partition(".")[0] for refusal in outcome.refusals} == {"response"}
 

@@ -57,9 +57,7 @@ def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path)
     scene, imposed = prepared(spec, assets)
     turn = np.deg2rad(ALL.turn_deg(7))
     np.testing.assert_allclose(
-        imposed.motion.acceleration_m_s2[:, :2],
-        along[:, :1] * [np.cos(turn), np.sin(turn)],
-        atol=1e-9,
+        imposed.motion.acceleration_m_s2[:, :2], along[:, :1] * [np.cos(turn), np.sin(turn)], atol=1e-9
     )
     assert scene.contact == ALL.contact(ContactProperties(0.8, 0.8, 0.0), 7)
     assert spec.job_id != JobSpec(*given, realisation=7, preset="draft").job_id

@@ -130,11 +130,7 @@ def test_ground_that_falls_away_throws_the_rock_and_catches_it():
 def test_a_dropped_block_leaves_with_newtons_share_of_its_speed(restitution):
     scene = Scene.block(0.3, 0.3, 0.2, friction=0.8, restitution=restitution)
     result = shake(
-        scene,
-        case.STILL,
-        trajectory=True,
-        shortcuts=False,
-        initial={"position_m": (0.0, 0.0, 0.7)},
+        scene, case.STILL, trajectory=True, shortcuts=False, initial={"position_m": (0.0, 0.0, 0.7)}
     )
     above = result.trajectory.position_m[:, 2] - 0.2
     peak = above[int(np.argmax(above < 2e-5)) :].max()
@@ -171,10 +167,7 @@ def test_a_start_in_contact_above_and_inside_settles(share, preset):
 def test_a_leaning_start_with_its_corner_in_the_ground_falls_back(lean_deg, deep_share, preset):
     # Let out by the engine, it was shot up and toppled from 1 degree on.
     scene, lean = Scene.block(0.3, 0.3, 0.6), np.deg2rad(lean_deg)
-    start = {
-        "position_m": (0.0, 0.0, 0.6),
-        "quaternion_xyzw": (0.0, np.sin(lean / 2), 0.0, np.cos(lean / 2)),
-    }
+    start = {"position_m": (0.0, 0.0, 0.6), "quaternion_xyzw": (0.0, np.sin(lean / 2), 0.0, np.cos(lean / 2))}
     raised, risen = raised_and_risen(scene, start, preset)
     assert raised == pytest.approx(deep_share, rel=0.03)
     assert risen < SINK
@@ -316,14 +309,7 @@ def test_every_time_step_is_stable_or_refused_with_a_reason(time_step):
     sound(shake(scene, record(3, 100, 0.45 * G), time_step=time_step, shortcuts=False), scene)
 
 
-@pytest.mark.parametrize(
-    "down_m_s",
-    [
-        0.1,
-        0.6 * landing_boundary(3.0, 0.6),
-        1.0,
-    ],
-)
+@pytest.mark.parametrize("down_m_s", [0.1, 0.6 * landing_boundary(3.0, 0.6), 1.0])
 def test_a_landing_never_stretches_a_step(down_m_s):
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.6)
     start = {"velocity_m_s": (0.5, 0.0, -down_m_s)}

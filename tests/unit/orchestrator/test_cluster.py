@@ -6,8 +6,8 @@ from pathlib import Path
 
 import dask
 import pytest
+from refusals import refused
 
-from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.cluster import existing, job_script, local
 
 ROOT = Path(__file__).parents[3]
@@ -15,20 +15,18 @@ ROOT = Path(__file__).parents[3]
 
 def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothing_is_left_open():
     before = set(threading.enumerate())
-    with pytest.raises(InputError, match="no certificates are given") as refused:
+    with refused("cluster.unreachable"):
         existing("tls://127.0.0.1:1", None, None).__enter__()
     # A client that is still open would wait for its loop for a minute when the program ends.
     assert set(threading.enumerate()) <= before
-    assert "--tls-" in refused.value.remedy
 
 
 @pytest.mark.parametrize("asked", [(10_000, None), (1, 10_000)])
 def test_more_workers_than_a_machine_has_room_for_are_refused_before_one_starts(asked):
     before = set(threading.enumerate())
-    with pytest.raises(UsageError, match="this machine has") as refused:
+    with refused("cluster.too_many_workers"):
         local(*asked)
     assert set(threading.enumerate()) <= before
-    assert "--queue" in refused.value.remedy
 
 
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"

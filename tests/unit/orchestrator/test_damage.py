@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
@@ -159,7 +160,7 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
         path = run / name
         content = path.read_bytes()
         path.write_bytes(content[:-9] + bytes([content[-9] ^ 16]) + content[-8:])
-        with pytest.raises(InputError, match="is damaged"):
+        with refused("file.damaged"):
             prepare(run, planned, dict(versions()))
         path.write_bytes(content)
     prepare(run, planned, dict(versions()))

@@ -5,6 +5,7 @@ import contextlib
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.site_table import read_sites
@@ -70,7 +71,7 @@ def test_rocks_are_named_as_people_name_them_and_remarks_of_a_table_are_left_alo
     assert (site.rock, site.site) == ("O'Brien's Rock #3 (north)", "St. John's & co")
     for wrong in ("a/b", "..", "<b>", "a?b", "-a", "a."):
         (tmp_path / "rocks.csv").write_text(f"scene,rock\na,{wrong}\n")
-        with pytest.raises(InputError, match="rock: "):
+        with refused("rocks.value_unusable"):
             read_sites(tmp_path / "rocks.csv")
 
 
@@ -121,7 +122,6 @@ def test_a_table_in_toml_says_the_same_as_one_in_csv(tmp_path):
 def test_what_a_table_cannot_mean_is_refused_by_place(text, told, tmp_path):
     (tmp_path / "own").mkdir()
     (tmp_path / "rocks.csv").write_text(text)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as error:
         read_sites(tmp_path / "rocks.csv")
-    assert told in str(refused.value)
-    assert refused.value.remedy
+    assert told in str(error.value)

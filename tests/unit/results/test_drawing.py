@@ -8,9 +8,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from reference.idealised import full_sine
+from refusals import refused
 from seeded import rows
 
-from toppling.models.errors import InputError
 from toppling.models.files.digest import write_json
 from toppling.models.files.folder import rock_name
 from toppling.models.motions.ensemble import Ensemble
@@ -237,7 +237,7 @@ def test_a_run_calls_its_rock_as_it_was_called_when_the_run_began(tmp_path):
 def test_where_nothing_prints_a_pdf_it_is_said_what_would(monkeypatch, tmp_path):
     monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(InputError, match="pip install weasyprint"):
+    with refused("package.not_installed"):
         write_pdf("<p>text</p>", tmp_path / "report.pdf")
     assert not (tmp_path / "report.pdf").exists()
 

@@ -83,27 +83,29 @@ def tiny(values, toppled):
     return frame.assign(record_id=[f"R{number}" for number in range(len(frame))])
 
 
-def test_separated_answers_give_bounds_and_no_number():
-    told = fit(tiny([0.5, 0.8, 1.2, 2.0], [False, False, True, True]), ["pgv_m_s"])
-    assert told.problem.startswith("separated")
-    assert told.bounds == (0.8, 1.2)
+T, S = True, False
+
+
+@pytest.mark.parametrize(
+    ("values", "toppled", "problem", "bounds"),
+    [
+        ([0.5, 0.8, 1.2, 2.0], [S, S, T, T], "separated", (0.8, 1.2)),
+        *(([0.5, 1.0, 2.0, 2.0 + rounding], [S, S, S, T], "no job topples below 2 m/s, and at it some do", (2.0, 2.0))
+          for rounding in (-1e-12, 0.0, 1e-12)),
+        ([0.5, 1.0, 1.0, 2.0], [S, S, T, T], "no job topples below 1 m/s, some do at it and all above", (1.0, 1.0)),
+        ([0.5, 0.8, 1.2, 2.0], [T, T, S, S], "probability does not rise", None),
+        ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [T, S, T, T, S, S], "probability does not rise", None),
+        ([1.0, 2.0, 3.0], [T] * 3, "every job", None),
+        ([1.0, 2.0, 3.0], [S] * 3, "no job", None),
+    ],
+)  # fmt: skip
+def test_answers_without_a_maximum_of_the_likelihood_give_bounds_and_no_number(
+    values, toppled, problem, bounds
+):
+    told = fit(tiny(values, toppled), ["pgv_m_s"])
+    assert told.problem.startswith(problem)
     assert told.lognormal is None
-
-
-@pytest.mark.parametrize("rounding", [-1e-12, 0.0, 1e-12])
-def test_a_greatest_level_that_topples_some_asks_for_levels_above_it(rounding):
-    told = fit(tiny([0.5, 1.0, 2.0, 2.0 + rounding], [False, False, False, True]), ["pgv_m_s"])
-    assert told.problem == "no job topples below 2 m/s, and at it some do: levels above it are needed"
-    assert told.bounds == pytest.approx((2.0, 2.0))
-
-
-def test_a_level_that_topples_some_between_none_and_all_asks_for_levels_near_it():
-    told = fit(tiny([0.5, 1.0, 1.0, 2.0], [False, False, True, True]), ["pgv_m_s"])
-    assert told.problem.startswith("no job topples below 1 m/s, some do at it and all above")
-
-
-def test_answers_that_a_threshold_divides_the_wrong_way_round_do_not_rise_with_the_measure():
-    assert "does not rise" in fit(tiny([0.5, 0.8, 1.2, 2.0], [True, True, False, False]), ["pgv_m_s"]).problem
+    assert bounds is None or told.bounds == pytest.approx(bounds)
 
 
 def test_a_plane_that_separates_two_measures_is_found():
@@ -113,16 +115,6 @@ def test_a_plane_that_separates_two_measures_is_found():
     frame["toppled"] = frame["pga_m_s2"] * frame["pgv_m_s"] ** 2 > 1
     assert "separated" in fit(frame, ["pga_m_s2", "pgv_m_s"]).problem
     assert not fit(frame, ["pgv_m_s"]).problem
-
-
-@pytest.mark.parametrize(("toppled", "problem"), [([True] * 3, "every job"), ([False] * 3, "no job")])
-def test_one_answer_only_is_said(toppled, problem):
-    assert problem in fit(tiny([1.0, 2.0, 3.0], toppled), ["pgv_m_s"]).problem
-
-
-def test_a_measure_that_topples_less_when_it_grows_has_no_fragility():
-    falling = tiny([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [True, False, True, True, False, False])
-    assert "does not rise" in fit(falling, ["pgv_m_s"]).problem
 
 
 def test_the_measure_that_made_the_answers_predicts_best(jobs):

@@ -142,11 +142,6 @@ def test_a_contact_is_named_by_its_kinetic_friction_where_that_is_another(pairs)
     assert [jobs["friction_kinetic"].iloc[0] for jobs in parts.values()] == [kinetic for _, kinetic in pairs]
 
 
-def test_samples_of_fits_are_refused_where_nothing_is_fitted(tmp_path):
-    write_part(tmp_path, rows(records=3, levels=(2, 4), azimuths=(0.0,)))
-    assert CliRunner().invoke(cli, ["fragility", str(tmp_path), "--samples", "9"]).exit_code == 2
-
-
 def as_frame_of(jobs):
     return pd.DataFrame(jobs).astype({"toppled": "boolean"})
 
@@ -301,19 +296,6 @@ def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_ang
     assert any("compass direction of the vector PGA" in text.get_text() for text in figure.texts)
 
 
-def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
-    plane = PLANES["pga_pgv_pga"]
-    one, two = (save(map_figure(hand_made, plane), tmp_path / name) for name in ("one", "two"))
-    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
-
-
-def test_a_run_without_answers_is_refused(tmp_path):
-    write_part(tmp_path, [row("a", status="crashed")])
-    done = CliRunner().invoke(cli, ["fragility", str(tmp_path)])
-    assert done.exit_code == 1
-    assert "none with an answer" in str(done.exception)
-
-
 @pytest.mark.parametrize(
     "plane", [plane for plane in PLANES.values() if plane.by_direction], ids=lambda p: p.name
 )
@@ -383,3 +365,9 @@ def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
         frame = run.weighted(run.frame())
         found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
         assert found == told
+
+
+def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
+    plane = PLANES["pga_pgv_pga"]
+    one, two = (save(map_figure(hand_made, plane), tmp_path / name) for name in ("one", "two"))
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from hazard_samples import NSHMP_RATES, PLACES, logic_tree, nshmp_curves, nshmp_output, openquake_curves
+from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.measure_names import measure_with_unit
@@ -36,7 +37,7 @@ def test_openquake_curves_become_annual_rates_in_si(tmp_path):
         "-118.0,34.0,0.0,1.0,0.5,0.1,0.0\n"
         "-119.0,34.0,0.0,0.9,0.4,0.05,0.001\n"
     )
-    with pytest.raises(InputError, match="2 sites"):
+    with refused("site.several", "2"):
         read_curve(path)
     curve = read_curve(path, site=(-118.1, 34.1))
     assert curve.measure == "pgv_m_s"
@@ -76,14 +77,14 @@ def test_the_nearest_site_is_the_nearest_on_the_ground_and_not_in_degrees(tmp_pa
 def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_one(tmp_path, site):
     path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2))
     away = f"{distance_km(-118.1, 34.2, site):.0f} km away"
-    with pytest.raises(InputError, match=f"longitude -118.1 and latitude 34.2, is {away}"):
+    with refused("site.too_far", away):
         read_curve(path, site=site)
 
 
 @pytest.mark.parametrize("site", [(34.2, -118.1), (-118.1, 90.1), (361.0, 34.2), (-118.1, math.nan)])
 def test_what_is_no_place_on_earth_is_no_site(tmp_path, site):
     path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (-100.0, 40.0))
-    with pytest.raises(InputError, match="no place on Earth"):
+    with refused("site.out_of_range"):
         read_curve(path, site=site)
 
 
@@ -159,12 +160,16 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize(
     ("rate", "said"),
-    [("-1e-3", "all of them positive"), ("nan", "'nan' is no number"), ("inf", "'inf' is no number")],
+    [
+        ("-1e-3", "hazard.rate_not_positive"),
+        ("nan", "hazard.number_unreadable"),
+        ("inf", "hazard.number_unreadable"),
+    ],
 )
 def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate, said):
     path = tmp_path / "curve.csv"
     path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
-    with pytest.raises(InputError, match=said):
+    with refused(said):
         read_curve(path)
 
 
@@ -176,34 +181,28 @@ def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
     path = tmp_path / "curve.csv"
     path.write_text(f"{text}\n0.1,1e-2\n0.3,1e-4\n")
     assert read_curve(path).annual_rate[0] <= 1.01e-2
-    with pytest.raises(InputError, match="and --values says"):
+    with refused("hazard.values_contradicted"):
         read_tree(path, years=years)
 
 
-@pytest.mark.parametrize(
-    ("levels", "said"),
-    [
-        ((), "has no level"), ((0.1, 0.3, 0.2), "after 2.94"), ((0.1, 0.2, 0.2), "twice"),
-        ((0.1, 0.0, 0.2), "has the level 0"), ((-0.1, 0.1, 0.2), "must be positive"),
-    ],
-)  # fmt: skip
-def test_levels_that_are_no_levels_of_one_curve_are_named(tmp_path, levels, said):
+@pytest.mark.parametrize("levels", [(), (0.1, 0.3, 0.2), (0.1, 0.2, 0.2), (0.1, 0.0, 0.2), (-0.1, 0.1, 0.2)])
+def test_levels_that_are_no_levels_of_one_curve_are_named(tmp_path, levels):
     path = tmp_path / "curve.csv"
     path.write_text("PGA,annual_rate\n" + "".join(f"{x},{10.0**-k}\n" for k, x in enumerate(levels)))
-    with pytest.raises(InputError, match=said):
+    with refused("hazard.levels_not_rising"):
         read_curve(path)
 
 
 @pytest.mark.parametrize("name", ["calc_1.hdf5", "folder"])
 def test_a_datastore_is_refused_by_name(tmp_path, name):
     (tmp_path / "calc_1.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
-    with pytest.raises(InputError, match="is HDF5"):
+    with refused("file.binary"):
         read_hazard(tmp_path / "calc_1.hdf5" if name == "calc_1.hdf5" else tmp_path)
 
 
 def test_a_picture_is_no_hazard_curve(tmp_path):
     (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
-    with pytest.raises(InputError, match="is a picture"):
+    with refused("file.binary"):
         read_curve(tmp_path / "scene.png")
 
 
@@ -263,9 +262,9 @@ def test_nshmps_output_is_read_with_its_contributions_which_add_up(tmp_path):
 
 def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_user(tmp_path):
     table = nshmp_curves(tmp_path / "Case.csv", NSHMP_RATES["curves"])
-    with pytest.raises(InputError, match="states no intensity measure"):
+    with refused("hazard.measure_missing"):
         read_hazard(table)
-    with pytest.raises(InputError, match="annual rates or probabilities in one year"):
+    with refused("hazard.time_missing"):
         read_hazard(table, hints=Hints(measure="pga_m_s2"))
     told = read_tree(table, "pga_m_s2", "Site One", years=1.0)
     stated = read_tree(nshmp_output(tmp_path / "poisson", "POISSON_PROBABILITY"), "pga_m_s2", "Site One")
@@ -292,9 +291,9 @@ def test_cybershakes_curves_say_site_and_period_in_their_names(tmp_path, site, m
 
 def test_contributions_and_fractiles_are_no_branches(tmp_path):
     (tmp_path / "oq").mkdir()
-    with pytest.raises(InputError, match="already multiplied by its weight"):
+    with refused("hazard.contribution_only"):
         read_hazard(nshmp_output(tmp_path / "nshmp", "ANNUAL_RATE") / "PGA/gmm/ASK_14/curves.csv")
-    with pytest.raises(InputError, match="fractiles only"):
+    with refused("hazard.fractiles_only"):
         read_hazard(logic_tree(tmp_path / "oq") / "quantile_curve-0.95-PGA_6.csv")
 
 
@@ -317,15 +316,15 @@ def weights(folder, *values):
 @pytest.mark.parametrize(
     ("values", "curves", "said"),
     [
-        ((0.5, 0.4), [{}, {}], "the weights of 2 branches sum to 0.9"),
-        ((0.5, 0.5), [{}], "rlz-001"),
-        ((1.0,), [{}, {}], "states no weight of rlz-001"),
-        ((0.5, 0.5), [{}, {"site": (10.5, 45.0)}], "have no curve over pga_m_s2 at longitude 10"),
-        ((0.5, 0.5), [{}, {"checksum": 8}], "2 calculations"),
-        ((0.5, 0.5), [{}, {"poes": (0.5, 1.1, 0.01)}], "states the probability 1.1"),
-        ((0.5, 0.5), [{}, {"poes": (0.5, 0.1, 0.2)}], "lies above that at"),
-        ((0.5, 0.5), [{}, {"poes": (0.5, "nan", 0.2)}], "'nan' is no number"),
-        (None, [{}, {}], "no realizations.csv"),
+        ((0.5, 0.4), [{}, {}], "hazard.weights_sum"),
+        ((0.5, 0.5), [{}], "hazard.realisations_missing"),
+        ((1.0,), [{}, {}], "hazard.weights_incomplete"),
+        ((0.5, 0.5), [{}, {"site": (10.5, 45.0)}], "hazard.realisations_missing"),
+        ((0.5, 0.5), [{}, {"checksum": 8}], "hazard.several_calculations"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, 1.1, 0.01)}], "hazard.probability_out_of_range"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, 0.1, 0.2)}], "hazard.rates_rise"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, "nan", 0.2)}], "hazard.number_unreadable"),
+        (None, [{}, {}], "hazard.weights_missing"),
     ],
 )  # fmt: skip
 def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, curves, said):
@@ -333,7 +332,7 @@ def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, 
         rlz(tmp_path, number, **told)
     if values:
         weights(tmp_path, *values)
-    with pytest.raises(InputError, match=said):
+    with refused(said):
         read_hazard(tmp_path)
 
 
@@ -350,9 +349,9 @@ def test_files_with_weights_are_branches_of_one_site(tmp_path):
         openquake(tmp_path / f"{name}.csv", site)
     (tree,) = read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.3])
     assert [(branch.name, branch.weight) for branch in tree.branches] == [("a", 0.7), ("b", 0.3)]
-    with pytest.raises(InputError, match=r"of different sites: .*longitude 10 .*longitude 11"):
+    with refused("site.several", "10", "11"):
         read_hazard([tmp_path / "a.csv", tmp_path / "c.csv"], [0.7, 0.3])
-    with pytest.raises(InputError, match=r"sum to 1\.1"):
+    with refused("hazard.weights_sum", "1.1"):
         read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.4])
 
 
@@ -388,19 +387,19 @@ def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0.1 0.01\n0.2 0.001\n", "states neither measure nor unit nor time"),
-        ("0.1,0.01\n0.2,0.001\n", "states neither measure nor unit nor time"),
-        ("PGA,poe\n0.1,0.01\n0.2,0.001\n", "states no time"),
-        ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'level'"),
-        ("PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'PGV"),
-        ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n", "line 2 has 3 columns"),
-        ("PGA,poe_0_years\n0.1,0.01\n0.2,0.001\n", "states no time"),
+        ("0.1 0.01\n0.2 0.001\n", "hazard.no_header"),
+        ("0.1,0.01\n0.2,0.001\n", "hazard.no_header"),
+        ("PGA,poe\n0.1,0.01\n0.2,0.001\n", "hazard.time_missing"),
+        ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "hazard.measure_missing"),
+        ("PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n", "hazard.measure_missing"),
+        ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n", "table.row_wrong_length"),
+        ("PGA,poe_0_years\n0.1,0.01\n0.2,0.001\n", "hazard.time_missing"),
     ],
 )
 def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
     path = tmp_path / "curve.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=said):
+    with refused(said):
         read_hazard(path)
 
 
@@ -419,7 +418,7 @@ def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
 def test_values_of_a_name_that_is_not_known_are_refused_whatever_the_user_says(tmp_path, name, years):
     path = tmp_path / "curve.csv"
     path.write_text(f"PGA (g),{name}\n0.1,0.9\n0.2,0.8\n")
-    with pytest.raises(InputError, match="has the column"):
+    with refused("hazard.values_unknown"):
         read_hazard(path, hints=Hints(years=years))
 
 
@@ -442,9 +441,8 @@ def test_values_of_a_name_that_is_not_known_are_refused_whatever_the_user_says(t
 def test_a_table_of_another_form_is_refused_by_the_form_that_is_read(tmp_path, text):
     path = tmp_path / "curve.txt"
     path.write_text(text)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError):
         read_hazard(path)
-    assert "CSV with the columns MEASURE,annual_rate" in refused.value.expected
 
 
 def test_maps_of_opensha_are_curves_of_their_sites_once_the_user_says_what_they_are(tmp_path):
@@ -454,45 +452,44 @@ def test_maps_of_opensha_are_curves_of_their_sites_once_the_user_says_what_they_
     assert curve.site == (-118.1, 34.2)
     assert curve.intensity == pytest.approx([0.1 * G, 0.2 * G])
     assert curve.annual_rate == pytest.approx(-np.log([0.9, 0.99]))
-    with pytest.raises(InputError, match="--measure"):
+    with refused("hazard.measure_missing"):
         read_hazard(path)
 
 
 def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
     path = tmp_path / "curves.csv"
     path.write_text("lat,lon,0.1,0.2\n-118.1,34.2,1e-2,1e-3\n")
-    with pytest.raises(InputError, match=r"the latitude is -118\.1"):
+    with refused("site.out_of_range", "118.1"):
         read_hazard(path, hints=Hints(measure="pga_m_s2", years=0.0))
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("# PGA in m/s2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "'m/s2'"),
-        ("# units: cm/s^2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", r"'cm/s\^2'"),
-        ("# PGV [m/s] of the rock\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "'m/s'"),
-        ("PGA,annual_rate\n10,1e-2\n980,1e-3\n", "reach 980"),
-        ("PGV,annual_rate\n{0},1e-2\n{1},1e-3\n", "reach 2"),
-        ("SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n", "reach 200"),
+        ("# PGA in m/s2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
+        ("# units: cm/s^2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
+        ("# PGV [m/s] of the rock\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "hazard.unit_missing"),
+        ("PGA,annual_rate\n10,1e-2\n980,1e-3\n", "hazard.unit_missing"),
+        ("PGV,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
+        ("SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n", "hazard.unit_missing"),
     ],
 )
 def test_levels_without_a_unit_that_are_in_another_than_is_usual_are_refused(tmp_path, text, said):
     """Under 'PGA' alone 980 cm/s2 would be 980 g: a rock that nothing topples."""
     path = tmp_path / "curve.csv"
     path.write_text(text.format(0.1, 2.0))
-    with pytest.raises(InputError, match=said) as error:
+    with refused(said):
         read_curve(path)
-    assert "name the unit in the column" in error.value.remedy
 
 
 def test_openquakes_curves_without_time_or_measure_are_told_what_to_add(tmp_path):
     path = tmp_path / "curve.csv"
     rows = "lon,lat,depth,poe-0.1,poe-0.2\n10,45,0,0.1,0.01\n"
     path.write_text(f"#,,,\"imt='PGA'\"\n{rows}")
-    with pytest.raises(InputError, match=r"investigation_time=50\.0"):
+    with refused("hazard.time_missing", "50.0"):
         read_hazard(path)
     path.write_text(f'#,,,"investigation_time=50.0"\n{rows}')
-    with pytest.raises(InputError, match="states no imt"):
+    with refused("hazard.measure_missing"):
         read_hazard(path)
     path.write_text(rows)
     (tree,) = read_hazard(path, hints=Hints(measure="pga_m_s2", years=50.0))
@@ -522,7 +519,7 @@ def test_two_columns_may_be_parted_by_other_signs(tmp_path, sign):
 def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing\n")
     (tmp_path / "job.json").write_text(json.dumps({"a": 1}))
-    with pytest.raises(InputError, match="holds no file of hazard among 2"):
+    with refused("hazard.no_file", "2"):
         read_hazard(tmp_path)
     openquake(tmp_path / "mean.csv", (10.0, 45.0))
     assert len(read_hazard(tmp_path)) == 1
@@ -540,27 +537,27 @@ OQ = "#,,\"generated_by='OpenQuake engine 3.26.2', kind='mean', investigation_ti
 @pytest.mark.parametrize(
     ("content", "what"),
     [
-        ("imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n", "is a disaggregation"),
-        ("imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n", "is a disaggregation"),
-        ("lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n", "is a hazard map"),
-        ("lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n", "is a hazard map"),
-        ("lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n", "holds uniform hazard spectra"),
-        ("event_id,gmv_PGA,custom_site_id\n1,.2,a\n", "is part of a set of events"),
-        ("rup_id,source_id,mag\n1,2,6.5\n", "is part of a set of events"),
-        ("custom_site_id,lon,lat\na,.5,.5\n", "lists sites"),
+        ("imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n", "hazard.other_output"),
+        ("imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n", "hazard.other_output"),
+        ("lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n", "hazard.other_output"),
+        ("lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n", "hazard.other_output"),
+        ("lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n", "hazard.other_output"),
+        ("event_id,gmv_PGA,custom_site_id\n1,.2,a\n", "hazard.other_output"),
+        ("rup_id,source_id,mag\n1,2,6.5\n", "hazard.other_output"),
+        ("custom_site_id,lon,lat\na,.5,.5\n", "hazard.other_output"),
     ],
 )
 def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what):
     file = tmp_path / "output.csv"
     file.write_text(OQ + content)
-    with pytest.raises(InputError, match=what):
+    with refused(what):
         read_hazard(file)
 
 
 def test_a_folder_of_a_disaggregation_is_its_curves_and_without_them_a_disaggregation(tmp_path):
     """As the engine exports one: `Dist-mean-0_3.csv` beside `hazard_curve-mean-PGA_3.csv`."""
     (tmp_path / "Dist-mean-0_3.csv").write_text(OQ + "imt,iml,poe,dist,mean\nPGA,.2,.1,5,.04\n")
-    with pytest.raises(InputError, match="is a disaggregation"):
+    with refused("hazard.other_output"):
         read_hazard(tmp_path)
     openquake(tmp_path / "hazard_curve-mean-PGA_3.csv", (10.0, 45.0))
     assert len(read_hazard(tmp_path)) == 1
@@ -581,9 +578,9 @@ def test_a_folder_of_a_disaggregation_is_its_curves_and_without_them_a_disaggreg
 def test_magnitudes_are_never_levels_of_motion(tmp_path, text, measure):
     (tmp_path / "total.csv").write_text(text)
     for path in (tmp_path / "total.csv", tmp_path):
-        with pytest.raises(InputError, match="by magnitude") as refused:
+        with refused("hazard.other_output") as error:
             read_hazard(path, hints=Hints(None, measure, 0.0))
-        assert "--measure" not in refused.value.remedy
+        assert "--measure" not in error.value.remedy
 
 
 def test_levels_of_motion_are_no_magnitudes(tmp_path):
@@ -706,18 +703,18 @@ def test_fractiles_in_openquakes_xml_belong_to_their_mean(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('investigationTime="50.0"', "", "states no investigationTime"),
-        ('IMT="PGA"', 'IMT="MMI"', "over 'MMI'"),
-        ("0.1 0.01</poEs>", "0.1</poEs>", "2 levels and 1 probabilities"),
-        ("0.1 0.2", "98.1 196.2", "its levels reach 196"),
-        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "states levels of pga_m_s2 in 'cm/s'"),
-        ("</nrml>", "", "no whole XML document"),
-        ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "defines entities"),
-        ("hazardCurves", "hazardMap", "XML without hazard curves"),
+        ('investigationTime="50.0"', "", "hazard.time_missing"),
+        ('IMT="PGA"', 'IMT="MMI"', "measure.unknown"),
+        ("0.1 0.01</poEs>", "0.1</poEs>", "hazard.row_unreadable"),
+        ("0.1 0.2", "98.1 196.2", "hazard.unit_missing"),
+        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "hazard.unit_unknown"),
+        ("</nrml>", "", "document.unreadable"),
+        ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "document.has_entities"),
+        ("hazardCurves", "hazardMap", "hazard.no_curve"),
     ],
 )
 def test_xml_that_is_no_whole_hazard_curve_is_refused_by_its_cause(tmp_path, old, new, said):
     path = tmp_path / "curves.xml"
     path.write_text(NRML["0.5"].format(stat="", imt="PGA", high=0.1).replace(old, new))
-    with pytest.raises(InputError, match=said):
+    with refused(said):
         read_hazard(path, hints=Hints(site=(-118.1, 34.2)))

@@ -6,6 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 from seeded import row, rows
 
 import toppling.orchestrator.status
@@ -15,14 +16,13 @@ import toppling.results.store
 from toppling.models.errors import InputError
 from toppling.models.files.digest import write_sealed
 from toppling.models.files.tables import write_table
-from toppling.models.motions.catalogue import meaning
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.run_folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
 from toppling.results.reader import open_run
-from toppling.results.schema import SCHEMA, describe
+from toppling.results.schema import SCHEMA
 from toppling.results.store import compact, read_steady, write_part
 
 
@@ -135,16 +135,16 @@ def test_several_runs_are_told_apart_by_their_folder(run_folder, tmp_path):
         "select run, count(*) n from results group by run order by run",
     )
     assert counts.to_pylist() == [{"run": "other", "n": 2}, {"run": "run", "n": 6}]
-    with pytest.raises(InputError, match="same name"):
+    with refused("run.names_repeated"):
         ask([open_run(other), open_run(other)], "select 1")
 
 
 def test_a_folder_that_is_no_run_and_a_query_that_is_no_sql_are_refused(run_folder, tmp_path):
-    with pytest.raises(InputError, match="is not a run"):
+    with refused("run.absent"):
         open_run(tmp_path)
-    with pytest.raises(InputError, match="does not exist"):
+    with refused("run.absent"):
         open_run(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="tables results, motions, scene"):
+    with refused("query.failed"):
         open_run(run_folder).sql("select nonsense from results")
 
 
@@ -187,12 +187,6 @@ def test_describe_names_every_column_of_every_table(run_folder):
             "description": "peak of the horizontal velocity vector"} in told  # fmt: skip
 
 
-def test_every_measure_of_results_has_a_description_and_a_unit():
-    for field in (one for one in SCHEMA if describe(one)["group"] == "imposed"):
-        assert describe(field)["description"] == meaning(field.name)["description"] != ""
-        assert describe(field)["unit"] in {"m/s2", "m/s", "m", "s", "deg", "1"}
-
-
 def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_folder):
     done = CliRunner().invoke(
         cli, ["query", "select job_id from results where pga_m_s2 > 1e9", str(run_folder)]
@@ -201,10 +195,6 @@ def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_fol
     two = CliRunner().invoke(cli, ["query", str(run_folder), "select 1 a", "select 2 b"])
     assert two.exit_code == 2
     assert "these are several queries" in two.output
-
-
-def test_a_run_without_a_query_is_wrong_usage(run_folder):
-    assert CliRunner().invoke(cli, ["query", str(run_folder)]).exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -268,8 +258,8 @@ def test_a_query_only_reads_the_tables_of_its_runs(run_folder, own, tmp_path, ki
 def test_a_trusted_query_joins_own_files(run_folder, own):
     sql = f"select site, count(*) n from results join '{own}' using (record_id) group by all order by all"
     command = ["query", str(run_folder), sql, "--json"]
-    refused = CliRunner().invoke(cli, command)
-    assert isinstance(refused.exception, InputError)
+    error = CliRunner().invoke(cli, command)
+    assert isinstance(error.exception, InputError)
     done = CliRunner().invoke(cli, [*command, "--trusted"], catch_exceptions=False)
     assert json.loads(done.stdout) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
 

@@ -12,12 +12,12 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from PIL import Image
+from refusals import refused
 from seeded import THETA_M_S, row, rows
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, overflow, shown
 
-from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.constraint_words import fragility_words
@@ -248,7 +248,7 @@ def test_a_browser_without_a_network_shows_every_picture(page, tmp_path):
 
 def test_a_run_without_answers_has_no_page(tmp_path):
     write_part(tmp_path, [row("a", status="crashed")])
-    with pytest.raises(InputError, match="none with an answer"):
+    with refused("run.no_answers"):
         report_page(Content(open_run(tmp_path)))
     assert CliRunner().invoke(cli, ["report", str(tmp_path)]).exit_code == 1
     assert not (tmp_path / "report.html").exists()

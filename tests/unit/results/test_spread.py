@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 from seeded import row
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.spread import component_interval, spreads
 from toppling.results.store import write_part
@@ -76,7 +76,7 @@ def test_chance_alone_is_no_ones_spread():
 
 def test_a_campaign_without_realisations_is_told_to_have_some():
     frame = run(base=0.1)
-    with pytest.raises(InputError, match="realisations"):
+    with refused("run.too_few_realisations"):
         spreads(frame[frame["realisation"] == 1])
 
 

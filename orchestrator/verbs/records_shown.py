@@ -61,7 +61,7 @@ def _print(table: "Table", width: int) -> None:
     from rich.console import Console
 
     console = Console()
-    Console(width=None if console.is_terminal else width).print(table)
+    Console(width=None if console.is_terminal else width, markup=False).print(table)
 
 
 def show_catalog(rows: list[dict]) -> None:

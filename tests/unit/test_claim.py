@@ -51,7 +51,7 @@ def killed(copy, **files):
     write(copy, **files)
     copy.push()
     copy._claim._text = b"of a process that is no more"  # nothing more is put, nothing released
-    with pytest.raises(InputError):
+    with refused("store.taken_over"):
         stopped.__exit__(None, None, None)
     assert Store(copy.address).holds(CLAIM)
 

@@ -5,7 +5,7 @@ import sys
 import threading
 
 import pytest
-from refusals import refused
+from refusals import refused, tells
 
 from toppling.models.files.store_access import Store, azure_arguments
 from toppling.models.files.stores import Copy, address_of, at_hand, is_store
@@ -202,7 +202,7 @@ def test_a_misspelled_kind_of_store_is_refused_by_name_and_nothing_is_made(addre
             cwd=tmp_path, capture_output=True, text=True, check=False,
         )  # fmt: skip
         assert done.returncode == 1
-        assert f"is an address ({address.partition(':')[0]}://), no path" in done.stderr
+        tells(done.stderr, "file.is_address", f"({address.partition(':')[0]}://)")
     assert not list(tmp_path.iterdir())
 
 

@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import read_triangles
 from toppling.models.motions.formats import response, seismic
 from toppling.models.motions.formats.reading import read_file
@@ -100,7 +99,7 @@ def test_a_mesh_reads_no_file_beside_it(tmp_path):
     (tmp_path / "rock.gltf").write_text(
         '{"asset": {"version": "2.0"}, "buffers": [{"uri": "/etc/hostname", "byteLength": 1}]}'
     )
-    with pytest.raises(InputError):
+    with refused("file.unreadable"):
         read_triangles(tmp_path / "rock.gltf")
 
 

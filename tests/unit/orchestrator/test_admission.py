@@ -46,12 +46,10 @@ def test_a_scheduler_of_ours_that_is_lost_is_not_waited_for(monkeypatch):
 @pytest.mark.parametrize(
     ("number", "path"),
     [
-        (errno.ENOSPC, "run/parts/part"),
-        (errno.EACCES, "run/scene/rock.ply"),
-        (errno.EMFILE, None),
+        (errno.ENOSPC, "run/parts/part"), (errno.EACCES, "run/scene/rock.ply"), (errno.EMFILE, None),
         (errno.EIO, "run"),
     ],
-)
+)  # fmt: skip
 def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cluster, monkeypatch):
     client = SimpleNamespace(status="running", cluster=cluster)
     refused = OSError(number, os.strerror(number), *([path] if path else []))
@@ -74,11 +72,9 @@ def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cl
         ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"),
         OSError(errno.EHOSTUNREACH, "No route to host"),
         socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution"),
-        ssl.SSLError(1, "certificate has expired"),
-        CancelledError(),
-    ],
-    ids=repr,
-)
+        ssl.SSLError(1, "certificate has expired"), CancelledError(),
+    ], ids=repr,
+)  # fmt: skip
 def test_what_a_network_refuses_may_be_a_lost_scheduler(error):
     assert admission.may_be_lost(error)
 

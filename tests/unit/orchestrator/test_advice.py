@@ -123,14 +123,12 @@ def test_a_table_that_holds_displacement_bounds_it(weak):
 @pytest.mark.parametrize(
     ("shares", "told"),
     [
-        ([(1, 100, 0), (3, 100, 20), (5, 100, 50), (7, 100, 80), (9, 100, 100)], []),
-        ([], []),
-        ([(1.0, 0, 0)], []),
+        ([(1, 100, 0), (3, 100, 20), (5, 100, 50), (7, 100, 80), (9, 100, 100)], []), ([], []), ([(1.0, 0, 0)], []),
         ([(13.0, 78, 7), (9.0, 78, 0)], ["add levels above 13 m/s2"]),
         ([(5.0, 10, 4), (9.0, 10, 10)], ["add levels below 5 m/s2"]),
         ([(1, 50, 0), (3, 50, 1), (6, 50, 49), (9, 50, 50)], ["add levels between 3 and 6 m/s2"]),
     ],
-)
+)  # fmt: skip
 def test_levels_are_asked_for_where_the_rise_was_not_seen(shares, told):
     assert [said.rpartition(": ")[2] for said in suggestions([Share(*each) for each in shares])] == told
 

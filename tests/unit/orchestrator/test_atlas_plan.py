@@ -109,12 +109,10 @@ def test_the_table_in_a_run_reads_back_as_it_was(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"scene": "scenes/block0"}, "campaign.key_not_of_many"),
-        ({"precision": 0.1}, "campaign.key_not_of_many"),
-        ({"scenes": ["nothing/*"]}, "rocks.no_scene"),
-        ({"ensemble": None}, "campaign.key_missing"),
+        ({"scene": "scenes/block0"}, "campaign.key_not_of_many"), ({"precision": 0.1}, "campaign.key_not_of_many"),
+        ({"scenes": ["nothing/*"]}, "rocks.no_scene"), ({"ensemble": None}, "campaign.key_missing"),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_suit_many_rocks_is_refused(folder, change, told):
     content = {"scenes": ["scenes/*"], "sites": "sites.csv", "ensemble": "quakes", **AXES, **change}
     with refused(told):

@@ -41,14 +41,11 @@ class Law:
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        (b"What it knows.", b"Other words."),
-        (b"Why so.", b"For another reason."),
-        (b"Of x.", b"Of the angle."),
-        (b"# bounded", b"# and said otherwise"),
-        (b"math.sin(x) * LIMIT", b"(math.sin(x)\n            * LIMIT)"),
+        (b"What it knows.", b"Other words."), (b"Why so.", b"For another reason."), (b"Of x.", b"Of the angle."),
+        (b"# bounded", b"# and said otherwise"), (b"math.sin(x) * LIMIT", b"(math.sin(x)\n            * LIMIT)"),
         (b'        """Of x."""\n', b""),
     ],
-)
+)  # fmt: skip
 def test_words_and_layout_decide_nothing(old, new):
     assert MODULE.replace(old, new) != MODULE
     assert _decisive(MODULE.replace(old, new)) == _decisive(MODULE)
@@ -60,10 +57,6 @@ def test_words_and_layout_decide_nothing(old, new):
 )
 def test_whatever_can_change_an_answer_is_seen(old, new):
     assert _decisive(MODULE.replace(old, new)) != _decisive(MODULE)
-
-
-def test_a_function_of_a_docstring_alone_is_read_too():
-    assert _decisive(b'def f():\n    """Nothing."""\n') == _decisive(b'def f():\n    """Something."""\n')
 
 
 @pytest.fixture
@@ -106,12 +99,6 @@ def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(few, mo
     monkeypatch.setattr(code_identity, "FOLDER", None)
     assert code.__wrapped__() == before
     monkeypatch.setitem(few, edited, b"x = 1")
-    assert code.__wrapped__() != before
-
-
-def test_code_that_was_edited_by_hand_is_not_taken_for_what_is_kept(few, monkeypatch):
-    before = code.__wrapped__()
-    monkeypatch.setitem(few, next(iter(few)), b"x = 1")
     assert code.__wrapped__() != before
 
 

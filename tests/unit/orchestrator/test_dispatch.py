@@ -21,11 +21,6 @@ def drain(dispatch, workers=2):
         yield batch
 
 
-def test_every_job_goes_out_once_and_in_order():
-    jobs = [job for batch in drain(dispatch_of(743)) for job in batch.jobs]
-    assert jobs == list(range(743))
-
-
 @pytest.mark.parametrize(("jobs", "workers", "last"), [(1000, 2, 60), (100, 2, 20), (1000, 64, 200)])
 def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
     order, duration_s = np.random.default_rng(1).permutation(jobs), np.arange(float(jobs))
@@ -47,16 +42,6 @@ def test_batches_shrink_to_single_jobs_at_the_end():
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[0] > 100
     assert sizes[-4:] == [1, 1, 1, 1]
-
-
-def test_what_the_budget_left_over_goes_out_again():
-    dispatch = dispatch_of(100)
-    first = dispatch.next_batch(1)
-    dispatch.came_back(first, done=3)
-    assert dispatch.next_batch(1).jobs[0] == 3
-    dispatch = dispatch_of(10)
-    dispatch.came_back(dispatch.next_batch(1), done=0)
-    assert [job for batch in drain(dispatch) for job in batch.jobs] == list(range(10))
 
 
 def test_after_a_death_every_job_of_the_batch_is_tried_alone():

@@ -4,7 +4,6 @@ import math
 from itertools import pairwise, product
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -76,21 +75,3 @@ def test_scenes_change_seldom_and_come_round_evenly():
     assert largest_deviation(jobs[:, SCENE]) <= of_block
     friction = jobs[:, SCENE] // 10
     assert largest_deviation(friction) <= of_block
-
-
-def test_each_record_has_a_level_and_an_azimuth_of_its_own_order():
-    jobs = ordered(12, 6, 6)
-    first = jobs[:12]
-    assert np.array_equal(np.bincount(first[:, LEVEL]), np.full(6, 2))
-    assert len(np.unique(first[:, [LEVEL, AZIMUTH]], axis=0)) > 8
-
-
-@pytest.mark.parametrize("records", [1, 3, 64, 65, 140])
-def test_the_order_is_the_same_on_every_machine_and_of_some_jobs_that_of_all(records):
-    jobs = ordered(records, 4, 3)
-    assert np.array_equal(jobs, ordered(records, 4, 3))
-
-
-def test_no_jobs_have_no_order():
-    none = np.zeros(0, int)
-    assert balanced_order(none, none, none, none).tolist() == []

@@ -91,13 +91,10 @@ def test_where_a_record_shakes_a_scene_once_jobs_of_a_scene_travel_together(camp
 @pytest.mark.parametrize(
     "change",
     [
-        {"preset": "fast"},
-        {"pga_m_s2": (2.0,)},
-        {"records": ("P1",)},
-        {"peak_displacement_m": 0.1},
+        {"preset": "fast"}, {"pga_m_s2": (2.0,)}, {"records": ("P1",)}, {"peak_displacement_m": 0.1},
         {"realisations": 2},
     ],
-)
+)  # fmt: skip
 def test_whatever_can_change_an_answer_changes_the_plan(campaign, change):
     assert planned(campaign, **change).id != planned(campaign).id
 
@@ -125,14 +122,6 @@ def test_pending_is_the_plan_without_what_is_finished(campaign):
     assert sorted(whole.pending(set())) == list(range(len(ids)))
     left = whole.pending(set(ids[3:5]) | {"of another run"})
     assert sorted(left) == [0, 1, 2, *range(5, len(ids))]
-
-
-def test_jobs_go_out_in_blocks_of_all_records_levels_and_azimuths(campaign):
-    whole = planned(campaign, pga_m_s2=(2.0, 4.0, 6.0), azimuth_deg=(0.0, 90.0, 180.0))
-    first = whole.jobs.take(whole.pending(set())[:9])
-    for column in ("record_id", "pga_m_s2", "azimuth_deg"):
-        counts = [entry["counts"] for entry in first[column].value_counts().to_pylist()]
-        assert counts == [3, 3, 3]
 
 
 def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):

@@ -10,14 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "results"))
-from seeded import rows
 
 from toppling.models.scene import Scene
 from toppling.orchestrator import progress as progress_module
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.progress import bar, duration, each, pace, pace_and_counts, watcher
-from toppling.results.store import write_part
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
@@ -111,14 +109,3 @@ def test_showing_a_scene_says_what_it_does_to_the_end(heard, tmp_path):
     advance, spoken = heard["scene"]
     assert spoken == ["settling", "scene.png", "scene.html", "settling.png"]
     assert 0 < advance.done < advance.total
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_fits_say_how_far_they_are_between_two_files(heard, tmp_path):
-    write_part(tmp_path, rows(records=8, levels=(4, 8, 12), azimuths=(0.0,)))
-    asked = ["fragility", str(tmp_path), "--fit", "--samples", "2"]
-    CliRunner().invoke(cli, asked, catch_exceptions=False)
-    advance, spoken = heard["figures"]
-    assert "ranking of the measures" in spoken
-    assert sum(doing.startswith("bootstrap of the fit over ") for doing in spoken) > 5
-    assert 0.9 * advance.total <= advance.done <= advance.total

@@ -22,7 +22,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
-from toppling.results.drawing.animation import STRIP, WIDTH, speed_words
+from toppling.results.drawing.animation import STRIP, WIDTH
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -77,15 +77,6 @@ def test_a_job_seen_again_has_the_answer_of_the_run_to_the_last_digit(replayed):
     assert "The answer is that of the run" in done.output
 
 
-def test_a_shake_is_named_by_its_realisation_and_by_both_frictions_as_shaken(replayed):
-    done, row, out = replayed
-    static, kinetic = (float(f"{stated * row['friction_factor']:.3g}") for stated in (0.7, 0.6))
-    title = f"realisation 1, friction {static:g} ({kinetic:g} kinetic): toppled"
-    assert static != 0.7
-    assert title in done.output
-    assert title in (out / "trajectory.svg").read_text()
-
-
 def test_the_way_in_the_table_is_the_way_of_the_row(replayed):
     _, row, out = replayed
     table = pq.read_table(out / "trajectory.parquet")
@@ -114,13 +105,6 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
     assert np.ptp(ground, axis=1).max() < 60  # grey, not the paper's white
     assert ground.max() < 230
     assert (out / "trajectory.svg").read_text().rstrip().endswith("</svg>")
-
-
-@pytest.mark.parametrize(
-    ("speed", "words"), [(1.02, "real time"), (2.2, "2.2 times real time"), (0.25, "1/4.0 of real time")]
-)
-def test_a_moving_picture_says_how_fast_it_is(speed, words):
-    assert speed_words(speed) == words
 
 
 @needs_browser
@@ -212,14 +196,6 @@ def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, to
     assert done.exit_code == 0, done.output
     assert ("A was uncorrected or drifting, and has been processed" in done.stderr) is told_so
     assert f"1 of 2 rows of {tmp_path / 'table.csv'} name files that were not given" in done.stderr
-
-
-def test_a_table_of_files_is_refused_where_only_ensembles_are_given(scene, tmp_path):
-    Ensemble.write(tmp_path / "motions", [record("A", UPLIFT_M_S2)])
-    (tmp_path / "table.csv").write_text("h1,h2\nx,y\n")
-    done = told("check", scene, tmp_path / "motions", "--metadata", tmp_path / "table.csv")
-    assert done.exit_code == 2
-    assert "--metadata describes files" in done.stderr
 
 
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):

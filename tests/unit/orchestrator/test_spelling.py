@@ -10,14 +10,12 @@ from toppling.orchestrator.cli import VERBS, cli
 @pytest.mark.parametrize(
     ("words", "meant"),
     [
-        (["fragilty", "runs/first"], "fragility"),
-        (["Query", "runs/first"], "query"),
-        (["records", "imprt"], "import"),
-        (["scene", "exprot"], "export"),
+        (["fragilty", "runs/first"], "fragility"), (["Query", "runs/first"], "query"),
+        (["records", "imprt"], "import"), (["scene", "exprot"], "export"),
         (["init", ".", ".", "--preset", "standart"], "standard"),
         (["records", "select", ".", "--out", "x", "--quality", "procesed"], "processed"),
     ],
-)
+)  # fmt: skip
 def test_a_misspelt_verb_or_choice_is_answered_with_what_was_meant(words, meant):
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 2

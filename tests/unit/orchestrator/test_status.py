@@ -14,7 +14,7 @@ from small_campaigns import planned_in
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.run_folder import prepare, session
-from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of, words_to_go_on
+from toppling.orchestrator.status import shares_of, state_of, words_to_go_on
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -87,11 +87,6 @@ def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_f
     said = CliRunner().invoke(cli, ["status", str(tmp_path / "run")]).output
     assert said.count("it falls") == 1
     assert "9 failed, such as " in said
-
-
-def test_no_more_reasons_are_told_than_a_person_reads(planned, tmp_path):
-    write_part(tmp_path / "run", rows(planned, [("failed", f"reason {n}") for n in range(15)]))
-    assert len(state_of(tmp_path / "run")["failures"]) == REASONS_SHOWN
 
 
 def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):

@@ -109,11 +109,6 @@ def test_nothing_but_the_page_its_state_and_replays_is_there(server, path):
     assert asked(server, f"/{server.secret}/{path}")[0] == 404
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
-def test_nothing_can_be_sent_to_it(server, method):
-    assert asked(server, f"/{server.secret}/", method=method)[0] == 501
-
-
 def until(server, job, word, seconds=200):
     end = time.monotonic() + seconds
     while word not in (answer := asked(server, f"/{server.secret}/replay/{job}")[1]):

@@ -12,10 +12,8 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.verbs.hazard import years_of
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
-from toppling.results.drawing.constraint_words import rock_lines
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.reader import open_run
@@ -69,12 +67,6 @@ def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
     assert f"m/s or more with other records like these (95 %; {unfit} of 200 bootstrap samples" in words
 
 
-def test_the_age_of_a_rock_is_stated_and_a_few_years_are_asked_after(curves):
-    assert ", stood for 15 ± 3 ka\n" in constrain(curves, "--age", "15 ± 3 ka").output
-    assert "is that in ka? Then give --age '15 ka'" in constrain(curves, "--age", "15").output
-    assert "stood" not in constrain(curves).output.partition("\n")[0]
-
-
 @pytest.mark.thorough
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
@@ -125,18 +117,6 @@ def test_what_only_a_hazard_curve_uses_is_refused_without_one(curves, option):
     assert constrain(curves, *option).exit_code == 2
 
 
-def test_a_site_is_refused_where_no_curve_states_places(curves, hazards):
-    done = constrain(curves, "--age", "200", "--hazard", hazards[0], "--site", "10", "45")
-    assert done.exit_code == 2
-    assert "state none" in done.output
-
-
-def test_the_horizontal_component_of_the_hazard_is_asked_for(curves, hazards):
-    asked = [curves, "--age", "200", "--hazard", hazards[0]]
-    assert "peak of the horizontal vector" in constrain(*asked).output
-    assert "peak of the horizontal vector" not in constrain(*asked, "--ratio", "1.2").output
-
-
 def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path):
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=30, levels=(2, 5, 8), azimuths=(0.0,)))
@@ -153,12 +133,6 @@ def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path):
         # But for the line on other records, of which a file does not keep what it takes.
         assert all(lines[:2] + lines[3:] == of_run[:2] + of_run[3:] for lines in of_files)
         assert ("this extrapolates beyond the strongest shaking of run" in "\n".join(of_run)) == far
-
-
-def test_a_curve_of_unknown_basis_is_called_so(curves):
-    done = constrain(curves)
-    assert "the jobs behind the curve of rock are unknown, so this may be an extrapolation" in done.output
-    assert "beyond the strongest shaking" not in done.output
 
 
 @pytest.mark.usefixtures("empty_figures")
@@ -219,19 +193,6 @@ def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     assert two["branches"][0]["survival"] < one["branches"][0]["survival"]
 
 
-@pytest.mark.parametrize(
-    ("ages", "told"),
-    [
-        (["5000..8000"], True), (["5000..8000", "5000..8000"], True),
-        (["5000"], False), (["5000", "5000..8000"], False), ([], False),
-    ],
-)  # fmt: skip
-def test_uncertain_ages_of_several_rocks_are_said_to_be_independent(curves, tmp_path, ages, told):
-    other = str(write_curves(tmp_path / "other.csv", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    words = constrain(curves, other, *(word for age in ages for word in ("--age", age))).output
-    assert ("The ages of the rocks are taken as independent" in words) == told
-
-
 def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
     def rock(name, scene_id):
         basis = Basis(scene_id, 570, 212, 30, 0, 2.75)
@@ -243,13 +204,6 @@ def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
     assert isinstance(twice, InputError)
     assert f"{again}: is the same rock as {first} (scene 5c3a)" in str(twice)
     assert "is the same rock as" in str(constrain(curves, curves).exception)
-
-
-def test_rocks_whose_files_are_called_alike_keep_names_of_their_own(curves, tmp_path):
-    (tmp_path / "other").mkdir()
-    other = str(write_curves(tmp_path / "other" / "rock.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    told = json.loads(constrain(curves, other, "--json").stdout)
-    assert [rock["name"] for rock in told["rocks"]] == [curves, other]
 
 
 def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, curves):
@@ -270,25 +224,12 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, cur
     assert words.count("and the branch rejected: give a curve that extends further") == 1
 
 
-@pytest.mark.parametrize(("asked", "told"), [([1], True), ([1, 1], True), ([0, 1], False)])
-def test_weights_of_branches_that_are_all_rejected_are_said_to_rank_them_only(curves, hazards, asked, told):
-    branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
-    words = constrain(curves, "--age", "10000", *branches).output
-    assert ("Every branch is rejected: the weights only rank them." in words) == told
-
-
 @pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
 def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
     branch = json.loads(constrain(curves, *age, *asked, "--json").stdout)["branches"][0]
     assert branch["survival"] == pytest.approx(math.exp(-1e5 * 1e-5 / 1.44 * math.exp(0.32)), rel=1e-3)
     assert branch["rejected"] == rejected
-
-
-def test_words_are_for_people(curves, hazards):
-    done = constrain(curves, "--age", "10000", "--hazard", hazards[1])
-    assert "rejected" in done.output
-    assert "no single event has exceeded a PGV of" in done.output
 
 
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
@@ -344,13 +285,6 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
     assert row["rate_posterior_p05"] <= row["rate_posterior_p95"]
 
 
-def test_values_of_a_hazard_are_explained_as_the_command_line_takes_them():
-    told = " ".join(constrain("--help").stdout.split("--values")[1].split("--out")[0].split())
-    assert "annual rates (rate)" in told
-    assert "(0)" not in told
-    assert years_of("rate") == 0.0
-
-
 def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
     told = json.loads(constrain(curves, "--age", "5000..20000", "--hazard", tree, "--json").stdout)
@@ -378,13 +312,6 @@ def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves
         np.testing.assert_allclose(one.intensity, other.intensity, rtol=1e-6)
     page = (folder / "constraint.html").read_text()
     assert page.index("The 1e-4 PGV falls from") < page.index("<nav>")
-
-
-def test_the_words_begin_with_the_answer(tmp_path, curves):
-    tree = openquake_tree(tmp_path / "tree")
-    words = constrain(curves, "--age", "10000", "--hazard", tree).output
-    assert words.startswith("The 1e-4 PGV falls from")
-    assert "logic-tree level ground motion: the rocks move" in words
 
 
 @pytest.mark.thorough
@@ -447,28 +374,3 @@ def test_what_is_no_measure_of_intensity_has_no_fragility(tmp_path, column):
     assert isinstance(refused, InputError)
     assert f"--measure: {column!r} is not an intensity measure" in str(refused)
     assert "pgv_m_s" in refused.expected
-
-
-def test_a_random_rocks_median_without_an_upper_end_is_said():
-    rocks = [{"name": name, "median": 1.0, "beta": 0.3} for name in ("one", "two")]
-    site = {
-        "median": 1.0,
-        "median_low": 0.5,
-        "median_high": None,
-        "beyond": None,
-        "beta": 0.4,
-        "beta_within": 0.3,
-        "beta_between": 0.2,
-    }
-    told = {
-        "measure": "pgv_m_s",
-        "rocks": rocks,
-        "confidence": 0.95,
-        "unexceeded": 0.5,
-        "unexceeded_low": None,
-    }
-    assert "median 1 m/s (0.5 or more, 95 %)" in "\n".join(rock_lines({**told, "random_rock": site}))
-    beyond = {**site, "beyond": 0.8}
-    assert "median beyond 0.8 m/s (0.5 or more, 95 %)" in "\n".join(
-        rock_lines({**told, "random_rock": beyond})
-    )

@@ -158,11 +158,6 @@ def test_a_rock_that_no_event_can_topple_keeps_every_branch(events, tmp_path):
     assert "none of them is rejected" in done.stdout
 
 
-def test_a_site_may_be_named_and_one_serves_all_rocks(rocks, events):
-    told = told_by(*rocks, "--hazard", events, "--site", "bb", "--age", "300")
-    assert [rock["site"] for rock in told["rocks"]] == ["bb", "bb"]
-
-
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
     """Motions as much stronger, by --ratio, leave 5 %."""
     asked = [rocks[0], "--hazard", events, "--site", "aa", "--age", "300"]
@@ -170,24 +165,16 @@ def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events
     assert told_by(*asked, "--ratio", factor)["branches"][0]["survival"] == pytest.approx(0.05, abs=1e-3)
 
 
-def test_words_say_how_many_events_a_verdict_hangs_on(rocks, events):
-    words = constrain(rocks[0], "--hazard", events, "--site", "aa", "--age", "300").output
-    assert "60 events of 2 branches" in words
-    assert "ground-motion models" in words
-
-
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        ([], "has 2 sites"),
-        (["--site", "nowhere"], "no site called"),
-        (["--site", "50", "50"], "km away"),
+        ([], "has 2 sites"), (["--site", "nowhere"], "no site called"), (["--site", "50", "50"], "km away"),
         (["--site", "aa", "--measure", "pgv_m_s"], "no fragility over pgv_m_s"),
         (["--site", "aa", "--correlation", "0.5"], "--correlation applies"),
         (["--site", "aa", "--measure", "pga_m_s2+cav_m_s"], "not an intensity measure"),
         (["--site", "aa", "--measure", "pga_m_s2+pgv_m_s"], "independently"),
     ],
-)
+)  # fmt: skip
 def test_events_that_do_not_answer_are_refused_and_nothing_is_written(rocks, events, tmp_path, options, what):
     out = tmp_path / "out"
     done = constrain(rocks[0], "--hazard", events, "--age", "300", *options, "--out", out)
@@ -239,18 +226,6 @@ def survival_of(*arguments):
     return told_by(*arguments)["branches"][0]["survival"]
 
 
-def test_one_common_date_lets_rocks_survive_more_often(rocks, curve):
-    asked = [*rocks, "--hazard", curve, "--age", "2000..12000"]
-    assert survival_of(*asked, "--common-date") > survival_of(*asked)
-
-
-def test_a_rock_bared_late_counts_from_then(rocks, curve):
-    asked = [rocks[0], "--hazard", curve, "--age"]
-    assert survival_of(*asked, "12000", "--fragile-since", "4000") == pytest.approx(
-        survival_of(*asked, "4000")
-    )
-
-
 def test_a_rock_once_stouter_lies_between_one_that_was_buried_and_one_that_was_not(rocks, curve):
     asked = [rocks[0], "--hazard", curve, "--age", "12000"]
     stouter = survival_of(*asked, "--fragile-since", "4000:1.5")
@@ -265,13 +240,6 @@ def test_a_common_error_of_the_dates_widens_what_they_leave(rocks, curve):
     exact, shared = told_by(*asked), told_by(*asked, "--common-error", "0.2")
     assert exact["branches"][0]["survival"] < shared["branches"][0]["survival"]
     assert shared["ages_independent"] is False
-
-
-@pytest.mark.parametrize(
-    "options", [["--common-date"], ["--fragile-since", "4000"], ["--common-error", "0.1"]]
-)
-def test_options_of_ages_need_ages(rocks, options):
-    assert "applies to ages" in constrain(rocks[0], *options).output
 
 
 @pytest.mark.thorough

@@ -12,7 +12,6 @@ from refusals import refused
 from seeded import rows
 
 from toppling.models.files.digest import write_json
-from toppling.models.files.folder import rock_name
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
@@ -25,7 +24,7 @@ from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.record_figures import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import methods, methods_section
+from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.side_by_side_figures import across_date_line
 from toppling.results.drawing.trajectory_figures import AFTER_FALL_S, trajectory_figure
@@ -89,11 +88,6 @@ def test_a_figure_of_records_without_magnitudes_states_no_numbers_for_them(tmp_p
     assert figure.get_suptitle() == "1 record, 1 event"
 
 
-def test_without_outliers_the_axis_holds_every_value():
-    x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
-    assert x.max() < upper_limit(x) < 1.1 * x.max()
-
-
 def trajectory(end_s):
     time = np.linspace(0.0, end_s, 50)
     zero = np.zeros(50)
@@ -146,13 +140,6 @@ def test_a_picture_of_too_few_topplings_says_so_and_ranks_nothing(jobs, toppled,
     assert ("PGV" in [label.get_text() for label in middle.get_yticklabels()]) == is_ranked
 
 
-def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
-    one = jobs.assign(friction_static=0.8, friction_kinetic=0.6, restitution=0.0)
-    assert contact_words(one, one) == "μ = 0.8 (0.6 kinetic)"
-    both = pd.concat([one, one.assign(restitution=0.2)])
-    assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
-
-
 def test_a_contact_whose_friction_realisations_drew_is_not_named_by_one_number(jobs):
     one = jobs.assign(friction_static=0.8, friction_kinetic=0.8, friction_factor=1.0)
     assert contact_words(one, one) == "μ = 0.8"
@@ -162,55 +149,6 @@ def test_a_contact_whose_friction_realisations_drew_is_not_named_by_one_number(j
     assert contact_words(wide, wide) == "μ 0.5 to 1"
 
 
-@pytest.fixture
-def realised(tmp_path):
-    """A run of four realisations on drawn bases."""
-    drawn = [(0, None, 1.0), (1, 0, 1.084), (2, 1, 0.981), (3, 2, 1.049)]
-    write_part(
-        tmp_path,
-        [
-            one | {"job_id": f"{one['job_id']}-{k}", "realisation": k, "base": base, "friction_factor": factor}
-            for one in rows(records=3, azimuths=(0.0,)) for k, base, factor in drawn
-        ],
-    )  # fmt: skip
-    return tmp_path
-
-
-def test_methods_state_what_the_realisations_drew(realised):
-    told = methods(Content(open_run(realised)))
-    assert (
-        "in 4 realisations. Contact followed Coulomb friction (coefficient 1) and Newtonian restitution (0). "
-        "One realisation was the nominal scene, and each of the 3 others drew one of the possible unseen bases "
-        "(3 in use) with a centre of mass and a factor on friction (lognormal, 5 %; drawn: 0.98 to 1.08)."
-        in told
-    )
-    assert "perturbed" not in told
-
-
-def test_methods_state_the_distributions_that_the_campaign_gives(realised):
-    (realised / "campaign.toml").write_text(
-        "unmeasured = { friction = [0.5, 1.0], restitution = [0.0, 0.3], yaw_deg = 5.0, either_sense = true, "
-        "band_hz = 25.0, above_band = [0.0, 0.6] }\n"
-    )
-    told = methods(Content(open_run(realised)))
-    for drawn in (
-        "friction (static and kinetic alike, uniform, 0.5 to 1)", "restitution (uniform, 0 to 0.3)",
-        "at most 5° either way", "reversed in one half", "octave above 25 Hz, 0 to 0.6 times",
-    ):  # fmt: skip
-        assert drawn in told
-
-
-def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing_of_one_realisation(tmp_path):
-    jobs = [one | {"friction_factor": 1.0} for one in rows(records=3, azimuths=(0.0,))]
-    write_part(tmp_path, jobs)
-    assert "realisation" not in methods(Content(open_run(tmp_path)))
-    drawn = {"realisation": 1, "friction_factor": 1.02}
-    write_part(tmp_path, [one | drawn | {"job_id": one["job_id"] + "-1"} for one in jobs])
-    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in methods(
-        Content(open_run(tmp_path))
-    )
-
-
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
 def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
     write_json(tmp_path / "run.json", {"engine": ENGINES[engine].citation})
@@ -218,11 +156,6 @@ def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engi
     written = methods_section(Content(open_run(tmp_path)), Document())
     assert f"on {ENGINES[engine].title} ({ENGINES[engine].authors}), following" in written
     assert other not in written
-
-
-def test_a_rock_is_called_by_its_folder(tmp_path):
-    assert rock_name(tmp_path / "echo_cliffs") == "echo_cliffs"
-    assert rock_name(tmp_path / "echo_cliffs" / "scene") == "echo_cliffs"
 
 
 def test_a_run_calls_its_rock_as_it_was_called_when_the_run_began(tmp_path):

@@ -24,7 +24,7 @@ from toppling.results.analysis.exchange import (
 from toppling.results.analysis.fragility import CONTACT_COLUMNS
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface, with_samples
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.schema import SCHEMA, describe
+from toppling.results.schema import SCHEMA
 
 CURVES = st.builds(
     Lognormal,
@@ -112,13 +112,6 @@ def test_openquake_computes_the_same_probabilities_from_the_file(tmp_path):
     pgv_cm_s = np.array([40.0, 120.0, 200.0])
     np.testing.assert_allclose(lognorm.cdf(pgv_cm_s, sigma, scale=scale), curve.probability(pgv_cm_s / 100))
     assert 'imt="PGV"' in text
-
-
-def test_spectral_accelerations_are_told_to_be_the_largest_of_all_azimuths(tmp_path):
-    text = write_curves(tmp_path / "fragility.xml", [Lognormal("sa_1s_m_s2", 1.2, 0.4)]).read_text()
-    assert "SA the largest of all azimuths" in text
-    for column in ("sa_1s_m_s2", "sa_2s_m_s2"):
-        assert "largest of all azimuths" in describe(SCHEMA.field(column))["description"]
 
 
 def test_nrml_leaves_out_what_openquake_has_no_name_for_and_refuses_nothing_but(tmp_path):
@@ -218,14 +211,11 @@ def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
 @pytest.mark.parametrize(
     "text",
     [
-        "rock,measure,median,beta\nrock,pga_m_s2,4.5,0.5\n",
-        "measure;median;beta\npga_m_s2;4,5;0,5\n",
-        "measure\tmedian\tbeta\npga_m_s2\t4.5\t0.5\n",
-        ",measure,median,beta\n0,pga_m_s2,4.5,0.5\n",
-        "measure,median,beta\nPGA (cm/s2),450,0.5\n",
-        "measure,median,beta\nPGA (m/s2),4.5,0.5\n",
+        "rock,measure,median,beta\nrock,pga_m_s2,4.5,0.5\n", "measure;median;beta\npga_m_s2;4,5;0,5\n",
+        "measure\tmedian\tbeta\npga_m_s2\t4.5\t0.5\n", ",measure,median,beta\n0,pga_m_s2,4.5,0.5\n",
+        "measure,median,beta\nPGA (cm/s2),450,0.5\n", "measure,median,beta\nPGA (m/s2),4.5,0.5\n",
     ],
-)
+)  # fmt: skip
 def test_a_curve_is_the_same_however_a_person_or_a_spreadsheet_writes_it(text, tmp_path):
     (tmp_path / "curves.csv").write_text(text)
     (curve,) = read_curves(tmp_path / "curves.csv").values()

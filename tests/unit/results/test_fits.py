@@ -20,7 +20,6 @@ from toppling.results.analysis.ranking import (
 )
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
-from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.schema import SCHEMA
 
 
@@ -233,26 +232,6 @@ def test_a_true_model_is_calibrated(jobs):
     assert told["jobs"].sum() == len(jobs)
 
 
-def test_the_figure_says_what_its_intervals_are_and_which_measures_have_no_fit(jobs):
-    ranking = compare_measures(jobs)
-    lacking = pd.DataFrame({"measures": ["pgd_m"], "log_loss": [np.nan]})
-    curve = fit(jobs, ["pgv_m_s"]).lognormal
-    shares = observed_shares(jobs, "pgv_m_s")
-    calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
-    table = pd.concat([ranking, lacking], ignore_index=True)
-    for told, lost in ((table, [0]), (ranking, []), (table[["measures"]], range(len(table)))):
-        figure = fit_figure(curve, shares, told, calibrated)
-        middle = figure.axes[1]
-        words = [text for text in middle.texts if text.get_text() == "no fit"]
-        assert sorted(text.get_position()[1] for text in words) == list(lost)
-        bottom, top = middle.get_ylim()
-        assert bottom < 0 <= len(told) - 1 < top
-    (caption,) = (text.get_text() for text in figure.texts)
-    assert "95 %" in caption
-    assert "Wilson" in caption
-    assert "bootstrap" in caption
-
-
 @pytest.fixture(scope="module")
 def one_heavy_half(jobs):
     """The law's records, each beside one that topples always and weighs a thousandth."""
@@ -268,11 +247,6 @@ def test_a_weighted_fit_is_held_against_shares_of_the_same_weights(one_heavy_hal
     np.testing.assert_allclose(inside, curve.probability(told["value"]), atol=0.02)
 
 
-def test_a_weighted_model_is_calibrated_by_the_same_weights(one_heavy_half):
-    told = calibration(one_heavy_half, out_of_fold(one_heavy_half, ["pgv_m_s"]))
-    assert (told["predicted"] - told["observed"]).abs().max() < 0.11  # as without weights
-
-
 def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
     frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
     told = observed_shares(frame, "pgv_m_s", bins=1).iloc[0]
@@ -282,15 +256,6 @@ def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_t
     low, high = wilson(pd.Series([0.5]), pd.Series([16 / 6]))
     assert (told["wilson_low"], told["wilson_high"]) == (low[0], high[0])
     assert (told["jobs"], told["records"]) == (3, 3)
-
-
-@pytest.mark.parametrize("weight", [None, 2.5])
-def test_equal_weights_change_no_share(jobs, weight):
-    frame = jobs if weight is None else jobs.assign(record_weight=weight)
-    told = observed_shares(frame, "pgv_m_s", bins=5)
-    place = ((jobs["pgv_m_s"].rank() - 0.5) * 5 / len(jobs)).astype(int)
-    np.testing.assert_allclose(told["probability"], jobs["toppled"].groupby(place).mean())
-    np.testing.assert_allclose(told["wilson_low"], wilson(told["probability"], told["records"])[0])
 
 
 def test_no_prediction_gives_an_empty_calibration(jobs):

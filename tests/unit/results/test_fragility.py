@@ -81,17 +81,6 @@ def test_copies_of_one_record_do_not_narrow_the_interval(hand_made):
     pd.testing.assert_series_equal(often["wilson_high"], once["wilson_high"])
 
 
-def test_direction_bins_are_centred_on_the_axes_of_the_study(hand_made):
-    table = DirectionCells.of(hand_made, PLANES["pga_pgv_pga"]).table
-    # 0, 22.4 and -22.5 degrees lie in the bin about 0; 337.4 in the one about 315; 22.5 in the one about 45.
-    jobs = table.groupby("direction_deg")[["jobs", "no_answer"]].sum()
-    assert jobs.to_dict("index") == {
-        0.0: {"jobs": 3, "no_answer": 0},
-        45.0: {"jobs": 0, "no_answer": 1},
-        315.0: {"jobs": 1, "no_answer": 0},
-    }
-
-
 @given(st.floats(-720, 720), st.integers(1, 36))
 def test_a_direction_is_within_half_a_bin_of_its_centre(azimuth, bins):
     centre = float(direction_bin_deg([azimuth], bins)[0])
@@ -224,30 +213,6 @@ def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_p
     asked = ["fragility", str(tmp_path), "--duration-below", "30"]
     CliRunner().invoke(cli, asked, catch_exceptions=False)
     assert pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")["jobs"].sum() == 100 - long
-
-
-def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
-    plane = PLANES["pga_pgv_pga"]
-    lines = pd.DataFrame({
-        "azimuth_deg": 0.0, "pgv_pga_s": [0.1, 0.2] * 2, "probability": [0.01] * 2 + [0.99] * 2, "pga_m_s2": 5.0,
-    })  # fmt: skip
-    counted = DirectionCells.of(hand_made, plane)
-    told = [text.get_text() for text in direction_figure(counted, reference=lines).texts]
-    assert any("1 % (dashed) and 99 % (solid)" in text for text in told)
-    plain = [text.get_text() for text in direction_figure(counted).texts]
-    assert not any("dashed" in text for text in plain)
-
-
-@pytest.mark.parametrize("plane", PLANES.values(), ids=lambda p: p.name)
-def test_a_map_says_what_the_width_of_its_cells_means(plane):
-    jobs = pd.DataFrame(rows(records=4, levels=(1, 2, 4), azimuths=(0.0,)))
-    table, figure = cells(jobs, plane), map_figure(jobs, plane)
-    (caption,) = (text.get_text() for text in figure.texts)
-    assert figure.axes[-1].get_ylabel() == "toppling probability"
-    pool = "all jobs" if plane.name == "pgv_duration" else "its level's jobs"
-    full = 100 * min(0.4, table["share"].max())
-    assert f"Width: share of {pool}, full from {full:.0f} %, never below a third." in caption
-    assert "Dot: fewer than 10 records." in caption
 
 
 def test_the_dot_of_a_cell_of_few_records_lies_inside_it(hand_made):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
-from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
 from toppling.results.hazard.ages import age_given, exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
@@ -68,13 +67,6 @@ def survival(curves, ages, hazard):
     rocks = [Standing(str(number), curve) for number, curve in enumerate(curves)]
     tree = HazardTree("pgv_m_s", tuple(branches_of(hazard)))
     return Update.of_curves(rocks, tree, stood(*ages)).survival[0]
-
-
-def test_survival_falls_exponentially_with_age():
-    hazard = power_law()
-    rate = toppling_rate([ROCK], hazard)
-    told = survival([ROCK], ["2000"], hazard)
-    assert told == pytest.approx(math.exp(-2000 * rate))
 
 
 def test_an_uncertain_age_is_averaged_over():
@@ -205,28 +197,6 @@ def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one
         inside = (rate * x**-2.5 > bottom) & (rate * x**-2.5 < top)
         assert inside.mean() > 0.2
     assert bottom >= 1e-4 * min(constraint.bound["rejected_annual_rate"].min(), rate_at_one)
-
-
-def test_a_branch_without_rates_in_the_frame_is_named_so():
-    (legend,) = constraint_figure(dated(power_law(low=100.0))).legends
-    assert legend.get_texts()[1].get_text().startswith("power law (no rates here)")
-
-
-def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
-    hazards = power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9)
-    figure = constraint_figure(dated(*hazards, age="15 ± 3 ka"))
-    (legend,) = figure.legends
-    area, loud, quiet = (text.get_text() for text in legend.get_texts())
-    assert "whatever the rest of the curve" in area
-    assert loud.endswith(", rejected")
-    assert quiet == "power law: survival 1.00, not rejected"
-    assert figure.axes[0].get_title() == "standing for 15 ± 3 ka"
-
-
-def test_ages_of_many_rocks_are_told_where_there_is_room_for_each():
-    rocks = [Standing(f"rock {n}", ROCK, age=f"{n} ± 0.5 ka") for n in range(1, 6)]
-    assert ages_words(rocks[:2], 7.0) == "rock 1: 1 ± 0.5 ka; rock 2: 2 ± 0.5 ka"
-    assert ages_words(rocks, 3.6) == "5 rocks, each with its age"
 
 
 @pytest.mark.parametrize(

@@ -198,12 +198,7 @@ def test_a_catalogue_whose_time_no_file_states_asks_for_it(tmp_path):
         ("gmf-data_1.csv", "0,0.5,", "0,-0.5,", "events.motion_negative"),
         ("gmf-data_1.csv", "0,0.5,", "0,,", "events.motion_negative"),
         ("gmf-data_1.csv", "0,0.5,", "0,abc,", "events.motion_negative"),
-        (
-            "realizations_1.csv",
-            "A~AA,0.75\n1,A~BB,0.25",
-            "A~AA,1.25\n1,A~BB,-0.25",
-            "hazard.weights_sum",
-        ),
+        ("realizations_1.csv", "A~AA,0.75\n1,A~BB,0.25", "A~AA,1.25\n1,A~BB,-0.25", "hazard.weights_sum"),
         ("realizations_1.csv", "0.75", "abc", "file.unreadable"),
         ("gmf-data_1.csv", "1,0.8,30,aa", "0,0.8,30,aa", "events.given_twice"),
         ("gmf-data_1.csv", "1,0.8", "9,0.8", "events.event_unknown"),
@@ -212,7 +207,7 @@ def test_a_catalogue_whose_time_no_file_states_asks_for_it(tmp_path):
         ("realizations_1.csv", "1,A~BB,0.25\n", "", "events.branch_unknown"),
         ("gmf-data_1.csv", "gmv_PGA,gmv_PGV", "gmv_FOO,gmv_BAR", "events.no_measure"),
     ],
-)
+)  # fmt: skip
 def test_events_that_contradict_each_other_are_refused_by_what_is_wrong(tmp_path, name, old, new, what):
     path = write_calculation(tmp_path) / name
     text = path.read_text()

@@ -81,13 +81,6 @@ def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
     assert back[inside].tolist() == pytest.approx(within["magnitude"][inside].tolist(), abs=1e-6)
 
 
-def test_at_even_odds_the_median_motion_is_the_rocks_own():
-    table = largest_magnitudes(GRID, ROCK, [], one_event(0.5))
-    row = table[np.isfinite(table["magnitude"])].iloc[0]
-    mean, _ = Simple().motion(row["magnitude"], row["distance_km"])
-    assert math.exp(mean) == pytest.approx(0.35, rel=1e-6)
-
-
 def test_a_rock_stands_the_excluded_earthquake_in_one_of_twenty_simulations():
     table = largest_magnitudes(GRID, ROCK, [], one_event(0.95, 4))
     row = table[np.isfinite(table["magnitude"])].iloc[0]
@@ -160,13 +153,11 @@ def test_every_model_shakes_more_near_by_and_scatters_as_models_do(name):
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        ({"name": "gmpe99"}, "model.unknown"),
-        ({"vs30_m_s": 50.0}, "model.vs30_out_of_range"),
-        ({"vs30_m_s": math.nan}, "model.vs30_out_of_range"),
-        ({"mechanism": "XX"}, "model.mechanism_unknown"),
+        ({"name": "gmpe99"}, "model.unknown"), ({"vs30_m_s": 50.0}, "model.vs30_out_of_range"),
+        ({"vs30_m_s": math.nan}, "model.vs30_out_of_range"), ({"mechanism": "XX"}, "model.mechanism_unknown"),
         ({"measure": "cav_m_s"}, "measure.unknown"),
     ],
-)
+)  # fmt: skip
 def test_a_model_that_does_not_cover_what_is_asked_is_refused(options, what):
     pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     with refused(what):

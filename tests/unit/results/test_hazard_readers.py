@@ -14,7 +14,6 @@ from toppling.results.hazard.measure_names import measure_with_unit
 from toppling.results.hazard.places import distance_km
 from toppling.results.hazard.readers import Hints, read_hazard, text_columns
 from toppling.results.hazard.readers.assembly import chosen_tree
-from toppling.results.hazard.readers.event_sets import is_event_set
 
 G = 9.80665
 
@@ -88,35 +87,12 @@ def test_what_is_no_place_on_earth_is_no_site(tmp_path, site):
         read_curve(path, site=site)
 
 
-def test_an_openquake_file_may_name_its_sites(tmp_path):
-    path = tmp_path / "hazard_curve-mean-PGV.csv"
-    path.write_text(
-        "#,,,,,\"generated_by='OpenQuake engine 3.16.3', kind='mean', investigation_time=1.0, imt='PGV'\"\n"
-        "custom_site_id,lon,lat,depth,poe-10,poe-100\nrock1,-118.0,34.0,0.0,0.5,0.1\n"
-    )
-    np.testing.assert_allclose(read_curve(path).annual_rate, -np.log(1 - np.array([0.5, 0.1])))
-
-
-def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
-    (tmp_path / "si.csv").write_text("pga_m_s2,annual_rate\n0.980665,0.01\n9.80665,0.0001\n")
-    (tmp_path / "g.csv").write_text("PGA,annual_rate\n0.1,0.01\n1,0.0001\n")
-    si, g = (read_curve(tmp_path / name) for name in ("si.csv", "g.csv"))
-    np.testing.assert_allclose(si.intensity, g.intensity)
-    assert si.stronger(1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
-    (tmp_path / "spreadsheet.csv").write_text("\ufeffPGA,annual_rate\n0.1,0.01\n1,0.0001\n", encoding="utf-8")
-    assert read_curve(tmp_path / "spreadsheet.csv").measure == "pga_m_s2"
-
-
 @pytest.mark.parametrize(
     ("text", "encoding"),
     [
-        ("PGA (g),annual_rate\n{0},{1}\n{2},{3}\n", "utf-8"),
-        ("annual_rate\tPGA (g)\n{1}\t{0}\n{3}\t{2}\n", "utf-8"),
+        ("PGA (g),annual_rate\n{0},{1}\n{2},{3}\n", "utf-8"), ("annual_rate\tPGA (g)\n{1}\t{0}\n{3}\t{2}\n", "utf-8"),
         ("PGA (g),annual_rate\n{2},{3}\n{0},{1}\n", "utf-8"),
-        (
-            "# of mine\n# at the rock\nsite,PGA (g),annual_rate,note\nA,{0},{1},\nA,{2},{3},last\n",
-            "utf-8-sig",
-        ),
+        ("# of mine\n# at the rock\nsite,PGA (g),annual_rate,note\nA,{0},{1},\nA,{2},{3},last\n", "utf-8-sig"),
         ("pga_g;Annual frequency of exceedance (1/yr)\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
         ("PGA [g]\tAFE\r\n{0}\t{1}\r\n{2}\t{3}\r\n", "utf-16"),
         ("PGA (cm/s²),mean annual rate of exceedance\n98.0665,{1}\n196.133,{3}\n", "cp1252"),
@@ -128,49 +104,13 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("Peak Ground Acceleration (g),RP\n{0},100\n{2},1000\n", "utf-8"),
         ("PGA (g);Return period (yr)\n0,1;100,0\n0,2;1.000,0\n", "utf-8"),
     ],
-)
+)  # fmt: skip
 def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
     (tmp_path / "curve.csv").write_bytes(text.format(0.1, 1e-2, 0.2, 1e-3).encode(encoding))
     curve = read_curve(tmp_path / "curve.csv")
     assert curve.measure == "pga_m_s2"
     assert curve.intensity == pytest.approx([0.980665, 1.96133])
     assert curve.annual_rate == pytest.approx([1e-2, 1e-3])
-
-
-def test_a_curve_beside_other_columns_is_no_set_of_events(tmp_path):
-    path = tmp_path / "curve.csv"
-    path.write_text("PGA,annual_rate,note\n0.1,1e-2,\n0.2,1e-3,\n")
-    assert not is_event_set(path)
-    path.write_text("event_id,PGA,annual_rate\n1,0.1,1e-2\n2,0.2,1e-3\n")
-    assert is_event_set(path)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "pga_m_s2,rate\n1,1\n", "pgx,annual_rate\n1,1\n2,0.1\n", "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
-     "pga_m_s2,annual_rate\n1,x\n", "PGA,annual rate per kyr\n0.1,0.1\n0.2,0.01\n",
-     "PGA,return period (x10^3 yr)\n0.1,0.1\n0.2,1\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
-)  # fmt: skip
-def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
-    path = tmp_path / "hazard.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match="annual rates of exceedance"):
-        read_curve(path)
-
-
-@pytest.mark.parametrize(
-    ("rate", "said"),
-    [
-        ("-1e-3", "hazard.rate_not_positive"),
-        ("nan", "hazard.number_unreadable"),
-        ("inf", "hazard.number_unreadable"),
-    ],
-)
-def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate, said):
-    path = tmp_path / "curve.csv"
-    path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
-    with refused(said):
-        read_curve(path)
 
 
 @pytest.mark.parametrize(
@@ -183,27 +123,6 @@ def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
     assert read_curve(path).annual_rate[0] <= 1.01e-2
     with refused("hazard.values_contradicted"):
         read_tree(path, years=years)
-
-
-@pytest.mark.parametrize("levels", [(), (0.1, 0.3, 0.2), (0.1, 0.2, 0.2), (0.1, 0.0, 0.2), (-0.1, 0.1, 0.2)])
-def test_levels_that_are_no_levels_of_one_curve_are_named(tmp_path, levels):
-    path = tmp_path / "curve.csv"
-    path.write_text("PGA,annual_rate\n" + "".join(f"{x},{10.0**-k}\n" for k, x in enumerate(levels)))
-    with refused("hazard.levels_not_rising"):
-        read_curve(path)
-
-
-@pytest.mark.parametrize("name", ["calc_1.hdf5", "folder"])
-def test_a_datastore_is_refused_by_name(tmp_path, name):
-    (tmp_path / "calc_1.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
-    with refused("file.binary"):
-        read_hazard(tmp_path / "calc_1.hdf5" if name == "calc_1.hdf5" else tmp_path)
-
-
-def test_a_picture_is_no_hazard_curve(tmp_path):
-    (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
-    with refused("file.binary"):
-        read_curve(tmp_path / "scene.png")
 
 
 def value_at(tree, level, unit, years):
@@ -384,67 +303,6 @@ def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity
     assert curve.annual_rate[0] == pytest.approx(rate)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("0.1 0.01\n0.2 0.001\n", "hazard.no_header"),
-        ("0.1,0.01\n0.2,0.001\n", "hazard.no_header"),
-        ("PGA,poe\n0.1,0.01\n0.2,0.001\n", "hazard.time_missing"),
-        ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "hazard.measure_missing"),
-        ("PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n", "hazard.measure_missing"),
-        ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n", "table.row_wrong_length"),
-        ("PGA,poe_0_years\n0.1,0.01\n0.2,0.001\n", "hazard.time_missing"),
-    ],
-)
-def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
-    path = tmp_path / "curve.csv"
-    path.write_text(text)
-    with refused(said):
-        read_hazard(path)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "probability of non-exceedance in 50 years",
-        "rate per kyr",
-        "rate (x10^-3)",
-        "ln rate",
-        "poe (log)",
-        "PE50",
-    ],
-)
-@pytest.mark.parametrize("years", [None, 0.0, 50.0])
-def test_values_of_a_name_that_is_not_known_are_refused_whatever_the_user_says(tmp_path, name, years):
-    path = tmp_path / "curve.csv"
-    path.write_text(f"PGA (g),{name}\n0.1,0.9\n0.2,0.8\n")
-    with refused("hazard.values_unknown"):
-        read_hazard(path, hints=Hints(years=years))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "PGA (g),0.1,0.2\nannual_rate,1e-2,1e-3\n",
-        "ln PGA (g),annual_rate\n-2,1e-2\n-1,1e-3\n",
-        "imt,level,annual_rate\nPGA,0.1,1e-2\nPGA,0.2,1e-3\n",
-        "PGA (g),mean,5%,95%\n0.1,1e-2,1e-3,1e-1\n0.2,1e-3,1e-4,1e-2\n",
-        "level (g),PGA,SA(1.0)\n0.1,1e-2,1e-2\n0.2,1e-3,1e-3\n",
-        "imt,DD-1,DD-2\nPGA (g),0.62,0.34\n",
-        "PGA (g),annual_rate,return_period\n0.1,1e-2,100\n0.2,1e-3,1000\n",
-        "<table><tr><th>PGA (g)<th>annual_rate<tr><td>0.1<td>1e-2<tr><td>0.2<td>1e-3</table>\n",
-        "| PGA (g) | annual_rate |\n|---|---|\n| 0.1 | 1e-2 |\n| 0.2 | 1e-3 |\n",
-        '{"imt": "PGA", "unit": "g", "levels": [0.1, 0.2], "annual_rate": [1e-2, 1e-3]}',
-        "measure: PGA\nlevels: [0.1, 0.2]\nrates: [0.01, 0.001]\n",
-    ],
-)
-def test_a_table_of_another_form_is_refused_by_the_form_that_is_read(tmp_path, text):
-    path = tmp_path / "curve.txt"
-    path.write_text(text)
-    with pytest.raises(InputError):
-        read_hazard(path)
-
-
 def test_maps_of_opensha_are_curves_of_their_sites_once_the_user_says_what_they_are(tmp_path):
     path = tmp_path / "curves.csv"
     path.write_text("Index,Latitude,Longitude,0.1,0.2\n0,34.2,-118.1,0.1,0.01\n1,34.0,-117.0,0.2,0.02\n")
@@ -461,25 +319,6 @@ def test_a_latitude_beyond_the_pole_is_a_longitude(tmp_path):
     path.write_text("lat,lon,0.1,0.2\n-118.1,34.2,1e-2,1e-3\n")
     with refused("site.out_of_range", "118.1"):
         read_hazard(path, hints=Hints(measure="pga_m_s2", years=0.0))
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("# PGA in m/s2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
-        ("# units: cm/s^2\nPGA,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
-        ("# PGV [m/s] of the rock\nPGV,annual_rate\n{1},1e-2\n100,1e-3\n", "hazard.unit_missing"),
-        ("PGA,annual_rate\n10,1e-2\n980,1e-3\n", "hazard.unit_missing"),
-        ("PGV,annual_rate\n{0},1e-2\n{1},1e-3\n", "hazard.unit_missing"),
-        ("SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n", "hazard.unit_missing"),
-    ],
-)
-def test_levels_without_a_unit_that_are_in_another_than_is_usual_are_refused(tmp_path, text, said):
-    """Under 'PGA' alone 980 cm/s2 would be 980 g: a rock that nothing topples."""
-    path = tmp_path / "curve.csv"
-    path.write_text(text.format(0.1, 2.0))
-    with refused(said):
-        read_curve(path)
 
 
 def test_openquakes_curves_without_time_or_measure_are_told_what_to_add(tmp_path):
@@ -508,14 +347,6 @@ def test_engines_of_old_name_types_and_ordinals(tmp_path):
     np.testing.assert_allclose(tree.curves[0].intensity, np.array([0.1, 0.2]) * G)
 
 
-@pytest.mark.parametrize("sign", ["\t", ";", " "])
-def test_two_columns_may_be_parted_by_other_signs(tmp_path, sign):
-    path = tmp_path / "curve.txt"
-    path.write_text(f"PGA{sign}annual_rate\n0.1{sign}1e-2\n0.2{sign}1e-3\n")
-    np.testing.assert_allclose(read_curve(path).annual_rate, [1e-2, 1e-3])
-    assert len(read_hazard(tmp_path)) == 1
-
-
 def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing\n")
     (tmp_path / "job.json").write_text(json.dumps({"a": 1}))
@@ -532,26 +363,102 @@ def test_a_folder_reads_a_table_in_whatever_encoding_its_file_is_read_by_name(tm
 
 
 OQ = "#,,\"generated_by='OpenQuake engine 3.26.2', kind='mean', investigation_time=50.0\"\n"
+REFUSED = {
+    "file.empty": ("",),
+    "hazard.time_missing": (
+        "pga_m_s2,rate\n1,1\n",
+        "PGA,poe\n0.1,0.01\n0.2,0.001\n",
+        "PGA,poe_0_years\n0.1,0.01\n0.2,0.001\n",
+    ),
+    "hazard.measure_missing": (
+        "pgx,annual_rate\n1,1\n2,0.1\n",
+        "# nothing\nlon,lat\n",
+        "level,annual_rate\n0.1,0.01\n0.2,0.001\n",
+        "PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n",
+        "ln PGA (g),annual_rate\n-2,1e-2\n-1,1e-3\n",
+        "imt,level,annual_rate\nPGA,0.1,1e-2\nPGA,0.2,1e-3\n",
+        "imt,DD-1,DD-2\nPGA (g),0.62,0.34\n",
+    ),
+    "hazard.rates_rise": (
+        "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
+        "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n",
+    ),
+    "hazard.number_unreadable": (
+        "pga_m_s2,annual_rate\n1,x\n",
+        "pgv_m_s,annual_rate\n0.1,1e-2\n0.3,nan\n1,1e-4\n",
+        "pgv_m_s,annual_rate\n0.1,1e-2\n0.3,inf\n1,1e-4\n",
+    ),
+    "hazard.values_unknown": (
+        "PGA,annual rate per kyr\n0.1,0.1\n0.2,0.01\n",
+        "PGA,return period (x10^3 yr)\n0.1,0.1\n0.2,1\n",
+        "PGA (g),probability of non-exceedance in 50 years\n0.1,0.9\n0.2,0.8\n",
+        "PGA (g),rate per kyr\n0.1,0.9\n0.2,0.8\n",
+        "PGA (g),rate (x10^-3)\n0.1,0.9\n0.2,0.8\n",
+        "PGA (g),ln rate\n0.1,0.9\n0.2,0.8\n",
+        "PGA (g),poe (log)\n0.1,0.9\n0.2,0.8\n",
+        "PGA (g),PE50\n0.1,0.9\n0.2,0.8\n",
+    ),
+    "hazard.rate_not_positive": ("pgv_m_s,annual_rate\n0.1,1e-2\n0.3,-1e-3\n1,1e-4\n",),
+    "hazard.levels_not_rising": (
+        "PGA,annual_rate\n",
+        "PGA,annual_rate\n0.1,1.0\n0.3,0.1\n0.2,0.01\n",
+        "PGA,annual_rate\n0.1,1.0\n0.2,0.1\n0.2,0.01\n",
+        "PGA,annual_rate\n0.1,1.0\n0.0,0.1\n0.2,0.01\n",
+        "PGA,annual_rate\n-0.1,1.0\n0.1,0.1\n0.2,0.01\n",
+    ),
+    "hazard.no_header": (
+        "0.1 0.01\n0.2 0.001\n",
+        "0.1,0.01\n0.2,0.001\n",
+    ),
+    "table.row_wrong_length": (
+        "PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n",
+        "| PGA (g) | annual_rate |\n|---|---|\n| 0.1 | 1e-2 |\n| 0.2 | 1e-3 |\n",
+    ),
+    "hazard.columns_unknown": (
+        "PGA (g),0.1,0.2\nannual_rate,1e-2,1e-3\n",
+        "PGA (g),mean,5%,95%\n0.1,1e-2,1e-3,1e-1\n0.2,1e-3,1e-4,1e-2\n",
+        "level (g),PGA,SA(1.0)\n0.1,1e-2,1e-2\n0.2,1e-3,1e-3\n",
+        "PGA (g),annual_rate,return_period\n0.1,1e-2,100\n0.2,1e-3,1000\n",
+        "measure: PGA\nlevels: [0.1, 0.2]\nrates: [0.01, 0.001]\n",
+    ),
+    "hazard.no_curve": (
+        "<table><tr><th>PGA (g)<th>annual_rate<tr><td>0.1<td>1e-2<tr><td>0.2<td>1e-3</table>\n",
+    ),
+    "document.unreadable": (
+        '{"imt": "PGA", "unit": "g", "levels": [0.1, 0.2], "annual_rate": [1e-2, 1e-3]}',
+    ),
+    "hazard.unit_missing": (
+        "# PGA in m/s2\nPGA,annual_rate\n0.1,1e-2\n2.0,1e-3\n",
+        "# units: cm/s^2\nPGA,annual_rate\n0.1,1e-2\n2.0,1e-3\n",
+        "# PGV [m/s] of the rock\nPGV,annual_rate\n2.0,1e-2\n100,1e-3\n",
+        "PGA,annual_rate\n10,1e-2\n980,1e-3\n",
+        "PGV,annual_rate\n0.1,1e-2\n2.0,1e-3\n",
+        "SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n",
+    ),
+    "hazard.other_output": (
+        OQ + "imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n",
+        OQ + "imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n",
+        OQ + "lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n",
+        OQ + "lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n",
+        OQ + "lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n",
+        OQ + "event_id,gmv_PGA,custom_site_id\n1,.2,a\n",
+        OQ + "rup_id,source_id,mag\n1,2,6.5\n",
+        OQ + "custom_site_id,lon,lat\na,.5,.5\n",
+    ),
+}
+"""Under 'PGA' alone 980 cm/s2 would be 980 g, a rock that nothing topples: such levels lack their unit."""
 
 
 @pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        ("imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n", "hazard.other_output"),
-        ("imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n", "hazard.other_output"),
-        ("lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n", "hazard.other_output"),
-        ("lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n", "hazard.other_output"),
-        ("lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n", "hazard.other_output"),
-        ("event_id,gmv_PGA,custom_site_id\n1,.2,a\n", "hazard.other_output"),
-        ("rup_id,source_id,mag\n1,2,6.5\n", "hazard.other_output"),
-        ("custom_site_id,lon,lat\na,.5,.5\n", "hazard.other_output"),
-    ],
+    ("code", "text"), [(code, text) for code, texts in REFUSED.items() for text in texts]
 )
-def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what):
-    file = tmp_path / "output.csv"
-    file.write_text(OQ + content)
-    with refused(what):
-        read_hazard(file)
+def test_what_is_no_hazard_curve_or_does_not_state_what_it_is_of_is_refused(tmp_path, code, text):
+    (tmp_path / "curve.csv").write_text(text)
+    with refused(code):
+        read_hazard(tmp_path / "curve.csv")
+    for years in (0.0, 50.0) if code == "hazard.values_unknown" else ():  # whatever the user says
+        with refused(code):
+            read_hazard(tmp_path / "curve.csv", hints=Hints(years=years))
 
 
 def test_a_folder_of_a_disaggregation_is_its_curves_and_without_them_a_disaggregation(tmp_path):
@@ -671,12 +578,10 @@ NRML = {
 @pytest.mark.parametrize(
     ("imt", "measure", "level"),
     [
-        ("PGA", "pga_m_s2", 0.1 * G),
-        ("PGV", "pgv_m_s", 0.1),
-        ('SA" saPeriod="1.0', "sa_1s_m_s2", 0.1 * G),
+        ("PGA", "pga_m_s2", 0.1 * G), ("PGV", "pgv_m_s", 0.1), ('SA" saPeriod="1.0', "sa_1s_m_s2", 0.1 * G),
         ('PGA" imlUnit="m/s2', "pga_m_s2", 0.1),
     ],
-)
+)  # fmt: skip
 def test_curves_in_openquakes_xml_are_those_in_its_csv(tmp_path, version, imt, measure, level):
     path = tmp_path / "curves.xml"
     text = NRML[version].format(stat='statistics="mean"', imt=imt, high=0.1)
@@ -703,18 +608,24 @@ def test_fractiles_in_openquakes_xml_belong_to_their_mean(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('investigationTime="50.0"', "", "hazard.time_missing"),
-        ('IMT="PGA"', 'IMT="MMI"', "measure.unknown"),
-        ("0.1 0.01</poEs>", "0.1</poEs>", "hazard.row_unreadable"),
-        ("0.1 0.2", "98.1 196.2", "hazard.unit_missing"),
-        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "hazard.unit_unknown"),
-        ("</nrml>", "", "document.unreadable"),
+        ('investigationTime="50.0"', "", "hazard.time_missing"), ('IMT="PGA"', 'IMT="MMI"', "measure.unknown"),
+        ("0.1 0.01</poEs>", "0.1</poEs>", "hazard.row_unreadable"), ("0.1 0.2", "98.1 196.2", "hazard.unit_missing"),
+        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "hazard.unit_unknown"), ("</nrml>", "", "document.unreadable"),
         ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "document.has_entities"),
         ("hazardCurves", "hazardMap", "hazard.no_curve"),
     ],
-)
+)  # fmt: skip
 def test_xml_that_is_no_whole_hazard_curve_is_refused_by_its_cause(tmp_path, old, new, said):
     path = tmp_path / "curves.xml"
     path.write_text(NRML["0.5"].format(stat="", imt="PGA", high=0.1).replace(old, new))
     with refused(said):
         read_hazard(path, hints=Hints(site=(-118.1, 34.2)))
+
+
+@pytest.mark.parametrize(
+    ("name", "head"), [("calc_1.hdf5", b"\x89HDF\r\n\x1a\n" + bytes(99)), ("scene.png", b"\x89PNG\r\n")]
+)
+def test_a_datastore_and_a_picture_are_refused_by_what_they_are(tmp_path, name, head):
+    (tmp_path / name).write_bytes(head)
+    with refused("file.binary"):
+        read_hazard(tmp_path / name)

@@ -60,12 +60,6 @@ def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
     assert row["magnitude_low"] < row["magnitude"] < row["magnitude_high"]
 
 
-def test_it_says_for_how_many_years_it_took_the_rock_to_stand(curves):
-    said = magnitudes(curves, *ONE, "--recurrence", "500", "--age", "15 ± 3 ka").stdout
-    assert "stood for 15 ± 3 ka" in said
-    assert "is that in ka?" in magnitudes(curves, *ONE, "--recurrence", "500", "--age", "15").stdout
-
-
 def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(curves, faults, tmp_path):
     out = tmp_path / "out"
     asked = [curves, "--events", "5", "--faults", faults, "--site", "-118", "34.7", "--out", str(out)]
@@ -89,18 +83,12 @@ def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(cu
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        (["--recurrence", "3000"], 2),
-        (["--age", "3000"], 2),
-        (["--site", "1", "2"], 2),
-        (["--faults", "FAULTS"], 2),
-        (["--where", "true"], 2),
-        (["--model", "bssa14=0.4", "--model", "cy14=0.4"], 1),
-        (["--model", "bssa14", "--model", "bssa14"], 1),
-        (["--model", "none"], 1),
-        (["--mechanism", "U", "--model", "ask14"], 1),
-        (["--faults", "FAULTS", "--site", "34.7", "-118.1"], 1),
+        (["--recurrence", "3000"], 2), (["--age", "3000"], 2), (["--site", "1", "2"], 2), (["--faults", "FAULTS"], 2),
+        (["--where", "true"], 2), (["--model", "bssa14=0.4", "--model", "cy14=0.4"], 1),
+        (["--model", "bssa14", "--model", "bssa14"], 1), (["--model", "none"], 1),
+        (["--mechanism", "U", "--model", "ask14"], 1), (["--faults", "FAULTS", "--site", "34.7", "-118.1"], 1),
     ],
-)
+)  # fmt: skip
 def test_what_contradicts_itself_is_refused_before_anything_is_written(
     curves, faults, tmp_path, options, code
 ):
@@ -109,11 +97,3 @@ def test_what_contradicts_itself_is_refused_before_anything_is_written(
     assert done.exit_code == code
     assert done.exception is not None
     assert not out.exists()
-
-
-def test_a_site_may_have_compass_letters(curves, faults):
-    asked = [curves, *ONE, "--faults", faults, "--site"]
-    plain = magnitudes(*asked, "-118.0", "34.7")
-    assert plain.exit_code == 0
-    for place in (["118.0W", "34.7N"], ["34.7N", "118.0W"], ["34.7N, 118.0W"]):
-        assert magnitudes(*asked, *place).output == plain.output

@@ -267,13 +267,10 @@ def test_a_trusted_query_joins_own_files(run_folder, own):
 @pytest.mark.parametrize(
     "sql",
     [
-        "with a as (select 1 x) select * from a",
-        "from results select count(*)",
-        "select count(*) from results; -- all of them",
-        "describe results",
-        "summarize results",
+        "with a as (select 1 x) select * from a", "from results select count(*)",
+        "select count(*) from results; -- all of them", "describe results", "summarize results",
     ],
-)
+)  # fmt: skip
 def test_one_select_may_take_any_shape(run_folder, sql):
     assert len(open_run(run_folder).sql(sql)) >= 1
 
@@ -281,15 +278,11 @@ def test_one_select_may_take_any_shape(run_folder, sql):
 @pytest.mark.parametrize(
     "where",
     [
-        "true; copy results to '{written}'",
-        "true limit 1",
-        "true group by all",
-        "true) union all (select * from results",
-        "exists (select * from read_text('{own}'))",
-        "true, false",
+        "true; copy results to '{written}'", "true limit 1", "true group by all",
+        "true) union all (select * from results", "exists (select * from read_text('{own}'))", "true, false",
         "count(*) > 1",
     ],
-)
+)  # fmt: skip
 def test_a_condition_is_one_expression_that_reads_the_tables_of_its_run(run_folder, own, tmp_path, where):
     written = tmp_path / "written"
     with pytest.raises(InputError):

@@ -149,20 +149,6 @@ def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
     assert "has not been audited: <code>toppling audit RUN" in page
 
 
-def test_time_steps_that_differ_in_no_digit_shown_are_told_once(tmp_path):
-    steps_s = (0.009787641, 0.009787642, 0.0049)
-    jobs = [row(f"{n}", toppled=False, time_step_s=step_s) for n, step_s in enumerate(steps_s)]
-    write_part(tmp_path, jobs)
-    assert "time step 0.0049, 0.00978764 s" in SECTIONS["Accuracy"](Content(open_run(tmp_path)), Document())
-
-
-def test_a_table_of_measures_without_any_fit_says_why():
-    summary = pd.DataFrame({"measures": ["pga_m_s2"], "problem": ["separated"]})
-    table = fit_table(summary, pd.DataFrame({"pga_m_s2": [2.0, 8.0]}))
-    assert table["problem"].tolist() == ["separated"]
-    assert table["median (95 %)"].tolist() == [""]
-
-
 def test_a_median_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
     known = pd.DataFrame({"pga_m_s2": [1.0, 5.0], "pgd_m": [0.1, 0.2], "cav_m_s": [1.0, 2.0]})
     summary = pd.DataFrame({
@@ -258,10 +244,6 @@ def test_a_run_without_answers_has_no_page(tmp_path):
 def test_a_median_beyond_the_strongest_shaking_is_told_by_that(median, told):
     rock = {"median": median, "beta": 0.4, "strongest_shaken": 11.0}
     assert fragility_words(rock, "pga_m_s2") == f"{told}, beta 0.40"
-
-
-def test_a_median_whose_shaking_is_not_known_is_a_number():
-    assert fragility_words({"median": 37.5, "beta": 0.4}, "pga_m_s2") == "median 37.5 m/s2, beta 0.40"
 
 
 @pytest.mark.parametrize(("share", "beyond"), [(0.8, True), (3.0, False)])

@@ -32,7 +32,6 @@ from toppling.results.analysis.side_by_side import (
     geojson,
     on_earth,
 )
-from toppling.results.drawing.report.gallery_page import summary
 from toppling.results.drawing.side_by_side_figures import fragilities_figure
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -109,13 +108,6 @@ def test_a_median_within_what_was_shaken_is_a_dot_and_one_beyond_an_arrow_at_the
     assert ends == pytest.approx([weak.curve.median, 0.4 * firm.curve.median])
     assert max(np.max(line.get_xdata()) for line in panel.lines if line.get_ydata()[0] == 1) <= ends[1]
     assert "arrow: beyond what was run" in panel.get_title()
-
-
-def test_an_atlas_names_no_number_for_a_median_beyond_what_was_shaken(compared):
-    weak, firm = sorted((one for one in compared[0] if one.curve), key=lambda one: one.curve.median)
-    said = summary([weak, beyond(firm)], compared[1], "pga_m_s2")[0]
-    assert f"at {weak.curve.median:.3g} m/s²" in said
-    assert f"the firmest, beyond {0.4 * firm.curve.median:.3g} m/s²" in said
 
 
 def placed(atlas, copy, **places):

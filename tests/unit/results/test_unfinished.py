@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 from reference.idealised import ricker
-from seeded import row, rows
+from seeded import rows
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
@@ -20,16 +20,12 @@ from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
-from toppling.results.analysis.fits import answered, summary
-from toppling.results.analysis.regression import Fit, fit
-from toppling.results.analysis.resampling import sampled
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_figures import few_records, fit_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.methods import methods
-from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.drawing.style import png_bytes, save
 from toppling.results.reader import open_run
@@ -90,15 +86,6 @@ def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone,
         assert REMARK in (tmp_path / f"{figure}.svg").read_text()
 
 
-def test_the_terminal_shows_median_and_beta_with_their_intervals(unfinished, tmp_path):
-    known = answered(open_run(unfinished).frame())
-    found = fit(known, ["pgv_m_s"])
-    words = fit_words(summary([sampled(known, found, 40)]), known)
-    assert "median (95 %)" in words
-    assert f"{found.lognormal.median:.3g} (" in words
-    assert words.endswith("With 9 records, fewer than about 20, the intervals are too narrow.")
-
-
 def test_a_query_says_it_beside_its_answer(unfinished):
     asked = ["query", str(unfinished), "select count(*) n from results", "--csv"]
     done = CliRunner().invoke(cli, asked, catch_exceptions=False)
@@ -149,14 +136,6 @@ def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished,
     assert "has no job with an answer" in str(answer.exception)
 
 
-@pytest.mark.parametrize("records", [1, 4])
-def test_a_report_of_few_records_says_that_they_are_few(tmp_path, records):
-    (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
-    content = Content(open_run(tmp_path / "run"), samples=2)
-    assert few_records(records) in SECTIONS["Fits"](content, Document())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", [["fragility", "--fit"], ["report"]])
 @pytest.mark.parametrize("records", [1, 2, 4])
@@ -165,12 +144,3 @@ def test_every_reader_reads_a_run_of_few_records(tmp_path, records, verb):
     write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
     asked = [verb[0], str(tmp_path / "run"), *verb[1:], "--samples", "2"]
     assert CliRunner().invoke(cli, asked, catch_exceptions=False).exit_code == 0
-
-
-def test_enough_records_are_no_matter_of_words():
-    assert few_records(20) == ""
-
-
-def test_where_no_measure_is_known_there_is_no_fit_to_show():
-    none = summary([Fit(("pga_m_s2", "pgv_m_s"), "logit", (), 1, 0, 1, "no job topples")])
-    assert "there is no fit" in fit_words(none, pd.DataFrame([row("a")]))

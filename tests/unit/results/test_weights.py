@@ -209,10 +209,3 @@ def test_bootstrap_samples_are_of_the_weighted_fit(weighted_run):
     drawn = bootstrap(jobs, fitted, samples=40)
     medians = np.exp(-drawn.coefficients[:, 0] / drawn.coefficients[:, 1])
     assert medians.min() < fitted.lognormal.median < medians.max()
-
-
-def test_stood_is_refused_for_a_file_of_curves(tmp_path):
-    (tmp_path / "curve.json").write_text("{}")
-    done = CliRunner().invoke(cli, ["constrain", str(tmp_path / "curve.json"), "--stood", str(tmp_path)])
-    assert done.exit_code == 2
-    assert "--stood applies to jobs of runs" in done.output

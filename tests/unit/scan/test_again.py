@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from refusals import refused
 
 import toppling
 from toppling.models.errors import InputError
@@ -78,10 +79,11 @@ def test_what_was_kept_is_read_only_whole(rock, tmp_path):
         damaged = bytearray(whole)
         damaged[place] ^= 0xFF
         (tmp_path / WORKED_OUT).write_bytes(bytes(damaged))
-        with pytest.raises(InputError, match=WORKED_OUT):
+        with pytest.raises(InputError) as error:
             WorkedOut.read(tmp_path)
+        assert WORKED_OUT in str(error.value)
     (tmp_path / WORKED_OUT).unlink()
-    with pytest.raises(InputError, match="keeps no"):
+    with refused("scan.not_kept", WORKED_OUT):
         WorkedOut.read(tmp_path)
 
 
@@ -145,8 +147,9 @@ def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(rock, tmp_path,
     document = read_json(scene / "scene.json")
     document["files"][WORKED_OUT] = stated(scene / WORKED_OUT)
     write_json(scene / "scene.json", document)
-    with pytest.raises(InputError, match=WORKED_OUT):
+    with pytest.raises(InputError) as error:
         WorkedOut.read(scene)
+    assert WORKED_OUT in str(error.value)
 
 
 def test_hints_survive_their_file(tmp_path):
@@ -154,7 +157,7 @@ def test_hints_survive_their_file(tmp_path):
     (tmp_path / HINTS).write_text(hints_text(said))
     assert read_hints(tmp_path / HINTS) == said
     (tmp_path / HINTS).write_text("neer = [1, 2]\n")
-    with pytest.raises(InputError, match="did you mean 'near'"):
+    with refused("hint.unknown", "'near'"):
         read_hints(tmp_path / HINTS)
 
 
@@ -206,11 +209,9 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("option", "beaten"),
     [
-        ("--point 1,2,3", {"outline"}),
-        ("--units mm", {"length", "gcp"}),
-        ("--gcp other.csv", {"length", "up"}),
+        ("--point 1,2,3", {"outline"}), ("--units mm", {"length", "gcp"}), ("--gcp other.csv", {"length", "up"}),
     ],
-)
+)  # fmt: skip
 def test_an_option_beside_hints_takes_the_place_of_its_rivals(monkeypatch, tmp_path, option, beaten):
     said = {**SAID, "gcp": ["1,2,3,4,5,6"]}
     (tmp_path / HINTS).write_text(hints_text(said))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.scan.choice import plants_named, with_reason
@@ -68,6 +69,6 @@ def test_where_grass_stands_all_around_a_rock_it_is_the_reason_of_what_is_refuse
     grass = ground[random.integers(0, len(ground), len(ground))]
     grass = grass + np.column_stack([np.zeros((len(grass), 2)), random.uniform(0.0, 0.1, len(grass))])
     for points, named in ((np.concatenate([bare, grass]), True), (bare, False)):
-        with pytest.raises(InputError, match="nothing stands") as refused, plants_named(points):
+        with refused("scan.nothing_stands") as error, plants_named(points):
             raise REFUSED
-        assert ("as grass, twigs and rubble are" in refused.value.what) is named
+        assert ("as grass, twigs and rubble are" in error.value.what) is named

@@ -99,13 +99,9 @@ def off_m(interface, places_m):
 @pytest.mark.parametrize(
     ("left", "right", "truth_on"),
     [
-        (15, 15, truth_on),
-        (0, 30, truth_on),
-        (-30, -30, truth_on),
-        (30, 30, on_four_feet),
-        (0, -30, on_four_feet),
+        (15, 15, truth_on), (0, 30, truth_on), (-30, -30, truth_on), (30, 30, on_four_feet), (0, -30, on_four_feet),
     ],
-)
+)  # fmt: skip
 def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, truth_on):
     height_at = ledges(left, right)
     stations = virtual.scan_around(truth_on(height_at), 1, stations=4, resolution_per_height=0.014)

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from patches import BLOCK, LEVEL, VOXEL_M, ball_at, box, doubted, ground, kinds, seen_of, together, wall
+from refusals import refused
 
 from toppling.models import shapes
 from toppling.models.errors import InputError
@@ -43,7 +44,7 @@ def test_what_stands_nearer_than_the_rock_is_high_is_named_and_a_low_or_far_one_
 def test_a_neighbour_that_was_taken_for_a_part_of_the_rock_is_refused_unless_the_user_says_that_it_is_one():
     neighbour = ball_at((0.72, 0.0, 0.4))
     observed = seen_of(together(ball_at((0.0, 0.0, 0.4)), neighbour), ground(0.62))
-    with pytest.raises(InputError, match="two blocks that touch"):
+    with refused("rock.several_blocks"):
         doubted(observed)
     found = {each.kind: each.sentence for each in doubted(observed, separated=True)}
     assert "azimuth" in found["leaning"]
@@ -118,7 +119,7 @@ def arc(z, radius):
 def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_refused_unless_the_user_says_where_they_meet(radius_m):
     rock = column(lambda z: 0.25 + arc(z, radius_m))
     observed = seen_of(rock, ground(0.27 + radius_m))
-    with pytest.raises(InputError, match="goes on into its pedestal"):
+    with refused("rock.goes_on_below"):
         doubted(observed)
     said = dataclasses.replace(observed, hint=hint_of((0.0, 0.0, 0.0, 0.0, 0.0)))
     assert "attached" in {each.kind for each in doubted(said)}
@@ -133,7 +134,7 @@ def test_a_rock_on_a_neck_is_refused(share):
             + np.where(z > 0.14, np.minimum((z - 0.14) / 0.02, 1.0), 0.0) * (0.3 - 0.3 * share)
         )
 
-    with pytest.raises(InputError, match="goes on into its pedestal"):
+    with refused("rock.goes_on_below"):
         doubted(seen_of(column(radius), ground(0.3 * share + 0.08)))
 
 
@@ -233,9 +234,9 @@ def test_sides_that_widen_on_one_side_only_are_not_told_as_embedded():
 def test_a_rock_that_hangs_below_the_interface_is_named_embedded_where_its_sides_widen(foot, named):
     hanging = wall((0.0, -0.5, -0.2), (0.0, 1.0, 0.0), (0.0, 0.0, 0.1), (1, 0, 0))
     observed = seen_of(together(frustum(foot, 0.25, 1.0), hanging), ground(foot + 0.01))
-    with pytest.raises(InputError, match="hangs below the interface") as refused:
+    with refused("rock.hangs_below_interface") as error:
         check_above(observed, LEVEL)
-    assert ("embedded" in str(refused.value)) == named
+    assert ("embedded" in str(error.value)) == named
 
 
 def ball(centre_m):
@@ -249,13 +250,13 @@ def test_a_ball_is_told_as_embedded_unless_it_overhangs_its_foot(centre_m, told)
 
 
 @pytest.mark.parametrize(
-    ("centre_m", "given", "refused"), [(-0.2, False, True), (-0.2, True, False), (0.1, False, False)]
+    ("centre_m", "given", "sunk"), [(-0.2, False, True), (-0.2, True, False), (0.1, False, False)]
 )
-def test_a_dome_is_refused_unless_the_user_says_where_it_ends(centre_m, given, refused):
+def test_a_dome_is_refused_unless_the_user_says_where_it_ends(centre_m, given, sunk):
     observed = dataclasses.replace(
         seen_of(*ball(centre_m)), hint=hint_of((0.0, 0.0, 0.0, 0.0, 0.0)) if given else None
     )
-    with pytest.raises(InputError, match="may be embedded") if refused else contextlib.nullcontext():
+    with pytest.raises(InputError) if sunk else contextlib.nullcontext():
         check_not_sunk(observed, LEVEL)
 
 
@@ -286,7 +287,7 @@ def test_a_surface_that_goes_on_into_the_ground_is_no_block():
     points = np.column_stack([x.ravel(), y.ravel(), z - 0.03])
     rock = points[:, 2] > 0.0
     observed = seen_of((points[rock], normals[rock]), (points[~rock], normals[~rock]))
-    with pytest.raises(InputError, match="goes on into its pedestal"):
+    with refused("rock.goes_on_below"):
         doubted(observed)
     assert creased_share(seen_of(BLOCK, ground()), LEVEL) == 1.0
 
@@ -298,13 +299,11 @@ def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, t
     assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
 
-@pytest.mark.parametrize(
-    ("sides", "what"), [("es", "one side is not enough"), ("ewns", "embedded in what surrounds")]
-)
+@pytest.mark.parametrize(("sides", "what"), [("es", "rock.mostly_unseen"), ("ewns", "rock.mostly_unseen")])
 def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
     observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
     closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7, 0.0)
-    with pytest.raises(InputError, match=what):
+    with refused(what):
         check_seen_enough(observed, LEVEL, closed)
     check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
 
@@ -313,7 +312,7 @@ def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
     points, normals = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
     kept = np.random.default_rng(2).random(len(points)) < 0.2
     closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7, 0.0)
-    with pytest.raises(InputError, match="too few points"):
+    with refused("cloud.too_sparse"):
         check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
 
 
@@ -363,8 +362,9 @@ def test_what_was_cut_off_along_no_line_carries_nothing_and_warns_of_nothing():
 
 @pytest.mark.slow
 def test_an_embedded_boulder_is_refused():
-    with pytest.raises(InputError, match="embedded"):
+    with pytest.raises(InputError) as error:
         survey(scanned(sunk_m=1.3, flat_m=0.2))
+    assert "embedded" in str(error.value)
 
 
 @pytest.mark.slow

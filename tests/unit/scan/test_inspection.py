@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import survey
@@ -31,7 +31,7 @@ def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):
 def test_a_file_that_says_no_place_is_refused_with_its_line(tmp_path, text):
     path = tmp_path / "looked.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=r"line \d|no places"):
+    with refused("hint.place_unreadable" if text else "hint.no_places"):
         inspection_of(path)
 
 
@@ -39,7 +39,7 @@ def test_a_file_that_says_no_place_is_refused_with_its_line(tmp_path, text):
     "pull", [(np.nan, 0.3), (90.0, 0.0), (90.0, -0.2), (90.0, 30.0), (500.0, 0.1), (360.0, 0.1), (-1.0, 0.1)]
 )
 def test_a_pull_beyond_the_round_or_with_a_force_beyond_reason_is_refused(pull):
-    with pytest.raises(InputError, match="no pull test"):
+    with refused("base.pull_unusable"):
         inspection_of(None, [pull])
 
 
@@ -49,11 +49,11 @@ def test_a_place_outside_the_cloud_is_refused_before_the_cloud_is_split(tmp_path
     points = np.random.default_rng(1).uniform(-3.0, 3.0, (500, 3))
     cloud = Cloud(points, np.array([100.0, 200.0, 50.0]), np.zeros(500, np.int16), (("a.xyz", 500),))
     monkeypatch.setattr("toppling.models.scan.survey.registered", lambda _: pytest.fail("registered"))
-    with pytest.raises(InputError, match=r"201\.00, 101\.00, 51\.00 lies outside the cloud") as refused:
+    with refused("hint.outside_cloud", "201.00", "101.00", "51.00") as error:
         survey(cloud, inspection=inspection_of(path))
-    assert refused.value.where == f"{path}, line 4"
+    assert error.value.where == f"{path}, line 4"
     # The verb leaves the name of the file that is wrong as it is.
-    assert in_files(refused.value, (Path("a.xyz"),), path) is refused.value
+    assert in_files(error.value, (Path("a.xyz"),), path) is error.value
 
 
 def test_nothing_said_is_known_as_such():

@@ -1,20 +1,17 @@
 """What no station saw is said: in the floors of the stated spread, and on the command line."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from toppling.models.scan import virtual
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.invented import bias_floors, cap_share, invention_warning
 from toppling.models.scan.measure import ObservedRock, adds_nothing, uncertainty
-from toppling.models.scan.survey import Survey, survey
+from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
-from toppling.orchestrator.verbs.scan import scan
 
 
 def with_invented(share):
@@ -40,11 +37,6 @@ def test_a_rock_without_a_rim_is_told_that_no_half_sample_closed():
     level = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     found = uncertainty(observed, level, 0.5, surface(0.0), realisations=3, each=lambda: None)
     assert (found["realisations"], found["closed"]) == (3, 0)
-
-
-def test_a_rock_that_was_seen_is_told_without_a_warning():
-    assert invention_warning(with_invented(0.05)) is None
-    assert invention_warning(Scene.block(0.2, 0.3, 0.6)) is None
 
 
 def test_a_rock_that_is_invented_in_part_is_told_with_how_much_and_what_follows():
@@ -84,19 +76,6 @@ def test_half_samples_add_nothing_only_where_every_spread_is_small_beside_its_fl
     assert adds_nothing({"volume": small, "height": small})
     assert not adds_nothing({"volume": small, "height": large})
     assert not adds_nothing({"volume": small, "height": without_floor})
-
-
-@pytest.mark.parametrize("as_json", [False, True])
-def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
-    found = Survey(with_invented(0.41), np.zeros(0, np.int8))
-    monkeypatch.setattr("toppling.orchestrator.public.making.read_clouds", lambda *_: None)
-    monkeypatch.setattr("toppling.orchestrator.public.making.survey", lambda *_: found)
-    monkeypatch.setattr("toppling.orchestrator.public.making.save_survey", lambda *_: None)
-    options = ["--json"] if as_json else []
-    done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a"), *options], catch_exceptions=False)
-    assert "41% of the rock's surface was not seen" in (done.stderr if as_json else done.stdout)
-    if as_json:
-        assert json.loads(done.stdout)["report"]["surface"]["invented_share"] == 0.41
 
 
 @pytest.fixture(scope="module")

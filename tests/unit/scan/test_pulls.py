@@ -47,7 +47,6 @@ def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outs
             with pytest.raises(InputError) as refused:
                 check_spanned([(30.0, far)], ratios[:, [row]], weight)
             assert refused.value.where.startswith("--pull 30 ")
-            assert "a ratio that a drawn base bears" in refused.value.expected
 
 
 @pytest.mark.parametrize("pulls", [1, 2, 4])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.models.scan import virtual
 from toppling.models.scan.segment import PEDESTAL, ROCK, segment
 
@@ -42,12 +42,8 @@ def test_a_rock_wider_than_high_is_found_without_help(squat_rocks, seed):
 def test_a_cloud_without_a_peak_is_refused_with_its_own_numbers():
     points = bare_slope(np.random.default_rng(0), 5.0, 40_000)
     origin = np.array([1000.0, 2000.0, 300.0])
-    with pytest.raises(InputError, match="nothing in the cloud stands") as refused:
+    with refused("scan.no_crease", "100"):  # an easting of this cloud
         segment(points, origin)
-    told = str(refused.value)
-    assert "--near" in told
-    assert "--point" in told
-    assert "100" in told  # an easting of this cloud
 
 
 @pytest.mark.thorough
@@ -63,7 +59,7 @@ def test_a_rock_that_is_small_in_its_cloud_is_found_where_the_user_points():
     normal = truth.pedestal.normal
     plain = np.column_stack([far, -(far @ normal[:2]) / normal[2] - 0.05 + rng.normal(0.0, 0.01, len(far))])
     points = np.vstack([cloud.points_m, plain])
-    with pytest.raises(InputError, match="nothing in the cloud stands"):
+    with refused("scan.no_crease"):
         segment(points, virtual.DEMO_ORIGIN_M)
     top = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2]
     found = segment(points, virtual.DEMO_ORIGIN_M, near_m=top).label[: len(label)]

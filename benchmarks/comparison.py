@@ -25,13 +25,15 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator.processes import assets, pool_of
-from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.regression import fit
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State
+
+LEAST_TILT_DEG = 0.1
+"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 log = logging.getLogger(__name__)
 

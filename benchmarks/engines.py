@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
 from toppling.results.analysis.fragility import PLANES, cells
 from toppling.results.reader import open_run
+
+LEAST_TILT_DEG = 0.1
+"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 SAMPLES = 40
 """Of records drawn anew, for a cell's own error."""

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import spearmanr
 
-from toppling import Bins, Campaign, Scene, fragility, open_run, report, run
+from toppling import Campaign, Scene, fragility, open_run, report, run
 
 FRICTIONS = (1.0, 0.8, 0.6)
 
@@ -87,7 +87,7 @@ def main() -> None:
         fragility(
             asked.out / name,
             asked.out / "figures" / name,
-            bins=Bins(directions=asked.directions),
+            directions=asked.directions,
             reference=name == "main",
         )
     main_jobs, lower_jobs = (

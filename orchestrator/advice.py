@@ -71,7 +71,7 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
             f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_sentence(scene)}"
-            f"'realisations = {REALISATIONS}' shakes others too"
+            f"'realisations = {REALISATIONS}' spreads the jobs over others too"
         )
     statics = statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0])))
     return found + _of_statics(campaign, statics, scene)

@@ -17,7 +17,7 @@ from toppling.models.files.folder import local
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.site_table import Site, ensemble_folder, joined, read_sites, scenes_matching
-from toppling.results.run_integrity import SITES_FILE
+from toppling.results.run_integrity import LEAST_JOBS, SITES_FILE
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -173,7 +173,7 @@ KEYS = (
     Key("restitution", axis(lambda one: 0 <= one <= 1), "a list of numbers, 0 to 1",
         "coefficients of restitution", (0.0,), "[0.0]", "[0.0]"),
     Key("realisations", _count(1, _MOST_REALISATIONS), f"a whole number from 1 to {_MOST_REALISATIONS}",
-        "jobs for each point: one on the scene as it is, others with draws of base and friction", 1,
+        "over which the jobs of each record are spread: one is the scene as it is, others draw base and friction", 1,
         "1", "25"),
     Key("first_realisation", _count(0), "a whole number from 0",
         "number of the first realisation, to add to another campaign", 0, "0, the scene as it is", "1"),
@@ -186,8 +186,8 @@ KEYS = (
         "physics engine", DEFAULT, repr(DEFAULT), f'"{[*ENGINES][-1]}"'),
     Key("records", texts, "a list of record ids",
         "some of the ensemble's records", None, "all", '["..."]'),
-    Key("audit", _count(0),
-        "a whole number of jobs, 0 for none", "jobs that are done again when the run is complete",
+    Key("audit", number(lambda jobs: jobs == 0 or jobs >= LEAST_JOBS, int),
+        f"a whole number of jobs, at least {LEAST_JOBS}, or 0 for none", "jobs that are done again once all are done",
         None, "as many as cost less than a tenth of the run", "100", "audit.md"),
     Key("stood", _files, "a list of files of records (components together), or folders of "
         "ensembles, relative to the file",
@@ -275,7 +275,6 @@ class Campaign:
         InputError
             As :meth:`read`.
         """
-        content = _without_levels(content, where)
         if {"scenes", "sites"} & set(content):
             read = cls(**_of_many(content, folder, where))
         else:
@@ -296,11 +295,12 @@ class Campaign:
         axes = {
             "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": max(len(self.azimuth_deg), 1),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
-            "realisations": self.realisations,
         }  # fmt: skip
-        jobs = math.prod(axes.values())
+        # No record has fewer jobs of a contact than there are realisations.
+        jobs = math.prod(axes.values()) * math.ceil(self.realisations / (axes["levels"] * axes["azimuths"]))
         if jobs > MOST_JOBS:
-            what = f"{jobs:.3g} jobs = {' x '.join(f'{count} {name}' for name, count in axes.items())}"
+            product = " x ".join(f"{count} {name}" for name, count in axes.items())
+            what = f"{jobs:.3g} jobs = {product}, of {self.realisations} realisations"
             raise Place("campaign").wrong("campaign.too_many_jobs", what, f"at most {MOST_JOBS} jobs",
                 "leave some of them out")  # fmt: skip
 
@@ -348,16 +348,6 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
             "add an ensemble to the file, or to the table")  # fmt: skip
     around = Path(os.path.commonpath([site.scene.absolute().parent for site in sites]))
     return values | {"sites": sites, "scene": around}
-
-
-def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Content without a key that campaigns had, and that those of their runs state."""
-    kept = {**content}
-    if (levels := kept.pop("levels", "all")) != "all":
-        what = f"{shown(levels)}: levels are no longer chosen within each record"
-        remedy = "remove it; precision = 0.05 ends a run as soon as its statement is that sure"
-        raise Place(f"{where}: levels").wrong("campaign.key_removed", what, "no key levels", remedy)
-    return kept
 
 
 def _check_together(read: Campaign, engine: str, precision: str, target: str) -> None:

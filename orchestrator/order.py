@@ -3,7 +3,8 @@
 A block holds of each record the same number of jobs, at levels and azimuths that its records share out evenly. Records
 take their levels and azimuths along diagonals of the grid: neighbouring cells differ in both, and any stretch of a
 diagonal holds every level, and every azimuth, equally often but for one. Where a campaign has several scenes (contacts,
-realisations) a block is of one of them; blocks go round the scenes. Of more scenes than a worker keeps ready, blocks
+realisations) a block is of one of them; blocks go round the scenes. Realisations are spread over the jobs of each
+record along such a diagonal too. Of more scenes than a worker keeps ready, blocks
 are larger, as making one ready costs as much as several jobs.
 """
 
@@ -11,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 _SEED = 2017
@@ -87,11 +89,31 @@ def balanced_order(
     turn = random.permutation(records)[record]  # a record's place among records
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
-    visit, within = np.divmod(cell, jobs)
+    rank = pd.Series(cell).groupby(turn * scenes + scene).rank(method="first").to_numpy(np.int64) - 1
+    visit, within = np.divmod(rank, jobs)
     place = _scene_places(random, sizes)[scene]
     # A group of records is at the scene after that of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
+
+
+def realisations_spread(records: int, levels: int, azimuths: int, count: int) -> NDArray[np.int64]:
+    """Numbers from 0 of the realisations that jobs take, (records, levels, azimuths, jobs of such a point).
+
+    Each record meets all realisations, equally often but for one, at levels and azimuths of its own: along a diagonal
+    of these a realisation has the next stretch. A point has more than one job only where a record has fewer points than
+    there are realisations.
+    """
+    random = np.random.default_rng(_SEED)
+    along = np.zeros((levels, azimuths), np.int64)
+    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    shifts = [_shared_out(random, records, size)[:, None] for size in (levels, azimuths)]
+    level, azimuth = (
+        (np.arange(size) + shift) % size for size, shift in zip(along.shape, shifts, strict=True)
+    )
+    jobs = math.ceil(count / along.size)
+    place = along[level[:, :, None], azimuth[:, None, :], None] * jobs + np.arange(jobs)
+    return place * count // (along.size * jobs)
 
 
 def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:

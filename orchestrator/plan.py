@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +16,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
-from toppling.orchestrator.order import balanced_order, taking_turns
+from toppling.orchestrator.order import balanced_order, realisations_spread, taking_turns
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
 from toppling.orchestrator.site_table import Site
 from toppling.results.schema import SCHEMA
@@ -239,31 +238,36 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         check_weighable(scene, campaign.first_realisation + campaign.realisations - 1, str(campaign.scene))
         recorded = read_recorded(campaign.stood)
     sha = {record: ensemble.sha(record) for record in records}
-    # One record's points: those of one scene together, and of them the strongest shaking, the longest, first.
+    own = dict(zip(ensemble.record_ids, ensemble.catalog.to_pylist(), strict=True))
     levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
-    numbers = range(campaign.first_realisation, campaign.first_realisation + campaign.realisations)
+    azimuths = sorted(campaign.azimuth_deg) or [np.nan]
+    numbers = campaign.first_realisation + realisations_spread(
+        len(records), len(levels), len(azimuths), campaign.realisations
+    )
+    shape = len(campaign.friction), len(campaign.restitution), *numbers.shape
+    friction, restitution, record, level, azimuth, _ = (codes.ravel() for codes in np.indices(shape))
+    realisation = np.broadcast_to(numbers, shape).ravel()
+    # One record's points: those of one scene together, and of them the strongest shaking, the longest, first. Where a
+    # record shakes a scene once, making many scenes ready would cost more than reading many records.
+    scene_keys = azimuth, level, realisation, restitution, friction
+    order = np.lexsort(
+        (*scene_keys, record) if numbers[0].size > campaign.realisations else (record, *scene_keys)
+    )
+    codes, given = record[order].astype(np.int32), np.array(campaign.friction)[friction[order]]
     axes = [
-        (pga, azimuth, *friction, restitution, realisation)
-        for friction, restitution, realisation, pga, azimuth in product(
-            campaign.friction, campaign.restitution, numbers, levels, campaign.azimuth_deg or (np.nan,)
-        )
-    ]
-    scene_id = scene.id
-    per_record = [np.tile(np.array(column), len(records)) for column in zip(*axes, strict=True)]
-    for column, name, given in (
+        np.array(levels)[level[order]], np.array(azimuths)[azimuth[order]], given[:, 0], given[:, 1],
+        np.array(campaign.restitution)[restitution[order]], realisation[order],
+    ]  # fmt: skip
+    for column, name, stated in (
         (0, "pga_m_s2", campaign.pga_m_s2), (1, "strong_azimuth_deg", campaign.azimuth_deg),
     ):  # fmt: skip
-        if not given:
-            own = dict(zip(ensemble.record_ids, ensemble.catalog[name].to_pylist(), strict=True))
-            per_record[column] = np.repeat([own[record] for record in records], len(axes))
-    codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
+        if not stated:
+            axes[column] = np.array([own[record][name] for record in records])[codes]
+    scene_id = scene.id
     of_scene = pa.DictionaryArray.from_arrays(np.zeros(len(codes), np.int32), pa.array([scene_id]))
     of_record = pa.DictionaryArray.from_arrays(codes, pa.array(records))
-    columns = [pa.nulls(len(codes)), of_scene, of_record, *map(pa.array, per_record)]
+    columns = [pa.nulls(len(codes)), of_scene, of_record, *map(pa.array, axes)]
     jobs = pa.Table.from_arrays(columns, names=_COLUMNS.names).cast(_COLUMNS)
-    if len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1:
-        # A record shakes a scene once: making many scenes ready would cost more than reading many records.
-        jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
     bases = 0 if scene.unseen is None else len(scene.unseen)
     scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s, bases=bases),)
     return Plan(campaign, scenes, jobs, recorded).with_ids()

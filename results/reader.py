@@ -14,7 +14,7 @@ from toppling.models.files.digest import read_json
 from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import instead, rock_name
 from toppling.models.files.run_document import check_run_document
-from toppling.models.files.scene_document import read_scene_document
+from toppling.models.files.scene_document import BASES, read_scene_document
 from toppling.models.files.stores import at_hand
 from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
@@ -61,14 +61,6 @@ class Run:
         self.root = atlas_of(self.path) or self.path
         check_files(self.root)
         check_audits(self.root)
-        if self._campaign().get("levels", "all") != "all":
-            raise InputError(
-                "run.of_earlier_version",
-                "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
-                where=str(self.path),
-                expected="a run of all levels",
-                remedy="read it with the program that made it (versions in run.json), or run its campaign again",
-            )
 
     @property
     def rocks(self) -> tuple["Run", ...]:
@@ -278,6 +270,10 @@ class Run:
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
         return dict(self._scene_document().get("report") or {})
+
+    def on_one_base(self, jobs: pd.DataFrame) -> bool:
+        """Whether some of its jobs are on one base of a rock whose base is drawn."""
+        return (self.scene_folder / BASES).exists() and jobs["realisation"].nunique() == 1
 
     def scene_id(self) -> str | None:
         """Hash of the rock's scene; None where the run does not say."""

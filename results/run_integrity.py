@@ -197,11 +197,8 @@ REFERENCE = "reference"
 _PLAN_ID = b"plan_id"
 """Key of the metadata of an audit's `jobs.parquet`."""
 
-LEAST_JOBS = 10
-"""Of fewer no statement is made."""
-
-LEAST_TELLING = 40
-"""Of fewer jobs none on a shift: even without a single answer that differs a tenth of them may."""
+LEAST_JOBS = 40
+"""Of fewer no statement is made: even without a single answer that differs a tenth of them may."""
 
 
 def check_audit(run: Path, folder: Path) -> None:

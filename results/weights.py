@@ -25,7 +25,6 @@ from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA
 
 WEIGHTS_FILE = "weights.parquet"
-EARLIER_FILE = "stood/weights.json"
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
 _SAME = 1e-9
 """Share by which weights may differ and still be one."""
@@ -95,14 +94,6 @@ class Weights:
         """
         path = run / WEIGHTS_FILE
         if not path.exists():
-            if (run / EARLIER_FILE).exists():
-                raise InputError(
-                    "run.of_earlier_version",
-                    f"is not there, but {EARLIER_FILE} of an earlier version",
-                    where=str(path),
-                    expected="a run of this version",
-                    remedy="read it with the program that made it (versions in run.json), or run its campaign again",
-                )
             raise _no_weights("run.weights_absent", "is not there", path)
         table = read_table(path, required=True)
         try:

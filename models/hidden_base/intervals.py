@@ -45,7 +45,7 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
     if opening := found.get("lift_off"):
         sentences += _lift_off_told(table, opening)
     if "without_inspection" in found:
-        sentences.append(_inspection_told(table, found["without_inspection"]))
+        sentences.append(inspection_told(table, found["without_inspection"]))
     distinct = found.get("distinct", found["draws"])
     if distinct < FEW_DISTINCT:
         sentences.append(
@@ -86,7 +86,7 @@ def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -
     ]
 
 
-def _inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
+def inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
     """What hints do to the interval, with its width in both cases."""
     if before is None:
         return "without what is known by inspection no base agreed"

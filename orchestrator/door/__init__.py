@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.public.constraining import constrain
-    from toppling.orchestrator.public.fragility_figures import Bins, fragility
+    from toppling.orchestrator.public.fragility_figures import fragility
     from toppling.orchestrator.public.hazard_question import Dates
     from toppling.orchestrator.public.making import scan, scan_again
     from toppling.orchestrator.public.reporting import query, report
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from toppling.workers.unmeasured import Unmeasured
 
 __all__ = [
-    "Bins",
     "Campaign",
     "Dates",
     "Ensemble",
@@ -65,7 +64,6 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Bins": "toppling.orchestrator.public.fragility_figures",
     "Campaign": "toppling.orchestrator.campaign",
     "Dates": "toppling.orchestrator.public.hazard_question",
     "Ensemble": "toppling.models.motions.ensemble",

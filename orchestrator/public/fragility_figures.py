@@ -3,7 +3,7 @@
 import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -18,8 +18,10 @@ from toppling.orchestrator.run_folder import place_in
 from toppling.results.analysis import fragility as maps
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.directions import least_sector
+from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.friction_comparison import by_surroundings, frictions
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness
@@ -27,55 +29,6 @@ from toppling.results.drawing import run_figures
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
-
-PGV_DURATION = maps.PLANES["pgv_duration"]
-
-
-@dataclass(frozen=True)
-class Bins:
-    """Bins of the maps; those of the study by Veeraraghavan, Hudnut and Krishnan unless given.
-
-    Parameters
-    ----------
-    pga_m_s2 : float or None
-        m/s2; one bin a level unless given.
-    pgv_m_s : float
-        m/s
-    pgv_pga_s, duration_s : float
-        s
-    pgv_below_m_s, duration_below_s : float or None
-        Upper limits of the map of PGV and duration, infinite for none.
-    directions : int
-        Direction bins.
-    """
-
-    pga_m_s2: float | None = None
-    pgv_m_s: float = 0.25
-    pgv_pga_s: float = 0.05
-    duration_s: float = 5.0
-    pgv_below_m_s: float | None = None
-    duration_below_s: float | None = None
-    directions: int = maps.DIRECTION_BINS
-
-    def planes(self, jobs: pd.DataFrame) -> dict[str, maps.Plane]:
-        """The maps' planes with these bins."""
-        placed = maps.planes_of(jobs)[PGV_DURATION.name]
-        extended = {axis.column: axis.below for axis in (placed.x, placed.y)}
-        widths = {
-            maps.LEVEL.column: self.pga_m_s2,
-            maps.PGV.column: self.pgv_m_s,
-            maps.PULSE.column: self.pgv_pga_s,
-            maps.DURATION.column: self.duration_s,
-        }
-        ends = {maps.PGV.column: self.pgv_below_m_s, maps.DURATION.column: self.duration_below_s}
-
-        def asked(axis: maps.Axis) -> maps.Axis:
-            below = None if axis.below is None else ends[axis.column] or extended[axis.column]
-            return replace(axis, width=widths[axis.column], below=below)
-
-        return {
-            plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in maps.PLANES.values()
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +48,8 @@ class Fragility:
         How far the answers may be off, by who repeated some.
     fits : mapping
         Of each contact the table of fragility by measure; empty unless fits were asked for.
+    curves : mapping
+        Of each contact its fragility curves by measure, with their intervals; empty unless fits were asked for.
     """
 
     run: Run
@@ -104,6 +59,7 @@ class Fragility:
     completeness: Completeness
     audits: dict[str, Audit]
     fits: dict[str, pd.DataFrame] = field(default_factory=dict)
+    curves: dict[str, dict[str, Lognormal]] = field(default_factory=dict)
 
 
 def fragility(
@@ -113,7 +69,7 @@ def fragility(
     where: str | None = None,
     trusted: bool = False,
     weighted: bool = True,
-    bins: Bins = Bins(),
+    directions: int = maps.DIRECTION_BINS,
     sector: tuple[float, float] | None = None,
     fit: bool = False,
     reference: bool = False,
@@ -131,6 +87,8 @@ def fragility(
         Only jobs for which this SQL condition holds, which may read files if it is trusted.
     weighted : bool
         Count records and bases by their weights.
+    directions : int
+        Direction bins.
     sector : (float, float) or None
         Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated; 35 degrees around
         where the least constant acceleration topples the rock to unless given.
@@ -149,14 +107,14 @@ def fragility(
     opened = run if isinstance(run, Run) else open_run(run)
     jobs = _jobs(opened, where, trusted=trusted, weighted=weighted)
     done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
-    within, planes = sector or least_sector(quasi_static), bins.planes(jobs)
-    lines = _plane_reference(opened, jobs, bins.directions) if reference else None
+    within, planes = sector or least_sector(quasi_static), maps.planes_of(jobs)
+    lines = _plane_reference(opened, jobs, directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = maps.by_contact(jobs)
     each = _files_of_contact(planes.values()) + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
-        run_figures.write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
+        run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
         run_figures.write_directions(jobs, quasi_static, folder, within, done),
         run_figures.write_friction(jobs, folder, planes["pga_pgv"], done),
         run_figures.write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
@@ -165,7 +123,8 @@ def fragility(
         run_figures.write_audits(audits, folder),
     )
     written = list(_counted(drawing, advance))
-    return Fragility(opened, folder, written, jobs, done, audits, _fits_in(folder, contacts if fit else ()))
+    fitted, curves = (of(folder, contacts if fit else ()) for of in (_fits_in, _curves_in))
+    return Fragility(opened, folder, written, jobs, done, audits, fitted, curves)
 
 
 def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Path]:
@@ -185,6 +144,11 @@ def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:
         name: pd.read_csv(path, dtype={"problem": object}).fillna({"problem": ""})
         for name, path in tables.items()
     }
+
+
+def _curves_in(folder: Path, contacts: Iterable[str]) -> dict[str, dict[str, Lognormal]]:
+    files = {name: folder / name / "fits" / "curves.json" for name in contacts}
+    return {name: read_curves(path) if path.exists() else {} for name, path in files.items()}
 
 
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:

@@ -1,5 +1,6 @@
 """What runs say: queries, the report, and what standing rocks say about ground motion."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,7 +71,7 @@ def report(
     run : Run or path
         A run of many rocks is shown with all of them side by side.
     out : path or None
-        `report.html` in the run's folder unless given.
+        `report.html` in the run's folder unless given; ids, versions and columns go to a JSON file beside it.
     pdf : bool
         Print the page to PDF too, beside it (with WeasyPrint, Chromium, Chrome or Edge).
     age : str or None
@@ -93,7 +94,7 @@ def report(
     from toppling.orchestrator.public.rocks import apart_km
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS
-    from toppling.results.drawing.report.write import report_page, write_pdf
+    from toppling.results.drawing.report.write import provenance, report_page, write_pdf
     from toppling.results.hazard.ages import age_given, parse_age
 
     _ages_for(hazard, bool(age))
@@ -110,12 +111,13 @@ def report(
         content = Content(opened, samples, years, age_given(age or ""), tree)
         text = report_page(content, lambda title: advance(doing=f"after {title}"))
     page = write_text(text, target)
+    write_text(json.dumps(provenance(opened), indent=1), target.with_suffix(".json"))
     return Report(page, write_pdf(text, target.with_suffix(".pdf")) if pdf else None)
 
 
 def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None]) -> str:
+    from toppling.results.analysis.fits import HEADLINE_MEASURE
     from toppling.results.analysis.side_by_side import beside_each_other
-    from toppling.results.drawing.report.content import HEADLINE_MEASURE
     from toppling.results.drawing.report.gallery_page import gallery_page
 
     rocks, shared = beside_each_other(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)

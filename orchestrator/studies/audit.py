@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 _COST_SHARE = 0.1
 """Of the run's cost, that an audit takes at most unless a number of jobs is asked for."""
 
-_DRAWN_COLUMNS = ["job_id", "status", "steps", "finished_at"]
+_DRAWN_COLUMNS = ["job_id", "status", "wall_s", "finished_at"]
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,16 @@ def _auditors(campaign: Campaign) -> list[_Auditor]:
 def affordable(campaign: Campaign, rows: pa.Table) -> int:
     """Jobs, in the order in which they are drawn, that cost a tenth of all when they are done again by every auditor.
 
-    By the steps that they took: the number is the same wherever the run was made. Fewer than tell anything are none.
+    A job costs its time on its worker, whether it took a step or not; the reference at least as much more as its steps
+    are shorter. Too few to tell anything are none.
     """
     share = PRESETS[campaign.preset].step_share / PRESETS[run_integrity.REFERENCE].step_share
-    steps = pc.fill_null(rows["steps"], 0).to_numpy().astype(float)
-    times_dearer = sum(share if one.name == run_integrity.REFERENCE else 1.0 for one in _auditors(campaign))
-    count = int(np.searchsorted(np.cumsum(steps) * times_dearer, _COST_SHARE * steps.sum(), side="right"))
-    least = run_integrity.LEAST_JOBS
-    return count if least <= count < len(rows) or count == len(rows) > least else 0
+    wall_s = pc.fill_null(rows["wall_s"], 0.0).to_numpy().astype(float)
+    dearer = sum(
+        max(share, 1.0) if one.name == run_integrity.REFERENCE else 1.0 for one in _auditors(campaign)
+    )
+    count = int(np.searchsorted(np.cumsum(wall_s) * dearer, _COST_SHARE * wall_s.sum(), side="right"))
+    return count if count >= run_integrity.LEAST_JOBS else 0
 
 
 def drawn(folder: Path) -> pa.Table:

@@ -4,9 +4,6 @@ Rounds are played back from the store at every start, each from the rows of the 
 matter how many workers there were and how often a run was stopped.
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +12,8 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.orchestrator.campaign import TargetSpec
-from toppling.orchestrator.context import Work
-from toppling.orchestrator.execution import work_off
+from toppling.models.spelling import counted
+from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
@@ -26,7 +22,6 @@ from toppling.results.precision.probit import answers_of
 from toppling.results.precision.statement import statement_of, write_statements
 from toppling.results.precision.target import Target
 from toppling.results.reader import open_run
-from toppling.results.store import result_files
 
 _CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
@@ -34,10 +29,7 @@ _CONTACT = ("friction_static", "friction_kinetic", "restitution")
 class JobsForPrecision:
     """Rounds of jobs until what is asked is known well enough; a contact after the other has rounds of its own.
 
-    folder: the run's.
-    alone: whether the run ends with the statement, which its folder then keeps; otherwise it goes on to all of its
-    jobs.
-    most_jobs: that are judged, of all contacts together, before the rounds end however sure the statement is.
+    folder: the run's, which keeps the statement.
     Raises InputError if the records lack the measure that is asked for.
     """
 
@@ -47,11 +39,8 @@ class JobsForPrecision:
         folder: Path,
         precision: float,
         asked: TargetSpec | None = None,
-        *,
-        alone: bool = True,
-        most_jobs: float = math.inf,
     ) -> None:
-        self.planned, self.folder, self.alone, self.most_jobs = planned, folder, alone, most_jobs
+        self.planned, self.folder = planned, folder
         self.statements: list[dict] = []
         self.ids = planned.jobs["job_id"].to_pylist()
         self.target = _target_of(asked or TargetSpec())
@@ -91,12 +80,11 @@ class JobsForPrecision:
             waiting = [
                 row for one in self.rounds.values() for row in one.chosen if self.ids[row] not in finished
             ]
-            enough = sum(one.judged for one in self.rounds.values()) >= self.most_jobs
-            if waiting and not enough:
+            if waiting:
                 wanted = np.zeros(len(self.planned), bool)
                 wanted[waiting] = True
                 return self.planned.order[wanted[self.planned.order]]
-            if enough or self.ended:
+            if self.ended:
                 return np.array([], np.int64)
             self._advance(finished)
 
@@ -113,11 +101,10 @@ class JobsForPrecision:
                 one.advance(answers_of(frame, jobs, self.measures, self.records) if one.sizes else None)
             if one.verdict is not None:
                 self.statements.append(self._statement(frame, contact, one))
-        if self.alone:
-            if self.statements:
-                write_statements(self.folder, self.statements, self.planned.id)
-            there = finished | {self.ids[row] for one in self.rounds.values() for row in one.chosen}
-            set_jobs(self.folder, len(there) if self.ended else max(len(self), len(there) + 1))
+        if self.statements:
+            write_statements(self.folder, self.statements, self.planned.id)
+        there = finished | {self.ids[row] for one in self.rounds.values() for row in one.chosen}
+        set_jobs(self.folder, len(there) if self.ended else max(len(self), len(there) + 1))
         sizes = [len(one.chosen) for one in self.rounds.values()]
         tell(
             "rounds chosen",
@@ -132,6 +119,19 @@ class JobsForPrecision:
         there = there[there["toppled"].notna()]
         named = dict(zip(_CONTACT, contact, strict=True))
         return statement_of(one, len(there), there["record_id"].nunique(), named)
+
+
+def borne_words(campaign: Campaign) -> str:
+    """What a campaign's records bear before any job is done, and where its run ends then; empty if not known."""
+    assert campaign.precision is not None
+    records = len(campaign.records or Ensemble.load(campaign.ensemble).record_ids)
+    borne = _target_of(campaign.target or TargetSpec()).borne_by(records)
+    if borne is None:
+        return ""
+    ends = "at what is asked" if borne <= campaign.precision else "there"
+    return (
+        f"{counted(records, 'record')} bear about ±{100 * borne:.2g} % at a usual beta: the run ends {ends}"
+    )
 
 
 def _target_of(asked: TargetSpec) -> Target:
@@ -174,7 +174,7 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
 
 
 def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
-    """The jobs of each contact, by record, cell (azimuth and realisation) and level.
+    """The jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level.
 
     catalog: intensities of the records as recorded, in the order in which they are numbered.
     """
@@ -187,30 +187,10 @@ def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tu
     }
     found = {}
     for contact, of_contact in jobs.groupby(list(_CONTACT)):
-        ordered = of_contact.sort_values(["record_id", "azimuth_deg", "realisation", "pga_m_s2"])
+        point = of_contact.groupby(["record_id", "azimuth_deg", "pga_m_s2"], sort=False)
+        ordered = of_contact.assign(turn=point.cumcount()).sort_values(
+            ["record_id", "azimuth_deg", "turn", "pga_m_s2"]
+        )
         rows = ordered["row"].to_numpy(np.int64).reshape(len(catalog), -1, len(levels))
         found[tuple(float(value) for value in contact)] = Pool(rows, log_x)
     return found
-
-
-@dataclass(frozen=True)
-class FirstStatement:
-    """A first statement before the maps: rounds as for a precision, which come before a run's other jobs."""
-
-    precision: float  # half of the interval of 95 % at which they end
-    most_jobs: int  # after which they end however wide it is
-    say: Callable[[str], None]  # told the sentence
-    before: bool = True
-
-    def due(self, planned: Plan, folder: Path) -> bool:  # noqa: ARG002
-        """Whether no job has been done yet: later there is no first statement."""
-        return not result_files(folder)
-
-    def carry_out(self, work: Work) -> None:
-        """Shake the rounds, and say what they tell."""
-        wanted = JobsForPrecision(
-            work.planned, work.folder, self.precision, alone=False, most_jobs=self.most_jobs
-        )
-        work_off(wanted, work)
-        for one in wanted.statements:
-            self.say(one.get("words", one["sentence"]))

@@ -15,9 +15,10 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
+from toppling.results.analysis.fits import HEADLINE_MEASURE
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.analysis.side_by_side import Beside, beside_each_other, directions_geojson, geojson
-from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
+from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
 from toppling.results.drawing.report.write import report_page
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure

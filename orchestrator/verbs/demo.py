@@ -23,13 +23,14 @@ pga_m_s2 = {{ start = 1, stop = 19, step = {step} }}
 azimuth_deg = {azimuths}
 friction = [1.0]
 restitution = [0.0]
+realisations = {realisations}
 preset = "fast"
 """
 _DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
-_FIRST_STATEMENT = (0.1, 90)
-"""Precision of what is said before the maps, and jobs after which it is said as it is."""
+_BASES = 8
+"""Of the rock that jobs are spread over: each takes a second to be made ready."""
 
 _QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
@@ -118,7 +119,10 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
     step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
-    text = _CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])
+    # Nobody saw the rock's base: no more of them than each record has jobs, or are soon made ready.
+    realisations = 1 if scene.unseen is None else min(_BASES, (1 + 18 // step) * sides)
+    turned = [azimuth % 360 for azimuth in azimuths]
+    text = _CAMPAIGN.format(step=step, azimuths=turned, realisations=realisations)
     (out / "campaign.toml").write_text(text, encoding="utf-8")
 
 
@@ -129,13 +133,11 @@ def _run(out: Path, workers: int) -> int:
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run
     from toppling.orchestrator.studies.audit import Auditing
-    from toppling.orchestrator.studies.precision import FirstStatement
 
     _say(f"run: starting {workers} workers")
-    first = FirstStatement(*_FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
     with watcher() as watch:
         campaign = Campaign.read(out / "campaign.toml")
-        progress = run(plan_of(campaign), out / "run", local(workers), watch, stages=[first, Auditing()])
+        progress = run(plan_of(campaign), out / "run", local(workers), watch, stages=[Auditing()])
     _say(
         f"run: {progress.done} jobs, {progress.rate:.1f}/s, {progress.toppled} toppled, {progress.failed} unanswered"
     )
@@ -154,8 +156,12 @@ def _draw(out: Path) -> list[Path]:
 
 def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
     from toppling.orchestrator.progress import duration
+    from toppling.results.drawing.report.content import Content
+    from toppling.results.drawing.report.headline import answer
     from toppling.results.reader import open_run
 
+    for sentence in answer(Content(open_run(out / "run"))):
+        click.echo(sentence)
     maps = [path for path in figures if path.suffix == ".png"]
     click.echo(f"\nThe demo took {duration(took_s)} and made")
     for what, path in (

@@ -10,20 +10,18 @@ from click.core import ParameterSource
 from toppling.models.errors import InputError
 from toppling.models.spelling import counted
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
+from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
-from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import FEW_BEYOND, by_contact, contact_words
+from toppling.results.analysis.bases import narrowed_by
+from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, answered
+from toppling.results.analysis.fragility import by_contact, contact_words
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.fit_figures import fit_words
+from toppling.results.drawing.sentences import what_topples
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
-
-_STUDYS = (
-    f"Default: the study's {{0.below:g}}, or none if that leaves out over {100 * FEW_BEYOND:g} % of the jobs."
-)
 
 
 @click.command()
@@ -32,19 +30,7 @@ _STUDYS = (
 @of(draw, "--where")
 @shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@of(Bins, "--pga-bin", "pga_m_s2", type=shared.ABOVE_0)
-@of(Bins, "--pgv-bin", "pgv_m_s", type=shared.ABOVE_0)
-@of(Bins, "--pgv-pga-bin", "pgv_pga_s", type=shared.ABOVE_0)
-@of(Bins, "--duration-bin", "duration_s", type=shared.ABOVE_0)
-@option(
-    "--pgv-below", "pgv_below_m_s", type=shared.ABOVE_0,
-    help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {_STUDYS.format(PGV_DURATION.y)}",
-)  # fmt: skip
-@option(
-    "--duration-below", "duration_below_s", type=shared.ABOVE_0,
-    help=f"s; upper limit of duration in that map. {_STUDYS.format(PGV_DURATION.x)}",
-)  # fmt: skip
-@of(Bins, "--directions", type=click.IntRange(1, 72))
+@of(draw, "--directions", type=click.IntRange(1, 72))
 @of(draw, "--sector", type=float, nargs=2, metavar="FROM TO")
 @of(draw, "--fit")
 @of(draw, "--reference")
@@ -59,7 +45,8 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     the map of PGV and duration: of all jobs); the caption states from which share on a cell is full. A dot marks
     cells of fewer than 10 records.
 
-    The default bins are those of the study by Veeraraghavan, Hudnut and Krishnan. Direction bins are of the azimuth of
+    The bins are those of the study by Veeraraghavan, Hudnut and Krishnan; its bounds of PGV and duration are left out
+    where more than a few jobs lie beyond. Direction bins are of the azimuth of
     the vector PGA, degrees counter-clockwise from east. If there are several contacts (friction, restitution), each
     gets its own folder. Maps and fits weight each record if the ensemble has weights (records select
     --deaggregation), and each base if the campaign names motions that the rock survived (stood); the ranking of
@@ -76,11 +63,10 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     source = click.get_current_context().get_parameter_source
     if not asked["fit"] and source("samples") != ParameterSource.DEFAULT:
         raise click.UsageError("--samples applies to the fits: give --fit too")
-    bins = shared.noun_of(Bins, asked)
     if remark := opened.completeness().remark:
         click.echo(f"{run} is unfinished: {remark}")
     with bar("figures") as advance:
-        drawn = draw(opened, out, weighted=not unweighted, bins=bins, advance=advance, **asked)
+        drawn = draw(opened, out, weighted=not unweighted, advance=advance, **asked)
     _tell(drawn, weighted=not unweighted)
 
 
@@ -94,6 +80,13 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
         resting = f"{contact_words(of_contact, jobs)}, {counted(len(known), 'job')} of {records}"
         click.echo(f"\nfragility by measure, {resting}:")
         click.echo(fit_words(drawn.fits[contact], known))
+        curves, toppled = drawn.curves[contact], int(known["toppled"].sum())
+        if curves and toppled >= FEW_TOPPLED:
+            curve = curves.get(HEADLINE_MEASURE) or next(iter(curves.values()))
+            click.echo(
+                what_topples(curve, contact_words(of_contact, jobs), drawn.run.on_one_base(of_contact))
+            )
+            click.echo(narrowed_by(curve.interval_parts, drawn.run.scene_report()))
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
     if weighted and (weights := drawn.run.weights()):

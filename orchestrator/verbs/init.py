@@ -144,13 +144,10 @@ def _keys(
     start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
     azimuths = ", ".join(f"{one:g}" for one in chosen.azimuth_deg)
     friction = ", ".join(f"{static:g}" for static, _ in chosen.friction)
-    bases = 0 if assets.scene.unseen is None else len(assets.scene.unseen)
     keys = {key.name: key for key in KEYS}
-    more = "\n".join(
-        _realisations_line(bases) if key.name == "realisations" and bases else key.line
-        for key in KEYS
-        if key.example and key.name != "preset"
-    )
+    draws = "" if assets.scene.unseen is None else _realisations_line(len(levels) * len(chosen.azimuth_deg))
+    written = {"preset", "realisations"} if draws else {"preset"}
+    more = "\n".join(key.line for key in KEYS if key.example and key.name not in written)
     # Strings of JSON are TOML's too.
     return f"""
 scene = {scene}  # folders are relative to this file
@@ -169,15 +166,19 @@ azimuth_deg = [{azimuths}]
 friction = [{friction}]
 
 preset = {_quoted(chosen.preset)}  # {keys["preset"].help}: {keys["preset"].values}
-
+{draws}
 # More keys:
 {more}
 """
 
 
-def _realisations_line(bases: int) -> str:
-    one_each = f"each other takes one of the {bases} drawn bases and a friction of its own"
-    return f"# realisations = {REALISATIONS}  # 1 (left out) shakes the nominal base alone; {one_each}"
+def _realisations_line(points: int) -> str:
+    """As many as show how far the unseen bases differ, but no more than each record has jobs."""
+    return f"""
+# realisations: how many the jobs of each record are spread over; their number stays. Nobody saw the rock's base: one is
+# the scene as it is, each other has one of the bases that agree with the scan, and a friction about the one above.
+realisations = {min(REALISATIONS, points)}
+"""
 
 
 def _pilot_sentence(pilot: Pilot) -> str:

@@ -78,8 +78,10 @@ def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[s
         "settling": found.settling and found.settling.to_json(), "ground": scene.ground.sentence,
         "warnings": found.warnings,
     }  # fmt: skip
-    axes = ("records", "levels", "azimuths", "frictions", "restitutions", "realisations")
+    axes = ("records", "levels", "azimuths", "frictions", "restitutions")
     product = " x ".join(counted(counts[name], name.removesuffix("s")) for name in axes)
+    if chosen.realisations > 1:
+        product += f", spread over {chosen.realisations} realisations"
     head = f"{counted(counts['jobs'], 'job')} = {product}, engine {{engine}}, preset {{preset}}"
     notes = settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0])))
     ids = f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}"

@@ -17,7 +17,6 @@ from toppling.models.files.folder import new_file
 from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
-from toppling.results.analysis.spread import CAUSES, spreads, surroundings
 from toppling.results.reader import open_run
 
 _SHOWN_ROWS = 60
@@ -30,33 +29,29 @@ _SHOWN_ROWS = 60
 @option("--parquet", type=shared.FILE, help="Write a Parquet file.")
 @of(answer_of, "--trusted")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
-@option("--spread", is_flag=True, help="State how much of the spread comes from base, friction and records.")
 def query(
     runs: tuple[str, ...],
     form: str | None,
     parquet: Path | None,
     trusted: bool,
     describe: bool,
-    spread: bool,
 ) -> None:
     """Query one or several runs in SQL (DuckDB), also during the run.
 
     The tables are results (one row per job), motions (one row per record) and scene (one row); if the campaign names
     motions that the rock survived, also bases (with their weights). With several runs each table holds the rows of
     all, distinguished by the column run; if these differ in engine, preset, scene or physics version, the query must
-    name that column or run. A query is one SELECT and reads nothing else; --trusted lets it join your files. --spread
-    weights each base.
+    name that column or run. A query is one SELECT and reads nothing else; --trusted lets it join your files.
 
     \b
     toppling query runs/first --describe
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
                                from results group by all order by all"
-    toppling query runs/first --spread
     """
     # SQL has two words at least.
     queries = [text for text in runs if len(text.split()) > 1 and not Path(text).is_dir()]
     runs = tuple(text for text in runs if text not in queries)
-    if not runs or (len(queries) != 1 and not (describe or spread)):
+    if not runs or (len(queries) != 1 and not describe):
         wrong = "these are several queries" if runs and queries else "the query in SQL is missing"
         raise click.UsageError(
             f"{wrong if runs else 'a run is missing'}: give one run or more and one query, such as "
@@ -65,9 +60,6 @@ def query(
         )
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
-    elif spread:
-        _say_unfinished(runs)
-        table = _spread(runs)
     else:
         table = answer_of(runs, queries[0], trusted=trusted)
         _say_unfinished(runs)
@@ -79,44 +71,13 @@ def query(
     elif form == "json":
         click.echo(json.dumps(finite(table.to_pylist()), indent=1, allow_nan=False, default=_plain))
     elif not parquet:
-        click.echo(_spread_words(table.to_pandas()) if spread else _readable(table))
+        click.echo(_readable(table))
 
 
 def _say_unfinished(runs: Iterable[str]) -> None:
     for run in runs:
         if remark := open_run(run).completeness().remark:
             click.echo(f"{run} is unfinished: {remark}", err=True)
-
-
-def _spread(runs: tuple[str, ...]) -> pa.Table:
-    parts = []
-    for run in map(open_run, runs):
-        for name, jobs in surroundings(run.weighted(run.frame())):
-            parts.append(spreads(jobs).assign(**{"run": run.name} if len(runs) > 1 else {}))
-            if name:
-                parts[-1].insert(0, "of", name)
-    return pa.Table.from_pandas(pd.concat(parts, ignore_index=True), preserve_index=False)
-
-
-def _spread_words(table: pd.DataFrame) -> str:
-    """The spread as people read it: percentages; a share of nothing stays empty."""
-    levels = ["all levels" if level != level else f"{level:g} m/s2" for level in table["level_pga_m_s2"]]
-    shares = table.assign(level_pga_m_s2=levels).rename(
-        columns={"level_pga_m_s2": "level", "probability": "toppled"}
-    )
-    for name in ("toppled", "left", *(f"share_{cause}" for cause in CAUSES[:3])):
-        shares[name] = ["" if value != value else f"{100 * value:.1f} %" for value in shares[name]]
-    for cause in CAUSES[:3]:
-        parts = zip(*(table[name] for name in (cause, f"{cause}_low", f"{cause}_high")), strict=True)
-        shares[cause] = [f"{100 * at:.1f} ({100 * low:.1f} to {100 * high:.1f}) %" for at, low, high in parts]
-    ends = [f"{cause}_{end}" for cause in CAUSES[:3] for end in ("low", "high")]
-    bases, records = (int(table[name].max()) for name in ("bases", "records_drawn"))
-    return (
-        f"{shares.drop(columns=[*ends, 'bases', 'records_drawn']).to_string(index=False)}\n"
-        "toppled: share of the jobs; records, base, friction, left: standard deviation of that share by what it comes "
-        f"from,\nfrom {bases} bases and {records} records; in brackets: 95 % intervals, as other bases and records "
-        "drawn alike would have it;\nshare_: of the variance that records, base and friction have among each other"
-    )
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

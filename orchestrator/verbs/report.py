@@ -27,9 +27,9 @@ def report(
 ) -> None:
     """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
 
-    It begins with the result in three sentences and one picture. Then come scene, records, maps, fits, constraint,
-    failures, accuracy, a paragraph on methods to copy, provenance, and the meaning of every column. Of a campaign of
-    many rocks it shows all side by side, as 'toppling atlas' does.
+    Its first page has the answer, its interval with what that comes from, and one picture. Then come scene, records,
+    maps, fits, constraint, failures, accuracy, and methods to copy. A JSON file beside it has ids, versions, campaign
+    and the meaning of every column. Of a campaign of many rocks it shows all side by side, as 'toppling atlas' does.
 
     \b
     toppling report runs/first --pdf

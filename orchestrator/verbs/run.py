@@ -127,7 +127,11 @@ def run(
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     cluster = cluster_of(folder, **where)
-    if not (no_estimate or chosen.precision):
+    if chosen.precision:
+        from toppling.orchestrator.studies.precision import borne_words
+
+        click.echo(borne_words(chosen), err=True)
+    elif not no_estimate:
         if folder.exists():
             cluster = _announced(cluster, folder, where["workers"])
         elif words := _time_words(chosen, where["workers"]):

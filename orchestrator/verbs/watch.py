@@ -25,9 +25,11 @@ from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, served
-from toppling.results.analysis.fragility import PLANES, by_contact, cells
+from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, curve_over
+from toppling.results.analysis.fragility import PLANES, by_contact, cells, contact_words
+from toppling.results.drawing.sentences import what_topples
 from toppling.results.drawing.watch_page import PAGE, WAITING
-from toppling.results.reader import open_run
+from toppling.results.reader import Run, open_run
 
 _LATEST = 12
 """Topplings that are listed."""
@@ -56,9 +58,10 @@ def shown(run: Path) -> dict[str, Any]:
         "name": opened.name,
         "sentence": _sentence(state),
         "counts": _counts(state),
-        "maps": [_map(name, jobs) for name, jobs in by_contact(opened.weighted(frame)).items()]
-        if len(frame)
-        else [],
+        "maps": [
+            {"says": _headline(opened, jobs, frame), **_map(name, jobs)}
+            for name, jobs in (by_contact(opened.weighted(frame)).items() if len(frame) else ())
+        ],
         "latest": _latest(frame),
     }
 
@@ -77,6 +80,14 @@ def _counts(state: dict[str, Any]) -> str:
     return f"{state['toppled']} toppled, {state['failed']} without an answer" + (
         f" ({counts})" if counts else ""
     )
+
+
+def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
+    """The report's first sentence of one contact; empty while too few topple."""
+    if (jobs["toppled"].fillna(value=False)).sum() < FEW_TOPPLED:
+        return ""
+    curve = curve_over(jobs, HEADLINE_MEASURE)
+    return what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs)) if curve else ""
 
 
 def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """What the rows of runs say: shares, curves and their uncertainty. Nothing here draws."""
 
 __all__ = [
-    "audit_statistics", "constraint", "directions", "exchange", "fits", "fragility", "friction_comparison",
+    "audit_statistics", "bases", "constraint", "directions", "exchange", "fits", "fragility", "friction_comparison",
     "lognormal", "plane_reference", "ranking", "regression", "resampling",
-    "side_by_side", "spread", "unphysical",
+    "side_by_side", "unphysical",
 ]  # fmt: skip

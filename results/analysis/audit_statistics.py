@@ -17,14 +17,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import binomtest, t
+from scipy.stats import t
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import finite
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import by_contact, wilson
+from toppling.results.analysis.fragility import by_contact
 from toppling.results.analysis.lognormal import probit_weights
 from toppling.results.analysis.regression import fit
 from toppling.results.reader import Run, as_frame
@@ -32,7 +32,6 @@ from toppling.results.run_integrity import (
     AUDIT_FOLDER,
     DRAWN_FILE,
     LEAST_JOBS,
-    LEAST_TELLING,
     REFERENCE,
     check_audit,
 )
@@ -43,9 +42,6 @@ JOB_COLUMNS = [
     "realisation",
 ]  # fmt: skip
 """What a job and its repetition have in common."""
-
-LEAST_TILT_DEG = 0.1
-"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +81,9 @@ class Audit:
     # Jobs that topple in the run and stand when done again, and the other way round.
     flips_to_toppled: int
     flips_to_standing: int
-    flips_share: Estimate  # share of single answers that differ
     share_shift: Estimate  # share toppled in the run less that when done again
     # By how much the run's median PGA lies above that of the same jobs done again.
     median_shift_percent: Estimate
-    sign_test_p: float  # probability of so one-sided flips without a lean
-    tilt_log_ratio: Estimate  # mean logarithm of the largest tilt over that when done again, where both stand
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, null where there is none; intervals as `..._low` and `..._high`."""
@@ -104,11 +97,6 @@ class Audit:
         return finite(content)
 
     @property
-    def tells(self) -> bool:
-        """Whether so many jobs tell anything of a shift."""
-        return self.jobs >= LEAST_TELLING
-
-    @property
     def agrees(self) -> bool:
         """Whether neither the median nor the share toppled is known to differ."""
         median = self.median_shift_percent
@@ -119,19 +107,21 @@ class Audit:
         """What a person should know."""
         up, down = self.flips_to_toppled, self.flips_to_standing
         differ = f"{up + down} single answers differ ({up} topple that stand, {down} stand that topple"
-        if not self.tells:
-            return (
-                f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: fewer than {LEAST_TELLING} can tell "
-                f"nothing of a shift of the run's answers; {differ})"
-            )
         median, share = self.median_shift_percent, self.share_shift
         shift = median.text("{:+.1f}", unknown="an unknown number of")
         agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
         return (
             f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {shift} %, its share toppled by {share.text('{:+.3f}')}; {differ}; sign "
-            f"test p {self.sign_test_p:.2f})"
+            f"median PGA shifted by {shift} %, its share toppled by {share.text('{:+.3f}')}; {differ}). {self.why}"
         )
+
+    @property
+    def why(self) -> str:
+        """What differs between the two, and so may differ in the answers."""
+        what = (
+            "steps are the finest" if self.by == REFERENCE else f"contacts and steps are those of {self.by}"
+        )
+        return f"There the {what}: near its threshold a rock's answer to one job turns on either, that of many does not"
 
 
 def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
@@ -176,7 +166,7 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
     Returns Audit or None: None for fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
-    again = repeated[[*JOB_COLUMNS, "toppled", "max_tilt_deg"]].assign(drawn=True)
+    again = repeated[[*JOB_COLUMNS, "toppled"]].assign(drawn=True)
     both = known.merge(again, on=JOB_COLUMNS, how="left", suffixes=("", "_again"), validate="one_to_one")
     # A sample is random as far as it goes without a gap in the order of the hashes.
     drawn = both["drawn"].notna().to_numpy()
@@ -188,7 +178,6 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
     theirs = both.loc[place, "toppled_again"].to_numpy(bool)
     differs = ours.astype(float) - theirs
     up, down = int((differs > 0).sum()), int((differs < 0).sum())
-    low, high = wilson(pd.Series([(up + down) / len(place)]), pd.Series([len(place)]))
     return Audit(
         by=by,
         jobs=len(place),
@@ -196,11 +185,8 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
         no_answer=len(sample) - len(place),
         flips_to_toppled=up,
         flips_to_standing=down,
-        flips_share=Estimate((up + down) / len(place), float(low[0]), float(high[0])),
         share_shift=_share_shift(known, place, differs),
         median_shift_percent=median_shift_percent(known, place, differs, measure),
-        sign_test_p=float(binomtest(up, up + down).pvalue) if up + down else 1.0,
-        tilt_log_ratio=_tilt_log_ratio(both.loc[place][~(ours | theirs)]),
     )
 
 
@@ -314,14 +300,6 @@ def _half_width(values: Array, typical: float, of_jobs: int) -> float:
     variance = ((values**2).sum() + typical**2) / (jobs + 2) - (values.sum() / (jobs + 2)) ** 2
     not_drawn = 1.0 - jobs / of_jobs
     return float(t.ppf(0.975, jobs - 1) * math.sqrt(variance / jobs * not_drawn))
-
-
-def _tilt_log_ratio(standing: pd.DataFrame) -> Estimate:
-    tilts = standing[["max_tilt_deg", "max_tilt_deg_again"]].dropna().clip(lower=LEAST_TILT_DEG)
-    ratio = np.log(tilts["max_tilt_deg"] / tilts["max_tilt_deg_again"])
-    if len(ratio) < 2:
-        return Estimate(math.nan, math.nan, math.nan)
-    return Estimate.around(float(ratio.mean()), float(t.ppf(0.975, len(ratio) - 1) * ratio.sem()))
 
 
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:

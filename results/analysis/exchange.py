@@ -39,6 +39,8 @@ _LARGEST_BYTES = 20_000_000
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
 _INTERVAL = ("median_low", "median_high")
+_PARTS = {"median_records": "records", "median_base": "base"}
+"""Columns of the halves of that interval over the median, by what they come from."""
 _BASIS = tuple(field.name for field in fields(Basis))
 _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
 _SAMPLES_KEPT = 1000
@@ -220,7 +222,7 @@ def _kept_row(function: ET.Element) -> Mapping[str, Any]:
 
 def _csv(rows: list[dict[str, Any]], name: str) -> str:
     text = io.StringIO()
-    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS, *_PLANE, "samples"))
+    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_PARTS, *_BASIS, *_PLANE, "samples"))
     writer.writeheader()
     for row in rows:
         writer.writerow({key: plain(value) for key, value in {"rock": name, **row}.items()})
@@ -284,6 +286,7 @@ def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
 def _row(curve: Lognormal) -> dict[str, Any]:
     row = {name: getattr(curve, name) for name in _FIELDS}
     row |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
+    row |= {name: curve.interval_parts[part] for name, part in _PARTS.items() if part in curve.interval_parts}
     row |= asdict(curve.basis) if curve.basis else {}
     if curve.resampled and curve.basis:
         row["samples"] = _samples_text(curve.resampled, _median_and_beta)
@@ -319,9 +322,11 @@ def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
     """A curve with its basis and its median's interval, each where the row states all of it."""
     basis = _basis_of_row(row)
     low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
+    parts = {part: float(row[name]) for name, part in _PARTS.items() if _stated(row, [name])}
     told = basis and _stated(row, ["samples"])
     kept = _medians_and_betas(str(row["samples"]), basis.records) if basis and told else None
-    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None, resampled=kept)
+    ends = (low, high) if low <= high else None
+    return replace(curve, basis=basis, median_interval=ends, interval_parts=parts, resampled=kept)
 
 
 def _stated(row: Mapping[str, Any], names: Iterable[str]) -> bool:

@@ -16,6 +16,9 @@ from toppling.results.completeness import Completeness
 FEW_TOPPLED = 10
 """Fewer topplings bear no curve that is worth a picture, and rank no measure."""
 
+HEADLINE_MEASURE = "pgv_m_s"
+"""Measure of a run's first sentence if it has a fit, as in 'toppling constrain': hazard curves of it exist."""
+
 
 def headline(models: Sequence[Fit]) -> Fit | None:
     """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal.
@@ -27,7 +30,10 @@ def headline(models: Sequence[Fit]) -> Fit | None:
 
 
 def summary(models: Sequence[Fit]) -> pd.DataFrame:
-    """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`."""
+    """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`.
+
+    The median's interval is over records and bases, with the half of each over the median beside it.
+    """
     lines = []
     for model in models:
         line: dict[str, object] = {
@@ -38,10 +44,11 @@ def summary(models: Sequence[Fit]) -> pd.DataFrame:
         if curve := model.lognormal:
             line |= {"median": curve.median, "beta": curve.beta}
         if (samples := model.resampled) is not None:
-            found = samples.coefficients
+            found = samples.coefficients if samples.over_records is None else samples.over_records
             line |= {"samples": len(found), "samples_without_fit": samples.without_fit}
-            if model.lognormal:
+            if curve:
                 line |= lognormal_interval(samples)
+                line |= {f"median_{name}": part for name, part in curve.interval_parts.items()}
             for number, value in enumerate(model.coefficients):
                 low, high = samples.interval(found[:, number])
                 line[f"coefficient_{number}"] = value

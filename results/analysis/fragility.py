@@ -88,10 +88,20 @@ FEW_BEYOND = 0.02
 """Share of the jobs that the study's bounds may leave off a map; otherwise the map extends as far as they do."""
 
 
+_MOST_LEVELS = 40
+"""Of PGA that a map has a bin each for; more are those of records as strong as they are, in bins of 1 m/s2."""
+
+
 def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
-    planes = dict(PLANES)
-    for name, plane in PLANES.items():
+    of_levels = replace(LEVEL, width=1.0 if frame[LEVEL.column].nunique() > _MOST_LEVELS else None)
+    planes = {
+        name: replace(
+            plane, x=of_levels if plane.x == LEVEL else plane.x, y=of_levels if plane.y == LEVEL else plane.y
+        )
+        for name, plane in PLANES.items()
+    }
+    for name, plane in planes.items():
         if beyond(frame, plane) > FEW_BEYOND * len(frame):
             planes[name] = replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
     return planes

@@ -58,6 +58,9 @@ class Lognormal:
     basis: Basis | None = None  # where it is known
     # Ends of the median's 95 % interval, where they are known.
     median_interval: tuple[float, float] | None = None
+    # Halves of that interval over the median, by what they come from: records, and base where the jobs are on several.
+    # The squares of their logarithms add up to the interval's.
+    interval_parts: Mapping[str, float] = field(default_factory=dict, compare=False)
     # The same curve of resampled records, where it is known.
     resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
@@ -119,7 +122,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """The same model fitted to resampled records."""
+    """The same model fitted to resampled records, each sample on one of the bases that the jobs are spread over."""
 
     coefficients: Array  # (k, 1 + number of measures): of the samples that have a fit
     # (samples,): which have one, in the order they were drawn: in the others the answers are separated, or
@@ -129,6 +132,8 @@ class Resampled:
     # Whether the coefficients are those of `analysis.resampling.reflected`, whose percentiles allow for few records
     # themselves.
     reflected: bool = False
+    # As `coefficients`, of the curve of all bases together; None where the jobs are on one base.
+    over_records: Array | None = None
 
     @property
     def without_fit(self) -> int:
@@ -165,11 +170,17 @@ class Resampled:
 
 
 def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
-    """Intervals of median and beta over bootstrap samples of a lognormal fit."""
+    """Intervals of the median of one base, and of the beta of all bases together, over samples of a lognormal fit."""
     intercept, slope = resampled.coefficients.T
     median = resampled.interval(np.exp(-intercept / slope), level)
-    beta = resampled.interval(1.0 / slope, level)
+    of_all = resampled.coefficients if resampled.over_records is None else resampled.over_records
+    beta = resampled.interval(1.0 / of_all[:, 1], level)
     return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
+
+
+def parts_words(parts: Mapping[str, float]) -> str:
+    """Parts of an interval (`Lognormal.interval_parts`): "records ±12 %, base ±35 %"."""
+    return ", ".join(f"{name} ±{100 * part:.2g} %" for name, part in parts.items())
 
 
 def with_samples(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
@@ -178,7 +189,17 @@ def with_samples(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
         return replace(curve, resampled=resampled)
     ends = lognormal_interval(resampled)
     interval = float(ends["median_low"]), float(ends["median_high"])
-    return replace(curve, median_interval=interval, resampled=resampled)
+    parts = _interval_parts(interval, resampled)
+    return replace(curve, median_interval=interval, interval_parts=parts, resampled=resampled)
+
+
+def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict[str, float]:
+    whole = 0.5 * math.log(interval[1] / interval[0])
+    if resampled.over_records is None:
+        return {"records": math.sinh(whole)}
+    intercept, slope = resampled.over_records.T
+    of_records = min(0.5 * float(np.ptp(resampled.interval(-intercept / slope))), whole)
+    return {"records": math.sinh(of_records), "base": math.sinh(math.sqrt(whole**2 - of_records**2))}
 
 
 def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:

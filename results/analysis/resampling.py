@@ -1,6 +1,7 @@
-"""Fits repeated on resampled records, and the intervals that follow.
+"""Fits repeated on other records and another base, and the intervals that follow.
 
-Records are drawn, never jobs: scaled and turned copies of one record are not independent.
+Records are drawn, never jobs: scaled and turned copies of one record are not independent. The rock has one base, so
+that each sample is of one base alone, drawn like those that the jobs are spread over (`bases`).
 """
 
 import math
@@ -15,6 +16,7 @@ from scipy.special import ndtri
 from scipy.stats import t
 
 from toppling.models.arrays import Array
+from toppling.results.analysis.bases import base_spread
 from toppling.results.analysis.lognormal import Resampled
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, scored
 
@@ -38,8 +40,8 @@ def bootstrap(
 ) -> Resampled:
     """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`.
 
-    `advance` is called before each sample. Rocks shaken by the same records get the same draws, as other records would
-    have been other records for all of them.
+    `advance` is called before each sample. Rocks shaken by the same records get the same draws of these, as other
+    records would have been other records for all of them; each has bases of its own.
     """
     groups = grouped(frame, fitted.measures)
     design = design_of(groups, fitted.measures)
@@ -66,7 +68,14 @@ def bootstrap(
     turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
     if turns:
         refits = _reflected(np.array(fitted.coefficients), refits, len(records))
-    return Resampled(refits, fitted_again, len(records), turns)
+    known = design_of(frame, fitted.measures) @ fitted.coefficients
+    spread = base_spread(frame, known) if fitted.link == "probit" else None
+    if spread is None:
+        return Resampled(refits, fitted_again, len(records), turns)
+    rock = str(frame["scene_id"].iloc[0]) if "scene_id" in frame else ""
+    shift, within = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
+    on_one = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / within[:, None]
+    return Resampled(on_one, fitted_again, len(records), turns, refits)
 
 
 def sampled(

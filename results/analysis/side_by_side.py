@@ -18,6 +18,7 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
 
+_ONE_BASE = "on one of the bases that the scan allows"
 ARROW_M = 100.0
 """Length of the line toward which all of a rock's topplings went."""
 
@@ -45,7 +46,9 @@ class Beside:
         """Row of the table of rocks; None where a value is not known."""
         known, curve = answered(self.jobs), self.curve
         interval = (curve.median_interval if curve else None) or (None, None)
+        parts = curve.interval_parts if curve else {}
         weakest, entry = self.weakest_azimuth_deg, self.run.entry
+        one_base = _ONE_BASE if len(known) and self.run.on_one_base(known) else ""
         return {
             "rock": self.name,
             "site": entry.get("site"),
@@ -56,6 +59,8 @@ class Beside:
             "median": curve.median if curve else None,
             "median_low": interval[0],
             "median_high": interval[1],
+            "median_records": parts.get("records"),
+            "median_base": parts.get("base"),
             "beta": curve.beta if curve else None,
             "least_quasi_static_m_s2": self.least_m_s2,
             "weakest_azimuth_deg": weakest,
@@ -65,7 +70,8 @@ class Beside:
             "toppled": int(known["toppled"].sum()),
             "records": int(known["record_id"].nunique()),
             "without_answer": len(self.jobs) - len(known),
-            "remark": "; ".join(filter(None, (self.run.completeness().remark, self.why_not))) or None,
+            "remark": "; ".join(filter(None, (self.run.completeness().remark, one_base, self.why_not)))
+            or None,
         }
 
 

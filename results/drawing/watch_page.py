@@ -1,5 +1,11 @@
 """The page of `toppling watch`: asks for the run's state every two seconds and draws it; needs nothing else."""
 
+import json
+
+from matplotlib.colors import to_hex
+
+from toppling.results.drawing.style import COLOURS
+
 PAGE = """\
 <!doctype html>
 <html lang="en">
@@ -51,10 +57,8 @@ const row = (cells, head) => {
   }
   return made;
 };
-const shade = (share) => {  // from pale to dark blue, readable in grey
-  const part = (low, high) => Math.round(low + (high - low) * share);
-  return `rgb(${part(236, 8)},${part(242, 48)},${part(250, 107)})`;
-};
+const colours = COLOURS;  // of the maps, at even steps
+const shade = (share) => colours[Math.round(share * (colours.length - 1))];
 const map = (state) => {
   const columns = state.columns, rows = state.rows, wide = 34, high = 22, left = 60, top = 50;
   const width = Math.max(left + columns.length * wide + 10, 300), height = top + rows.length * high + 44;
@@ -108,7 +112,7 @@ const show = (state) => {
     ...state.failures.map((one) => row([one.jobs, one.status, one.message ?? "", one.job_id])));
   at("maps").replaceChildren(...state.maps.flatMap((one) => {
     const name = document.createElement("p");
-    name.textContent = state.maps.length > 1 ? one.name : "";
+    name.textContent = one.says || (state.maps.length > 1 ? one.name : "");
     return [name, map(one)];
   }));
   at("toppled").hidden = !state.latest.length;
@@ -141,7 +145,7 @@ ask();
 </script>
 </body>
 </html>
-"""
+""".replace("COLOURS", json.dumps([to_hex(COLOURS(step / 40)) for step in range(41)]))
 """NONCE allows its one script."""
 
 WAITING = """\

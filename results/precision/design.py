@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
+from toppling.results.analysis.bases import spread_of
 from toppling.results.precision.probit import Answers, Curve, Departure, departure, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
 
@@ -81,7 +82,8 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     """Say what the answers so far tell of the target, and whether another round is worth it.
 
     observed: answers by measure: jobs with an answer of all rounds so far.
-    precision: half of the interval of 95 % that is asked for: relative, for a probability in its own unit.
+    precision: half of what the interval of 95 % may have from jobs and records: relative, for a probability in its own
+    unit.
     """
     any_measure = next(iter(observed))
     toppled = observed[any_measure].toppled
@@ -96,7 +98,10 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
         return replace(unknown, ended=True, reason=reason)
     measure = target.measure or _best_measure(observed)
     curve = fit_curve(observed[measure])
-    found = estimate(curve, target, len(pool.rows))
+    answers = observed[measure]
+    score = curve.coefficients[0] + curve.coefficients[1] * answers.log_x
+    spread = spread_of(answers.toppled > 0.5, score, answers.base, answers.weight, answers.of_base)
+    found = estimate(curve, target, len(pool.rows), spread)
     known = replace(unknown, measure=measure, curve=curve, estimate=found)
     steep = curve.slope_variance / _SLOPE_VARIANCE
     if jobs < _LEAST_JOBS or least < _LEAST_OF_EACH or (steep > 1.0 and jobs < _SHARP_JOBS):

@@ -8,7 +8,7 @@ one job a record, where there are no pairs, and for hundreds, where the records 
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -33,6 +33,9 @@ class Answers:
     toppled: Array  # (n,): 1 or 0
     record: NDArray[np.int64]  # (n,): number of each job's record
     weight: Array  # (n,): how much each counts; of mean 1
+    # (n,): number of each job's realisation, which has a base of its own; (m,): how much each of these counts.
+    base: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    of_base: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def answers_of(
@@ -50,9 +53,13 @@ def answers_of(
     toppled = rows["toppled"].to_numpy(bool).astype(float)
     record = rows["record_id"].map(records).to_numpy(np.int64)
     weight = rows["record_weight"].to_numpy(float) if "record_weight" in rows else np.ones(len(rows))
+    _, first, base = np.unique(rows["realisation"], return_index=True, return_inverse=True)
+    of_base = rows["base_weight"].to_numpy(float)[first] if "base_weight" in rows else np.ones(len(first))
     usable = [name for name in measures if (rows[name].fillna(0.0) > 0).all()]
     return {
-        name: Answers(np.log(rows[name].to_numpy(float)), toppled, record, weight / weight.mean())
+        name: Answers(
+            np.log(rows[name].to_numpy(float)), toppled, record, weight / weight.mean(), base, of_base
+        )
         for name in usable
     }
 

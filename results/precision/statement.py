@@ -7,6 +7,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, write_json
+from toppling.results.analysis.lognormal import parts_words
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.precision.design import Rounds
 from toppling.results.run_integrity import check_plan_id
@@ -38,6 +39,8 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
         sentence = f"nothing can be stated yet: {verdict.reason or 'too few answers'}"
         return {**content, "value": None, "sentence": sentence}
     words = rounds.target.words(verdict.measure, found.value, found.low, found.high)
+    if found.base:
+        words += f" ({parts_words({'records': found.precision, 'base': found.base})})"
     words += f", from {rounds.judged} jobs with {records} records"
     if verdict.departure is not None:
         words += f"; {verdict.departure.words}"
@@ -48,6 +51,7 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
         sentence += f"; about {verdict.jobs_needed} jobs are needed for {100 * rounds.precision:.3g} %"
     return {
         **content, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
+        "base": found.base,
         "median": curve.median, "beta": curve.beta, "words": words, "sentence": sentence,
         "departure": verdict.departure and asdict(verdict.departure),
     }  # fmt: skip

@@ -3,9 +3,12 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import ndtr, ndtri
+from scipy.stats import t
 
 from toppling.models.arrays import Array
+from toppling.results.analysis.bases import BaseSpread
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.survival import toppling_rate
@@ -17,6 +20,10 @@ _SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 
 _USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
 """Of jobs of one record, with as many pairs' weight: it only foretells what more jobs would bring."""
+
+
+_USUAL_BETA = 0.4
+"""Of most rocks over the measure that predicts best: it only foretells what records bear before any job is done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +46,17 @@ class Target:
             return 0.15, 0.85
         low = (0.02, 0.6)
         return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])
+
+    def borne_by(self, records: int) -> float | None:
+        """About the half interval that so many records bear, had each jobs without end; None of other than intensities.
+
+        Thresholds of records are normal with standard deviation beta; of a quantile z the variance is that of the mean
+        times 1 + z^2 / 2.
+        """
+        if self.name not in _SHARES or records < 2:
+            return None
+        wider = math.sqrt(1.0 + 0.5 * float(ndtri(_SHARES[self.name])) ** 2)
+        return float(t.ppf(0.975, records - 1)) * _USUAL_BETA * wider / math.sqrt(records)
 
     def score(self, coefficients: Array) -> float:
         """Target on the scale on which its interval is symmetric: a logarithm, for a probability its probit.
@@ -86,8 +104,11 @@ class Estimate:
     value: float
     low: float
     high: float
-    precision: float  # half of the interval: relative, for a probability in its own unit
-    bearable: float  # the same, had each record jobs without end
+    # Halves of what the interval has from jobs and their records, which more of them narrow, and from the base:
+    # relative, for a probability in its own unit.
+    precision: float
+    base: float
+    bearable: float  # the first of these, had each record jobs without end
     # Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
     independent: float
     pairs: float
@@ -103,21 +124,29 @@ def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
     return (count * pair_weight + _USUAL_PAIRS * _USUAL_CORRELATION) / (count + _USUAL_PAIRS)
 
 
-def estimate(curve: Curve, target: Target, records: int) -> Estimate:
-    """Target of a fitted curve with its interval over records.
+def estimate(curve: Curve, target: Target, records: int, spread: BaseSpread | None = None) -> Estimate:
+    """Target of a fitted curve with its interval over records and bases.
 
     records: that the campaign has.
+    spread: of the bases; None where there is one.
     """
     score = target.score(curve.coefficients)
     independent, added = curve.variances(target.score)
     pairs = max(added, 0.0)
     half = curve.student() * math.sqrt(independent + pairs)
     floor = _share_of_records(curve, independent, pairs) * independent * curve.jobs / max(records, 1)
+    of_base = 0.0
+    if spread is not None:
+        shift = np.array([math.sqrt(spread.variance), 0.0])
+        ends = [target.score(curve.coefficients + sign * shift) for sign in (1.0, -1.0)]
+        of_base = 0.5 * abs(ends[0] - ends[1]) * float(ndtri(0.975))
+    whole = math.hypot(half, of_base)
     return Estimate(
         value=target.value(score),
-        low=target.value(score - half),
-        high=target.value(score + half),
+        low=target.value(score - whole),
+        high=target.value(score + whole),
         precision=target.precision(score, half),
+        base=target.precision(score, of_base),
         bearable=target.precision(score, curve.student() * math.sqrt(floor)),
         independent=independent,
         pairs=floor,

@@ -26,18 +26,18 @@ def silent(progress):
 
 @pytest.mark.thorough
 def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
-    audited = dataclasses.replace(campaign, audit=24)
+    audited = dataclasses.replace(campaign, audit=40)
     folder = tmp_path / "run"
     run(plan_of(audited), folder, nullcontext(client), silent, stages=[Auditing()])
     assert sorted_answers(open_run(folder).table()) == undisturbed
     state = state_of(folder)
-    assert state["audit"]["jobs"] == 24
-    assert state["audit"]["engines"]["mujoco"]["jobs"] == 24
-    assert "24 of 72 jobs done again with reference" in state["audit_sentences"][0]
+    assert state["audit"]["jobs"] == 40
+    assert state["audit"]["engines"]["mujoco"]["jobs"] == 40
+    assert "40 of 72 jobs done again with reference" in state["audit_sentences"][0]
     planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
     assert Auditing().due(planned, folder) == 0
     # More jobs add to those that were done.
-    progresses = audit(Work(planned, folder, versions(), client, silent, RunProgress(30, 0)), 30)
-    assert [(progress.before, progress.done) for progress in progresses] == [(24, 6)] * len(progresses)
+    progresses = audit(Work(planned, folder, versions(), client, silent, RunProgress(46, 0)), 46)
+    assert [(progress.before, progress.done) for progress in progresses] == [(40, 6)] * len(progresses)
     told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
-    assert json.loads(told.stdout)["audit"]["jobs"] == 30
+    assert json.loads(told.stdout)["audit"]["jobs"] == 46

@@ -6,7 +6,6 @@ import pytest
 from refusals import refused
 
 import toppling
-from toppling import Bins
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def test_the_same_run_again_does_nothing(inputs, client, done):
 
 def test_fragility_hands_back_its_files_and_fits(done, tmp_path):
     drawn = toppling.fragility(
-        done.run, tmp_path, where="friction_static = 0.9", bins=Bins(directions=4), fit=True, samples=20
+        done.run, tmp_path, where="friction_static = 0.9", directions=4, fit=True, samples=20
     )
     assert len(drawn.jobs) == 36
     assert drawn.files

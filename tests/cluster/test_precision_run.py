@@ -19,7 +19,8 @@ from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies.precision import FirstStatement, JobsForPrecision, _pools
+from toppling.orchestrator.studies import precision
+from toppling.orchestrator.studies.precision import JobsForPrecision, _pools
 from toppling.results.precision.statement import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
@@ -142,44 +143,21 @@ def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_t
     assert state["stored"] >= stored
 
 
-def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path):
-    few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 4.0, 5.0, 6.0), azimuth_deg=(0.0,))
-    said, done = [], []
-
-    def watch(progress):
-        done.append(progress.done)
-
-    first = FirstStatement(0.01, 40, lambda words: said.append((words, done[-1])))
-    progress = run(plan_of(few), tmp_path / "run", nullcontext(client), watch, stages=[first])
-    ((words, jobs),) = said
-    assert f"from {jobs} jobs with 20 records" in words
-    assert 40 <= jobs < progress.total == 80
-    assert (progress.done, len(open_run(tmp_path / "run").table())) == (80, 80)
-    assert state_of(tmp_path / "run")["state"] == "complete"
-
-
-def test_a_run_whose_first_statement_takes_all_jobs_is_merged_all_the_same(asking, client, tmp_path):
-    few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 5.0), azimuth_deg=(0.0,))
-    first = FirstStatement(1e-6, 1000, lambda words: None)
-    run(plan_of(few), tmp_path / "run", nullcontext(client), silent, stages=[first])
-    assert (tmp_path / "run" / "results.parquet").exists()
-    assert len(open_run(tmp_path / "run").table()) == 40
-
-
 def stop_at_once(progress):
     """Stop as soon as there is a row more."""
     if progress.done:
         raise StoppedError
 
 
-def test_every_target_has_rounds_of_its_own(planned, tmp_path):
+def test_every_target_has_rounds_of_its_own(planned, tmp_path, monkeypatch):
+    monkeypatch.setattr(precision, "set_jobs", lambda folder, jobs: None)  # of a run that has not begun
     (tmp_path / "curve.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-2\n1,1e-4\n3,1e-6\n")
     for asked in (
         TargetSpec("p05"),
         TargetSpec(measure="pga_m_s2", at=4.0),
         TargetSpec(hazard=tmp_path / "curve.csv"),
     ):
-        wanted = JobsForPrecision(planned, tmp_path, 0.1, asked, alone=False)
+        wanted = JobsForPrecision(planned, tmp_path, 0.1, asked)
         first = wanted.pending(set())
         assert 0 < len(first) < len(planned)
         assert set(first) <= set(range(len(planned)))

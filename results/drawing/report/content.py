@@ -24,9 +24,6 @@ from toppling.results.reader import Run
 
 CONFIDENCE = 0.95
 
-HEADLINE_MEASURE = "pgv_m_s"
-"""Measure of the report's first sentence if it has a fit, as in 'toppling constrain': hazard curves of it exist."""
-
 
 class Contact(fits.ContactFits):
     """A contact as its report sees it."""
@@ -36,7 +33,7 @@ class Contact(fits.ContactFits):
         """Curve that the report begins with; None where too few topple for one."""
         if self.toppled < fits.FEW_TOPPLED:
             return None
-        return self.curves.get(HEADLINE_MEASURE) or self.best
+        return self.curves.get(fits.HEADLINE_MEASURE) or self.best
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +73,11 @@ class Content:
     def chief(self) -> Contact:
         """The contact that the report begins with: that of the highest friction."""
         return max(self.contacts, key=lambda one: tuple(one.jobs[FRICTION].iloc[0]))
+
+    @property
+    def on_one_base(self) -> bool:
+        """Whether the headline's jobs are on one of the bases that a scan allows."""
+        return self.run.on_one_base(self.chief.jobs)
 
     @cached_property
     def scene(self) -> Scene | None:

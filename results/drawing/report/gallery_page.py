@@ -12,6 +12,7 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.side_by_side import Beside, Shared
 from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
 from toppling.results.drawing.roses import wind_of
+from toppling.results.drawing.sentences import interval_words
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
 from toppling.results.reader import Run
@@ -68,7 +69,6 @@ def gallery_page(
         sections.append(
             ("Where they stand", document.figure(lambda width: places_figure(rocks, measure, width), caption))
         )
-    sections.append(("Provenance", _provenance(atlases)))
     alarm = "".join(f'<p class="alarm">Unfinished: {safe(one)}.</p>' for one in unfinished)
     first = f"{heading(title, 1)}{alarm}{''.join(map(paragraph, summary(rocks, shared, measure)))}"
     return page(f"toppling: {title}", first, sections)
@@ -104,9 +104,8 @@ def _at(curve: Lognormal) -> str:
 def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
     unit, row = printed_unit(measure), rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
-    if rock.curve is not None and rock.curve.median_interval:
-        low, high = (within(end, rock.curve.strongest_shaken) for end in rock.curve.median_interval)
-        median += f" ({low} to {high})"
+    if rock.curve is not None:
+        median += interval_words(rock.curve)
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
         toward = (rock.weakest_azimuth_deg + 180.0) % 360.0
@@ -121,6 +120,7 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         weakest,
         f"{row['toppled']} of {row['jobs']} jobs, {row['records']} records",
         rock.contact,
+        row["remark"] or "",
     ]
     picture = ""
     if (rock.run.scene_folder / "scene.json").exists():
@@ -135,19 +135,10 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
 def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, lead: str) -> str:
     caption = (
         f"Left: {lead}, a lognormal curve for each rock. Right: the intensity at which half of the shakings "
-        "topple each, with its 95 % interval over records."
+        "topple each, with its 95 % interval over records and bases."
     )
     figure = document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
     frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
     over = f"{short_name(measure)} ({printed_unit(measure)})"
     numbers = f"Fragility over {over} and statics of each rock. {shared.sentence}"
     return figure + document.table(frame.dropna(axis="columns", how="all"), numbers)
-
-
-def _provenance(atlases: Sequence[Run]) -> str:
-    programs = []
-    for run in atlases:
-        known = run.provenance()
-        versions = ", ".join(f"{name} {value}" for name, value in (known.get("versions") or {}).items())
-        programs.append(f"{run.name}: plan {known.get('plan_id')}, {known.get('jobs')} jobs; {versions}.")
-    return "".join(map(paragraph, programs))

@@ -4,12 +4,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from toppling.models.spelling import counted
+from toppling.results.analysis.bases import narrowed_by
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.ranking import observed_shares
 from toppling.results.drawing.constraint_words import ages_words
 from toppling.results.drawing.fit_figures import draw_curve, draw_shares
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, paragraph, safe
+from toppling.results.drawing.sentences import percent, what_topples
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     HALF_WIDTH_IN,
@@ -26,15 +28,19 @@ _NAMED_CURVES = 5
 
 def first_screen(content: Content, document: Document) -> str:
     """Name of the rock, three sentences, one picture."""
-    sentences = "".join(
-        map(paragraph, (_what_topples(content), _how_likely(content), _what_standing_says(content)))
-    )
+    said = *answer(content), _how_likely(content), _what_standing_says(content)
+    sentences = "".join(map(paragraph, said))
     if unfinished := _unfinished_sentence(content):
         sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
     picture = document.figure(
         lambda width: _headline_figure(content, width), _caption(content), HALF_WIDTH_IN
     )
     return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
+
+
+def answer(content: Content) -> list[str]:
+    """What topples the rock, and what would narrow the interval, a sentence each."""
+    return list(filter(None, (_what_topples(content), _what_narrows(content))))
 
 
 def _unfinished_sentence(content: Content) -> str:
@@ -49,23 +55,15 @@ def _what_topples(content: Content) -> str:
             f"The rock toppled in {contact.toppled} of {len(contact.known):,} shakings with an answer "
             f"({contact.words}): " + _no_curve(contact)
         )
-    curve = contact.headline
-    unit, name = printed_unit(curve.measure), short_name(curve.measure)
-    strongest = curve.strongest_shaken
-    if strongest is not None and curve.is_beyond_shaken:
-        return (
-            "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
-            f"{name} of {strongest:.3g} {unit}, where {_percent(float(curve.probability(strongest)))} topple "
-            f"({contact.words})."
-        )
-    spread = ""
-    if curve.median_interval:
-        low, high = curve.median_interval
-        end = f"beyond {strongest:.2g}" if strongest is not None and high > strongest else f"{high:.2g}"
-        spread = f" (95 %: {low:.2g} to {end})"
+    return what_topples(contact.headline, contact.words, content.on_one_base)
+
+
+def _what_narrows(content: Content) -> str:
+    curve = content.chief.headline
     return (
-        f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case in two, and with "
-        f"{curve.intensity(0.05):.2g} {unit} in one in twenty ({contact.words})."
+        narrowed_by(curve.interval_parts, content.run.scene_report())
+        if curve and not curve.is_beyond_shaken
+        else ""
     )
 
 
@@ -83,11 +81,11 @@ def _how_likely(content: Content) -> str:
     levels = known["level_pga_m_s2"]
     share = (weight * known["toppled"]).groupby(levels).sum() / weight.groupby(levels).sum()
     weighted = ", with weighted bases" if "base_weight" in known else ""
-    shares = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
+    shares = [f"{percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
         f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
         f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}{weighted}: {', '.join(shares)}."
+        f"{contact.toppled:,} topple it, {percent(contact.toppled / len(known))}{weighted}: {', '.join(shares)}."
     )
 
 
@@ -163,7 +161,3 @@ def _ends_and_middle(share: pd.Series) -> list[int]:
     """Places of the least level, of that whose share is nearest one half, and of the largest."""
     middle = int((share - 0.5).abs().to_numpy().argmin())
     return sorted({0, middle, len(share) - 1})
-
-
-def _percent(share: float) -> str:
-    return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"

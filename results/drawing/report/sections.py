@@ -2,11 +2,9 @@
 
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import version
 
 import pandas as pd
 
-from toppling.models.files.digest import check
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.spelling import counted
 from toppling.results.analysis import fits, ranking, resampling
@@ -258,26 +256,6 @@ def _failures_section(content: Content, document: Document) -> str:
     return "".join(parts)
 
 
-def _provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
-    parts = [paragraph(f"Page written by toppling {version('toppling')}.")]
-    for name in ("campaign.toml", "run.json"):
-        path = content.run.path / name
-        if path.exists():
-            check(path)
-            parts.append(f"{heading(name, 3)}<pre>{safe(path.read_text(encoding='utf-8'))}</pre>")
-    return "".join(parts)
-
-
-def _columns_section(content: Content, document: Document) -> str:
-    rows = pd.DataFrame(content.run.describe()).rename(columns={"description": "meaning"})
-    rows["unit"] = [_unit(unit) for unit in rows["unit"]]
-    parts = []
-    for table, of_table in rows.groupby("table", sort=False):
-        caption = f"Columns of the table {table}, as 'toppling query' reads it."
-        parts.append(document.table(of_table[["column", "unit", "meaning"]], caption))
-    return "".join(parts)
-
-
 SECTIONS: dict[str, Callable[[Content, Document], str]] = {
     "Scene": _scene_section,
     "Records": _records_section,
@@ -288,8 +266,6 @@ SECTIONS: dict[str, Callable[[Content, Document], str]] = {
     "Failures": _failures_section,
     "Accuracy": lambda content, document: _accuracy_section(content.run, content.frame, document),
     "Methods": methods_section,
-    "Provenance": _provenance_section,
-    "Columns": _columns_section,
 }
 """By title, in the page's order: HTML of a part of the report; empty omits it."""
 
@@ -329,7 +305,6 @@ def _audit_row(audit: Audit) -> dict[str, object]:
         "jobs": audit.jobs,
         "topple in the run only": audit.flips_to_toppled,
         "again only": audit.flips_to_standing,
-        "median PGA, %": audit.median_shift_percent.text("{:+.1f}") if audit.tells else "too few jobs",
-        "share toppled": audit.share_shift.text("{:+.3f}") if audit.tells else "too few jobs",
-        "ln tilt of those standing": audit.tilt_log_ratio.text("{:+.2f}"),
+        "median PGA, %": audit.median_shift_percent.text("{:+.1f}"),
+        "share toppled": audit.share_shift.text("{:+.3f}"),
     }

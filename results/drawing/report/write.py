@@ -5,7 +5,9 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.files.folder import new_file
@@ -13,6 +15,7 @@ from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, page
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS
+from toppling.results.reader import Run
 
 _BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable chrome msedge microsoft-edge"
 _PRINTING_S = 300.0
@@ -33,6 +36,19 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
             written.append((title, text))
         advance(title)
     return page(f"toppling: {content.run.rock} ({content.run.name})", first, written)
+
+
+def provenance(run: Run) -> dict[str, Any]:
+    """What belongs to a page but is not read: ids, versions, what was asked, and the meaning of every column."""
+    known, campaign = run.provenance(), run.root / "campaign.toml"
+    kept = ("created_at", "jobs", "plan_id", "scene_id", "ensemble_id", "versions", "engine")
+    return {
+        "run": run.name,
+        "page_written_by": f"toppling {version('toppling')}",
+        **{name: known[name] for name in kept if name in known},
+        "campaign": campaign.read_text(encoding="utf-8") if campaign.exists() else None,
+        "columns": run.describe(),
+    }
 
 
 def write_pdf(text: str, target: Path) -> Path:

@@ -58,7 +58,6 @@ def test_values_are_read_in_each_of_their_spellings(monkeypatch):
     assert campaign().friction == ((1.0, 1.0), (0.8, 0.6))
     one = campaign(pga_m_s2=5, azimuth_deg=90, friction=0.8)
     assert one == campaign(pga_m_s2=[5], azimuth_deg=[90], friction=[0.8])
-    assert campaign(levels="all") == campaign()  # as an earlier version wrote it out
 
 
 numbers = st.floats(0.01, 99, allow_nan=False)
@@ -125,7 +124,6 @@ BAND = {"band_hz": 25.0, "above_band": [0.0, 0.6]}
         ({"records": ["R1", "R1"]}, "given twice"),
         ({"peak_displacement_m": -1}, "peak_displacement_m"),
         ({"scene": 3}, "scene"),
-        ({"levels": "hunt"}, "no longer chosen"),
         ({"precision": 5}, "did you mean 0.05, 5 %?"),
         ({"precision": 0.0}, "expected: 0.005 to 0.5"),
         ({"precision": "5%"}, "precision"),
@@ -136,7 +134,6 @@ BAND = {"band_hz": 25.0, "above_band": [0.0, 0.6]}
         ({"precision": 0.1, "target": {"measure": "pgv"}}, "did you mean 'pgv_m_s'?"),
         ({"precision": 0.1, "target": {"at": 1.2}}, "the measure that it is of"),
         ({"precision": 0.1, "target": {"of": "p05", "hazard": "a.csv"}}, "one question"),
-        ({"levels": ["all"]}, "no longer chosen"),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_refused_with_place_and_remedy(change, told):

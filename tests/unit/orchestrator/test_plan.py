@@ -38,9 +38,32 @@ def planned(campaign, **changes):
 
 
 def test_every_point_of_the_product_is_one_job_with_an_id_of_its_own(campaign):
-    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
-    assert len(whole) == 3 * 2 * 2 * 2 * 3
+    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)))
+    assert len(whole) == 3 * 2 * 2 * 2
     assert len(set(whole.jobs["job_id"].to_pylist())) == len(whole)
+
+
+def test_realisations_are_spread_over_the_jobs_of_each_record_and_add_none(campaign):
+    axes = {"pga_m_s2": tuple(range(1, 7)), "azimuth_deg": (0, 60, 120, 180)}
+    assert len(planned(campaign, **axes)) == 3 * 6 * 4
+    jobs = planned(campaign, **axes, friction=((0.8, 0.8), (0.6, 0.6)), realisations=5).jobs.to_pandas()
+    assert len(jobs) == 3 * 6 * 4 * 2
+    point = ["record_id", "pga_m_s2", "azimuth_deg"]
+    assert (jobs.groupby(point, observed=True)["realisation"].nunique() == 1).all()  # of both frictions one
+    one = jobs[jobs["friction_static"] == 0.8]
+    met = one.groupby(["record_id", "realisation"], observed=True).size()
+    assert (len(met), met.min(), met.max()) == (3 * 5, 4, 5)
+    for axis in ("pga_m_s2", "azimuth_deg"):
+        assert (one.groupby("realisation")[axis].nunique() == one[axis].nunique()).all()
+
+
+@pytest.mark.parametrize(("realisations", "jobs"), [(4, 4), (5, 8), (8, 8), (16, 16)])
+def test_a_record_meets_every_realisation_also_where_it_has_fewer_points(campaign, realisations, jobs):
+    of_each = (
+        planned(campaign, realisations=realisations).jobs.to_pandas().groupby("record_id", observed=True)
+    )
+    assert (of_each.size() == jobs).all()
+    assert (of_each["realisation"].nunique() == realisations).all()
 
 
 def test_records_as_they_are_are_imposed_unscaled(campaign):
@@ -58,9 +81,8 @@ def test_records_as_they_are_are_imposed_unscaled(campaign):
 def test_a_campaign_of_further_realisations_repeats_no_job(campaign):
     first = planned(campaign, realisations=3)
     further = planned(campaign, realisations=2, first_realisation=3)
-    whole = planned(campaign, realisations=5)
     assert first.ids.isdisjoint(further.ids)
-    assert first.ids | further.ids == whole.ids
+    assert len(first) == len(further)
 
 
 def test_the_longest_record_starts_first(campaign):

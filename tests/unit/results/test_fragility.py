@@ -140,7 +140,7 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     (tmp_path / "run").mkdir()
     jobs = rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0))
     write_part(tmp_path / "run", jobs)
-    asked = ["--out", str(tmp_path / "maps"), "--pgv-below", "0.5", "--duration-below", "inf"]
+    asked = ["--out", str(tmp_path / "maps")]
     done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), *asked])
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "maps").iterdir()}
@@ -151,7 +151,7 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
     assert table["jobs"].sum() == 36
     beyond = pd.read_csv(tmp_path / "maps" / "unplaced.csv").set_index("map")["beyond"]
-    assert 0 < beyond["pgv_duration"] == sum(job["pgv_m_s"] >= 0.5 for job in jobs) < 36
+    assert beyond["pgv_duration"] == 0
     drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
     assert "PGA (m/s²)" in drawing
     assert "PGV/PGA (s)" in drawing
@@ -210,9 +210,13 @@ def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_p
     on_map = pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")
     assert on_map["jobs"].sum() == (100 if whole else 98)
     assert planes_of(open_run(tmp_path).frame())["pgv_duration"].x.below == (None if whole else 30.0)
-    asked = ["fragility", str(tmp_path), "--duration-below", "30"]
-    CliRunner().invoke(cli, asked, catch_exceptions=False)
-    assert pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")["jobs"].sum() == 100 - long
+
+
+def test_records_as_strong_as_they_are_share_bins_of_the_level():
+    frame = as_frame_of(rows(records=2, levels=tuple(0.1 * n for n in range(1, 101)), azimuths=(0.0,)))
+    table = cells(frame, planes_of(frame)["pga_pgv_pga"])
+    assert sorted(table["level_pga_m_s2_low"].unique()) == [*range(11)]
+    assert table["jobs"].sum() == 200
 
 
 def test_the_dot_of_a_cell_of_few_records_lies_inside_it(hand_made):

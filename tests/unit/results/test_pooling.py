@@ -56,7 +56,7 @@ def test_runs_that_do_not_differ_and_other_tables_are_pooled(tmp_path):
 
 @pytest.mark.parametrize(
     "words",
-    [["a", "b"], ["a", "mistyped"], ["select 1"], ["select 1", "--describe"], ["select 1", "--spread"]],
+    [["a", "b"], ["a", "mistyped"], ["select 1"], ["select 1", "--describe"]],
 )
 def test_a_query_without_sql_or_without_a_run_is_wrong_usage(tmp_path, monkeypatch, words):
     for name in "ab":

@@ -60,13 +60,6 @@ def test_a_finished_run_of_an_earlier_version_with_columns_that_are_gone_still_r
     assert open_run(tmp_path).frame()["job_id"].tolist() == ["a", "b"]
 
 
-def test_a_run_whose_rows_stood_for_others_too_is_refused(tmp_path):
-    write_part(tmp_path, [row("a")])
-    (tmp_path / "campaign.toml").write_text('levels = "hunt"\n')
-    with refused("run.of_earlier_version"):
-        open_run(tmp_path)
-
-
 def test_a_run_whose_folder_vanished_stores_nothing_more(tmp_path):
     # Made anew, it would lack the rows stored before, and nobody would know.
     with pytest.raises(FileNotFoundError, match="gone"):

@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 from seeded import rows
-from test_spread import run as spread_rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
@@ -18,10 +17,9 @@ from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import PLANES, cells, effective_records
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
-from toppling.results.analysis.spread import spreads
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
-from toppling.results.weights import EARLIER_FILE, WEIGHTS_FILE, Weights, unweighed, weighed
+from toppling.results.weights import WEIGHTS_FILE, Weights, unweighed, weighed
 
 CONTACT = (1.0, 1.0, 0.0)
 
@@ -91,17 +89,6 @@ def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():
     assert "record_weight" not in unweighed(weighed(frame, weights_of(1.5, 0.5)))
 
 
-def test_the_spread_counts_a_base_by_its_weight():
-    frame = spread_rows(base=0.15)
-    even = spreads(frame)
-    odd = frame["base"] % 2 == 1
-    halved = spreads(frame.assign(base_weight=np.where(odd, 1e-9, 2.0)))
-    alone = spreads(frame[~odd])
-    for column in ("probability", "records", "base", "left"):
-        assert halved[column].to_numpy() == pytest.approx(alone[column].to_numpy(), rel=1e-5, abs=1e-6)
-    pd.testing.assert_frame_equal(even, spreads(frame.assign(base_weight=3.0)))
-
-
 def test_one_contact_does_not_lend_another_its_weights():
     frame = pd.concat([on_bases(), on_bases(friction=0.5)], ignore_index=True)
     other = (0.5, 0.5, 0.0)
@@ -163,9 +150,6 @@ def test_every_reader_of_shares_refuses_weights_that_are_missing_or_damaged(weig
         error = CliRunner().invoke(cli, verb).exception
         assert isinstance(error, InputError), verb
         assert "is not there" in str(error)
-    (weighted_run / EARLIER_FILE).write_text("{}")
-    with refused("run.of_earlier_version"):
-        open_run(weighted_run).weights()
     path = weighted_run / WEIGHTS_FILE
     weights_of(17.0, 1.0).write(weighted_run)
     content = bytearray(path.read_bytes())

@@ -1,0 +1,121 @@
+"""How far the bases that a scan allows differ in what topples a rock, from jobs that are spread over them.
+
+The rock stands on one base, and nobody saw which. Its curve is Phi((s + u) / sqrt(1 - c)), where s is the score of the
+curve of all bases and u, which the base decides, is normal with variance c. Averaged over bases that is Phi(s) again,
+and c is a correlation: of two jobs on one base in what decides whether they topple the rock.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import log_ndtr, logsumexp, ndtri
+
+from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.hidden_base.intervals import inspection_told
+from toppling.models.shares import effective_number
+from toppling.results.weights import records_weight
+
+_CORRELATION = (np.arange(40) + 0.5) ** 2 / 40.0**2
+"""Candidates, evenly spaced in the standard deviation of u: any is as likely before the jobs are seen."""
+_NORMAL = np.linspace(-4.0, 4.0, 161)
+_SCORES = np.linspace(-6.0, 6.0, 121)
+"""Middles of the bins that scores are counted in: much finer than a curve is steep."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseSpread:
+    """What jobs tell of how much bases differ."""
+
+    chance: Array  # (40,): probability of each of the candidates for the correlation
+    bases: int  # that the jobs are on
+    effective: float  # how many of equal weight say as much
+
+    @property
+    def variance(self) -> float:
+        """Expected variance of u for a base drawn like those of the jobs, whose mean these know."""
+        return float(self.chance @ _CORRELATION) * (1.0 + 1.0 / self.effective)
+
+    def drawn(self, count: int, random: np.random.Generator) -> tuple[Array, Array]:
+        """Shift u of the score and sqrt(1 - c), (count,) each, of bases drawn like those of the jobs.
+
+        Both are evenly spread over their distributions, so that few draws tell these.
+        """
+        even = random.permuted(np.tile((np.arange(count) + 0.5) / max(count, 1), (2, 1)), axis=1)
+        correlation = _CORRELATION[
+            np.searchsorted(self.chance.cumsum(), even[0]).clip(max=len(_CORRELATION) - 1)
+        ]
+        spread = np.sqrt(correlation * (1.0 + 1.0 / self.effective))
+        return spread * ndtri(even[1]), np.sqrt(1.0 - correlation)
+
+
+def base_spread(jobs: pd.DataFrame, score: Array) -> BaseSpread | None:
+    """How far bases differ, by the likelihood of the jobs on each; None of jobs on one base.
+
+    jobs: rows of results with an answer, all of one contact; realisations are what differs.
+    score: (jobs,), probit of the probability that the curve of all bases gives each.
+    """
+    if "realisation" not in jobs:
+        return None
+    by_record = records_weight(jobs)
+    weight = np.ones(len(jobs)) if by_record is None else by_record.to_numpy(float)
+    of_base = jobs.get("base_weight", pd.Series(1.0, jobs.index)).groupby(jobs["realisation"]).first()
+    base = np.searchsorted(of_base.index, jobs["realisation"])
+    return spread_of(jobs["toppled"].to_numpy(bool), score, base, weight, of_base.to_numpy(float))
+
+
+def spread_of(
+    toppled: Flags, score: Array, base: Indices, weight: Array, of_base: Array
+) -> BaseSpread | None:
+    """The same of answers (jobs,), each job's base and weight by its record, and the weights of the bases."""
+    if len(of_base) < 2:
+        return None
+    place = np.clip(np.round((score + 6.0) * 10.0), 0, 120).astype(int)
+    counts = np.zeros((2, len(of_base), len(_SCORES)))
+    np.add.at(counts, (toppled.astype(int), base, place), weight / weight.mean())
+    effective = effective_number(of_base)
+    likelihood = [_log_likelihood(counts, correlation) for correlation in _CORRELATION]
+    total = np.array(likelihood) @ (of_base / of_base.sum() * effective)
+    return BaseSpread(np.exp(total - logsumexp(total)), len(of_base), effective)
+
+
+def _log_likelihood(counts: Array, correlation: float) -> Array:
+    """Logarithm of the likelihood of the jobs on each base, (bases,), but for a constant.
+
+    counts: (2, bases, scores), of the jobs that stood and that toppled.
+    """
+    toppled = _log_probability(correlation)
+    return logsumexp(counts[0] @ toppled[::-1, ::-1] + counts[1] @ toppled - 0.5 * _NORMAL**2, axis=1)
+
+
+@cache
+def _log_probability(correlation: float) -> Array:
+    """Logarithm of the probability of toppling by score and u, (scores, u); turned round, that of standing."""
+    return log_ndtr((_SCORES[:, None] + np.sqrt(correlation) * _NORMAL) / np.sqrt(1.0 - correlation))
+
+
+def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
+    """Which measurement would narrow an interval most, in a sentence or two; empty without parts.
+
+    parts: of the interval (`Lognormal.interval_parts`).
+    scan: what the scene's scan found out, hints included.
+    """
+    if not parts:
+        return ""
+    found = scan.get("unseen_base") or {}
+    if parts.get("base", 0.0) <= parts["records"] or not found:
+        return "More records would narrow the interval most."
+    kinds = list(found.get("kinds") or ())
+    kind = f", or whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
+    ways = f"a pull test, places that touch or let daylight through{kind} (toppling scan --again)"
+    known = (
+        [inspection_told(found["toppling"], found["without_inspection"])]
+        if "without_inspection" in found
+        else []
+    )
+    return ". ".join(
+        [*(one[0].upper() + one[1:] for one in known), f"The base's part would be narrowed by {ways}."]
+    )

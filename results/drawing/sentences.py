@@ -1,0 +1,39 @@
+"""What a fragility says, in the sentence with which every page and verb begins."""
+
+from toppling.results.analysis.lognormal import Lognormal, parts_words
+from toppling.results.drawing.style import printed_unit, short_name
+
+
+def what_topples(curve: Lognormal, contact: str, one_base: bool) -> str:
+    """The shaking that topples the rock in one case in two, with its interval and the parts of that.
+
+    contact: in words.
+    one_base: whether all jobs are on one of the bases that a scan allows.
+    """
+    unit, name, strongest = printed_unit(curve.measure), short_name(curve.measure), curve.strongest_shaken
+    rested = contact + (", for one of the bases that the scan allows" if one_base else "")
+    if strongest is not None and curve.is_beyond_shaken:
+        share = float(curve.probability(strongest))
+        return (
+            "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
+            f"{name} of {strongest:.3g} {unit}, where {percent(share)} topple ({rested})."
+        )
+    return (
+        f"Shaking with a {name} of {curve.median:.2g} {unit}{interval_words(curve)} topples the rock in one case in "
+        f"two, and with {curve.intensity(0.05):.2g} {unit} in one in twenty ({rested})."
+    )
+
+
+def interval_words(curve: Lognormal) -> str:
+    """The median's interval of 95 % with its parts, in brackets after a space; empty where it is not known."""
+    if curve.median_interval is None:
+        return ""
+    (low, high), strongest = curve.median_interval, curve.strongest_shaken
+    end = f"beyond {strongest:.2g}" if strongest is not None and high > strongest else f"{high:.2g}"
+    parts = parts_words(curve.interval_parts)
+    return f" (95 %: {low:.2g} to {end}{'; ' if parts else ''}{parts})"
+
+
+def percent(share: float) -> str:
+    """A share that toppled."""
+    return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"

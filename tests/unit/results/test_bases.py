@@ -1,0 +1,106 @@
+"""An interval over records and bases holds what topples the rock on one of these; its parts say whence it comes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from toppling.orchestrator.order import realisations_spread
+from toppling.results.analysis.bases import base_spread, narrowed_by
+from toppling.results.analysis.exchange import read_curves, write_curves
+from toppling.results.analysis.fits import basis_of
+from toppling.results.analysis.regression import design_of, fit
+from toppling.results.analysis.resampling import sampled
+
+MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
+FROM_RECORD, FROM_JOB = 0.25, 0.25
+"""Standard deviations of the logarithm of what topples the rock, from record to record and from job to job."""
+
+
+def run(between_bases, bases=25, seed=0):
+    """Jobs of a rock whose bases differ by a standard deviation of the logarithm, and the median of one more base."""
+    random = np.random.default_rng(seed)
+    realisation = realisations_spread(RECORDS, LEVELS, AZIMUTHS, bases)
+    record, level, azimuth, _ = np.indices(realisation.shape).reshape(4, -1)
+    base, own = realisation.ravel(), 0.4 * random.normal(size=RECORDS)
+    threshold = np.log(MEDIAN) + FROM_RECORD * random.normal(size=RECORDS)[record]
+    threshold += between_bases * random.normal(size=bases)[base] + FROM_JOB * random.normal(size=len(base))
+    log_x = np.log(MEDIAN) + np.linspace(-1.2, 1.2, LEVELS)[level] + own[record]
+    jobs = pd.DataFrame({
+        "record_id": [f"r{number}" for number in record], "realisation": base, "base": base, "azimuth_deg": azimuth,
+        "pgv_m_s": np.exp(log_x), "toppled": log_x > threshold, "scene_id": "rock",
+    })  # fmt: skip
+    return jobs, MEDIAN * np.exp(between_bases * random.normal())
+
+
+def curve_of(jobs):
+    return sampled(jobs, fit(jobs, ["pgv_m_s"])).lognormal
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("between_bases", [0.0, 0.1, 0.3, 0.6])
+def test_the_interval_holds_the_median_of_one_base_in_nine_of_ten_runs(between_bases):
+    held = []
+    for seed in range(40):
+        jobs, of_one = run(between_bases, seed=seed)
+        low, high = curve_of(jobs).median_interval
+        held.append(low <= of_one <= high)
+    assert np.mean(held) >= 0.9
+
+
+@pytest.mark.parametrize("between_bases", [0.3, 0.6])
+def test_the_part_of_the_base_is_how_far_bases_differ(between_bases):
+    parts = [curve_of(run(between_bases, seed=seed)[0]).interval_parts for seed in range(12)]
+    assert np.median([one["base"] for one in parts]) == pytest.approx(np.sinh(1.96 * between_bases), rel=0.2)
+    assert 0.08 < np.median([one["records"] for one in parts]) < 0.16
+
+
+def test_parts_add_up_to_the_interval_in_squares_of_logarithms():
+    curve = curve_of(run(0.3)[0])
+    low, high = curve.median_interval
+    parts = np.arcsinh([*curve.interval_parts.values()])
+    assert np.hypot(*parts) == pytest.approx(0.5 * np.log(high / low))
+
+
+def test_on_one_base_the_interval_is_that_of_the_records():
+    curve = curve_of(run(0.3)[0].assign(realisation=0))
+    assert [*curve.interval_parts] == ["records"]
+    low, high = curve.median_interval
+    assert curve.interval_parts["records"] == pytest.approx(np.sinh(0.5 * np.log(high / low)))
+
+
+def test_curves_of_single_bases_average_to_that_of_all():
+    jobs, _ = run(0.6)
+    fitted = sampled(jobs, fit(jobs, ["pgv_m_s"]), samples=400)
+    x = np.geomspace(0.2, 1.5, 7)
+    each = [one.probability(x) for one in fitted.resampled.lognormals("pgv_m_s")]
+    assert np.mean(each, axis=0) == pytest.approx(fitted.lognormal.probability(x), abs=0.04)
+    assert all(one.beta < fitted.lognormal.beta * 1.3 for one in fitted.resampled.lognormals("pgv_m_s"))
+
+
+def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
+    jobs, _ = run(0.0)
+    far = jobs["base"] % 2 == 1
+    moved = jobs.assign(toppled=np.where(far, jobs["pgv_m_s"] > 4.0 * MEDIAN, jobs["toppled"]))
+    weighed = moved.assign(base_weight=np.where(far, 1e-9, 2.0), record_weight=np.where(far, 1e-9, 2.0))
+    of_all, of_even = (
+        base_spread(one, design_of(one, ["pgv_m_s"]) @ fit(one, ["pgv_m_s"]).coefficients).variance
+        for one in (moved, weighed)
+    )
+    assert of_all > 0.3
+    assert of_even < 0.1
+
+
+def test_the_parts_of_an_interval_travel_with_its_curve(tmp_path):
+    jobs, _ = run(0.3)
+    curve = curve_of(jobs)
+    curve = curve.__class__(**{**vars(curve), "basis": basis_of(jobs, "pgv_m_s")})
+    for suffix in ("csv", "json", "xml"):
+        path = write_curves(tmp_path / f"curves.{suffix}", [curve], "rock")
+        assert read_curves(path)["pgv_m_s"].interval_parts == pytest.approx(curve.interval_parts)
+
+
+def test_what_narrows_an_interval_is_what_most_of_it_comes_from():
+    scan = {"unseen_base": {"kinds": {"flat": {}, "rough": {}}}}
+    assert "records" in narrowed_by({"records": 0.2, "base": 0.1}, scan)
+    assert "pull" in narrowed_by({"records": 0.1, "base": 0.2}, scan)
+    assert narrowed_by({}, scan) == ""

@@ -284,3 +284,11 @@ def test_a_million_jobs_are_planned_and_tracked_in_two_gigabytes(campaign):
     jobs, memory_kb = map(int, told.stdout.split()[-2:])
     assert jobs > 1_000_000
     assert memory_kb < 2_000_000
+
+
+def test_jobs_go_out_in_blocks_of_all_records_levels_and_azimuths(campaign):
+    whole = planned(campaign, pga_m_s2=(2.0, 4.0, 6.0), azimuth_deg=(0.0, 90.0, 180.0))
+    first = whole.jobs.take(whole.pending(set())[:9])
+    for column in ("record_id", "pga_m_s2", "azimuth_deg"):
+        counts = [entry["counts"] for entry in first[column].value_counts().to_pylist()]
+        assert counts == [3, 3, 3]

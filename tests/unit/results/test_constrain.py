@@ -160,25 +160,16 @@ def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_p
         "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
         "lon,lat,depth,poe-10,poe-100,poe-900\n-118.1,34.2,0.0,0.5,0.01,0.0001\n"
     )
-    age = ["--age", "200", "--hazard", str(path)]
-    assert "taken at longitude -118.1, latitude 34.2\n" in constrain(curves, *age).output
-    asked = constrain(curves, *age, "--site", "241.9", "34.3")
-    assert "taken at longitude -118.1, latitude 34.2, 11.1 km from --site\n" in asked.output
-    branch = json.loads(constrain(curves, *age, "--site", "241.9", "34.3", "--json").stdout)["branches"][0]
+
+    def at(*words):
+        return constrain(curves, "--age", "200", "--hazard", str(path), "--site", *words)
+
+    branch = json.loads(at("241.9", "34.3", "--json").stdout)["branches"][0]
     assert branch["site_distance_km"] == pytest.approx(11.12, abs=0.01)
-    for words in (
-        ("118.1W", "34.3N"),
-        ("34.3N", "118.1W"),
-        ("-118,1", "34,3"),
-        ("-118.1, 34.3",),
-        ("118°06'W", "34°18'N"),
-    ):
-        assert (
-            constrain(curves, *age, "--site", *words).output
-            == constrain(curves, *age, "--site", "-118.1", "34.3").output
-        )
-    swapped = constrain(curves, *age, "--site", "34.2", "-118.1")
-    assert isinstance(swapped.exception, InputError)
+    plain, degrees = at("-118.1", "34.3").output, ("118°06'W", "34°18'N")
+    for words in (("118.1W", "34.3N"), ("34.3N", "118.1W"), ("-118,1", "34,3"), ("-118.1, 34.3",), degrees):
+        assert at(*words).output == plain
+    assert isinstance(at("34.2", "-118.1").exception, InputError)
 
 
 def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
@@ -235,6 +226,16 @@ def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazard
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
     assert constrain(curves, "--hazard", hazards[0]).exit_code == 2
     assert constrain(curves, "--age", "1", "--age", "2").exit_code == 2
+    assert (
+        constrain(curves, "--age", "1", "--hazard", hazards[0], "--site", "10", "45").exit_code == 2
+    )  # of no places
+    for option in (
+        ["--common-date"],
+        ["--fragile-since", "4000"],
+        ["--common-error", "0.1"],
+        ["--stood", "."],
+    ):
+        assert constrain(curves, *option).exit_code == 2
     assert constrain(curves, "--age", "1", "--hazard", f"{hazards[0]}=x").exit_code == 2
     wrong = constrain(curves, "--age", "1", "--hazard", hazards[0], "--measure", "pga_m_s2")
     assert isinstance(wrong.exception, InputError)
@@ -335,27 +336,13 @@ def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path,
     assert told["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"weights": (0.4, 0.5)}, "sum to 0.9"),
-        ({"imt": "PGA"}, "over pga_m_s2, the rock's fragility over pgv_m_s"),
-        ({"poe": "1.2"}, "states the probability 1.2"),
-    ],
-)
-def test_a_bad_hazard_is_refused_by_name_and_nothing_is_written(tmp_path, curves, change, said):
-    tree = Path(openquake_tree(tmp_path / "tree", change.get("weights", (0.4, 0.6))))
-    for path in tree.glob("hazard*"):
-        text = path.read_text().replace("imt='PGV'", f"imt='{change.get('imt', 'PGV')}'")
-        path.write_text(
-            text.replace("45.0,0.0,", f"45.0,0.0,{change['poe']},", 1) if "poe" in change else text
-        )
-        if "poe" in change:
-            path.write_text(path.read_text().rpartition(",")[0])
-    done = constrain(curves, "--age", "1", "--hazard", str(tree), "--out", str(tmp_path / "out"))
-    assert isinstance(done.exception, InputError)
-    assert said in str(done.exception)
-    assert not (tmp_path / "out").exists()
+def test_a_bad_hazard_is_refused_and_nothing_is_written(tmp_path, curves):
+    out, other = tmp_path / "out", tmp_path / "other.csv"
+    other.write_text("pga_m_s2,annual_rate\n0.1,1e-2\n1,1e-4\n")
+    for hazard in (openquake_tree(tmp_path / "tree", (0.4, 0.5)), str(other)):
+        done = constrain(curves, "--age", "1", "--hazard", hazard, "--out", str(out))
+        assert isinstance(done.exception, InputError)
+        assert not out.exists()
 
 
 @pytest.mark.usefixtures("empty_figures")

@@ -329,3 +329,8 @@ def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
         encoding="utf-8"
     )
     assert told_by(rocks[0], *asked)["warnings"] == []
+
+
+def test_one_common_date_lets_rocks_survive_more_often(rocks, curve):
+    asked = [*rocks, "--hazard", curve, "--age", "2000..12000"]
+    assert survival_of(*asked, "--common-date") > survival_of(*asked)

@@ -99,6 +99,7 @@ def other(rock, later):
     return other
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [WORKED_OUT, LABELS, *GEOMETRY, "scene.json"])
 def test_a_file_of_another_scene_is_refused_by_name(rock, other, tmp_path, name):
     mixed = shutil.copytree(rock, tmp_path / "mixed")

@@ -61,8 +61,8 @@ def few_candidates(monkeypatch):
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
     rounds = []
-    once = unseen._standing_draws
-    monkeypatch.setattr(unseen, "_standing_draws", lambda *a: rounds.append(0) or once(*a))
+    once = unseen.flat_draws
+    monkeypatch.setattr(unseen, "flat_draws", lambda *a: rounds.append(0) or once(*a))
     return rounds
 
 
@@ -71,6 +71,7 @@ def drawn_with(column, *pulls, **known):
     return draw_bases(observed, LEVEL, rock, base, STD_M, Inspection(pulls=pulls, **known))
 
 
+@pytest.mark.thorough
 def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, few_candidates):
     with refused("base.pull_beyond") as error:
         drawn_with(column, (30.0, 2.0))
@@ -245,6 +246,7 @@ def test_a_flat_base_topples_over_its_edge(column, few_candidates):
     assert np.median(drawn.toppling_m_s2) == pytest.approx(edge, rel=0.5 * PITCH_M / RADIUS_M + 0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["rough", "rounded"])
 def test_draws_are_of_the_kind_that_is_said(column, few_candidates, kind):
     assert drawn_with(column, base=kind).kinds == {kind: unseen.DRAWS}
@@ -268,6 +270,7 @@ def test_a_rock_that_touches_nowhere_else_touches_at_these_places_alone(column, 
     assert any((gap.gap_m <= 0.0).sum() > len(FEET_M) for gap in free.gaps)
 
 
+@pytest.mark.thorough
 def test_a_touch_shown_in_front_of_the_crevice_is_one_at_the_edge(column, few_candidates):
     toward = np.deg2rad([20.0, 140.0, 260.0])
     shown = 1.15 * RADIUS_M * np.column_stack([np.cos(toward), np.sin(toward), np.zeros(3)])

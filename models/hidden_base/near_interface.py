@@ -12,8 +12,9 @@ from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.scan.crevice import not_strays
 from toppling.models.scan.doubt import SECTORS, sectors, widest_gap_deg
 
-_RIM_PER_HEIGHT = 0.06
-"""Height over the interface up to which the seen underside shapes the hidden one."""
+_RIMS_PER_HEIGHT, _ENOUGH = (0.06, 0.12, 0.24), 300
+"""Heights over the interface up to which the seen underside shapes the hidden one: the first with so many points, as a
+belly hides the foot of a rock that is round below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +38,12 @@ def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[F
     height_m : float
         Height of the rock.
     """
-    low = rock[:, 2] < _RIM_PER_HEIGHT * height_m
-    lit = np.abs(pedestal[:, 2]) < 0.5 * _RIM_PER_HEIGHT * height_m
-    low[low] = not_strays(rock[low])
+    lit = np.abs(pedestal[:, 2]) < 0.5 * _RIMS_PER_HEIGHT[0] * height_m
+    for share in _RIMS_PER_HEIGHT:
+        low = rock[:, 2] < share * height_m
+        low[low] = not_strays(rock[low])
+        if low.sum() >= _ENOUGH:
+            break
     lit[lit] = not_strays(pedestal[lit], alone=6.0)
     return low, lit
 

@@ -1,15 +1,18 @@
 """Candidates: peaks of a thinned cloud, each cut off its surroundings along the loop that is short and concave."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
 from toppling.models.joined import joined_parts
-from toppling.models.scan.surfels import Surfels, orient, thin
+from toppling.models.scan.doubt import SECTORS, sectors
+from toppling.models.scan.interface import Interface, fitted_plane
+from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
 
 _COARSE_SURFELS = 25_000
 LEAST_PEAK_VOXELS = 6
@@ -24,18 +27,32 @@ _BESIDE_HEIGHTS = 0.25
 _FINEST_VOXELS_PER_HEIGHT = 80
 _TRIED_HEIGHTS = (1.0, 0.7, 0.45)
 """Heights that a thing may have, over its drop to where it joins another."""
-_NEARLY = 0.9
 CREASE = -0.25
 """Bend between neighbours below which a crease runs between them."""
-_OF_A_CREASE = 10
-"""Price of an edge through the sharpest crease; one across a bulge costs a hundred times as much."""
+_OF_A_CREASE, _OF_A_BULGE = 10, 1000
+"""Prices of an edge through the sharpest crease and across a bulge."""
+_LIKE_COST, _OTHER_SHARE = 1.25, 0.7
+"""A cut is the rival of a cheaper one that costs at most so much less, if the two share less of their surfels."""
+_OF_A_STACK = 0.5
+"""Share of its surfels that an upper thing has in common with a stack, and of the stack's height that it has."""
+_SAME_SHARE = 0.5
+"""Share of the surfels of both in which a thing from near by is the one from afar."""
+_AROUND = 0.4
+"""Share of the directions about its middle in which the line must show along which a thing is cut off."""
 _MEETS_VOXELS = 2.0
 """From a known interface, within which rock and pedestal meet in patches."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
-_JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
+_ALIKE = 0.97
+"""Cosine between the normals of neighbours in one plane."""
+_LEAST_OF_A_PLANE, _FLAT_VOXELS = 80, 1.0
+"""Patches of a plane that carries something, and their distance from it, root mean square, in their width."""
+_LOW_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS, _SURROUNDED = 6.0, 6.0, 2.0, 0.6
+"""Of what a plane carries: heights of its foot and of what is off the plane, distance in which the plane shows beside
+its foot, and the share of the directions in which it does."""
+JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
 """Patches of a rock so near, over the distance to the fourth neighbour, hang together; of so many that are nearest."""
 _SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
@@ -49,8 +66,18 @@ class Candidate:
     top_m: Array
     surfels: Surfels
     rock: Flags
-    concave_share: float
-    loop_m: Array
+    concave_share: float  # of the edges that are cut
+    cost: float  # of the cut, over the root of the number of surfels: short and creased is cheap
+    loop_m: Array  # (k, 3): middles of the edges that are cut
+    rivals: tuple["Candidate", ...] = ()  # cuts of like cost that leave much less or much more
+
+    def shared(self, other: "Candidate") -> float:
+        """Surfels of both over those of either; by their places where they are not the same cloud's."""
+        if self.surfels is other.surfels:
+            return float((self.rock & other.rock).sum() / (self.rock | other.rock).sum())
+        nearest = cKDTree(other.surfels.points_m).query(self.surfels.points_m)[1]
+        there = other.rock[nearest]
+        return float((self.rock & there).sum() / max((self.rock | there).sum(), 1))
 
 
 def surfels_of(points_m: Array, finest_m: float = 0.0) -> Surfels:
@@ -71,30 +98,55 @@ def surfels_of(points_m: Array, finest_m: float = 0.0) -> Surfels:
 
 
 def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
-    """Find what stands on something in the cloud, the highest first.
+    """Find what stands on something in the cloud, the highest first: what rises, and closes at a crease.
 
-    The highest are looked at anew from near by, as the whole cloud's patches may be too wide for their crevice.
+    Peaks are cut off their surroundings as if they had several heights, and so is what level planes carry; of cuts that
+    overlap the cheapest counts, and others of like cost are its rivals. Of a stack the upper one counts that a level
+    plane within it carries: a statue and not its plinth with it. The highest are looked at anew from near by, as the
+    whole cloud's patches may be too wide for their crevice.
     """
     edges = neighbourhood(coarse.points_m, coarse.voxel_m)
+    cuts = [
+        _cut_at(coarse, edges, peak, share * (coarse.points_m[peak, 2] - level))
+        for peak, level in _peaks(coarse, edges)
+        for share in _TRIED_HEIGHTS
+    ]
+    carried = [cut for plane in level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
+    closed = [each for each in [*cuts, *carried] if each is not None and _closes(each)]
     found: list[Candidate] = []
-    for peak, level in _peaks(coarse, edges):
-        candidate = _cut_off(coarse, edges, peak, coarse.points_m[peak, 2] - level)
-        if candidate is None:
-            continue
-        own = candidate.rock.sum()
-        if not any((candidate.rock & each.rock).sum() > 0.5 * min(own, each.rock.sum()) for each in found):
-            found.append(candidate)
+    for each in sorted(closed, key=lambda each: each.cost):
+        own = next((k for k, other in enumerate(found) if (each.rock & other.rock).any()), None)
+        if own is None:
+            found.append(each)
+        elif each in carried and _is_upper(each, found[own]):
+            found[own] = each
+        elif (
+            found[own] not in carried
+            and each.cost < _LIKE_COST * found[own].cost
+            and each.shared(found[own]) < _OTHER_SHARE
+        ):
+            found[own] = replace(found[own], rivals=(*found[own].rivals, each))
     found.sort(key=lambda each: -each.height_m)
     large = [each for each in found[:_ZOOMED] if each.height_m > _ZOOMED_SHARE * found[0].height_m]
-    kept: list[Candidate] = []
-    for candidate in [*(_seen_near_by(points_m, each) for each in large), *found[len(large) :]]:
-        if not any(np.linalg.norm(candidate.top_m - each.top_m) < coarse.voxel_m for each in kept):
-            kept.append(candidate)
-    return sorted(kept, key=lambda each: -each.height_m)
+    seen = [*(_seen_near_by(points_m, each) for each in large), *found[len(large) :]]
+    return sorted(seen, key=lambda each: -each.height_m)
+
+
+def _is_upper(thing: Candidate, other: Candidate) -> bool:
+    """Whether a thing is the upper part of another, and not a small one that lies upon it."""
+    own = float((thing.rock & other.rock).sum() / thing.rock.sum())
+    return own > _OF_A_STACK and _OF_A_STACK * other.height_m < thing.height_m < other.height_m
+
+
+def _closes(thing: Candidate) -> bool:
+    """Whether a cut goes around a thing, through creases."""
+    if thing.concave_share < LEAST_CONCAVE_SHARE or not len(thing.loop_m):
+        return False
+    return len(np.unique(sectors(thing.loop_m[:, :2] - thing.loop_m[:, :2].mean(axis=0)))) > _AROUND * SECTORS
 
 
 def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
-    """Cut a candidate again with as many patches around it alone as the whole cloud had; twice, if it shrank."""
+    """Cut a candidate again with as many patches around it alone as the whole cloud had, as long as that is finer."""
     for _ in range(_ZOOMS):
         rock = coarse.surfels.points_m[coarse.rock]
         axis, height = rock[:, :2].mean(axis=0), coarse.height_m
@@ -109,12 +161,11 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
         peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
         rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
-        finer = _cut_off(surfels, edges, peak, height, rim)
-        if finer is None:
+        cuts = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
+        finer = max(filter(None, cuts), key=lambda each: each.shared(coarse), default=None)
+        if finer is None or finer.shared(coarse) < _SAME_SHARE or finer.concave_share < LEAST_CONCAVE_SHARE:
             break
-        if LEAST_CONCAVE_SHARE < finer.concave_share < _NEARLY * coarse.concave_share:
-            break  # it stands there, but where points are sparse finer patches fall apart
-        coarse = finer
+        coarse = replace(finer, rivals=coarse.rivals)
     return coarse
 
 
@@ -169,30 +220,14 @@ def _peaks(surfels: Surfels, edges: Indices) -> list[tuple[int, float]]:
     return sorted(saddle.items(), key=lambda item: item[1] - z[item[0]])[:12]
 
 
-def _cut_off(
-    surfels: Surfels, edges: Indices, peak: int, height_m: float, border: Flags | None = None
-) -> Candidate | None:
-    """Cut a peak off its surroundings; None if what comes off is no rock.
-
-    How high it is nobody knows yet (a shelf below it belongs to the drop, and some peaks join nothing): the largest
-    thing is taken whose cut runs through creases nearly as much as the best one's. The border is no part of it.
-    """
-    tried = [_cut_at(surfels, edges, peak, share * height_m, border) for share in _TRIED_HEIGHTS]
-    found = [each for each in tried if each is not None]
-    if not found:
-        return None
-    best = max(each.concave_share for each in found)
-    return max((c for c in found if c.concave_share >= _NEARLY * best), key=lambda each: int(each.rock.sum()))
-
-
 def _cut_at(
-    surfels: Surfels, edges: Indices, peak: int, height: float, border: Flags | None
+    surfels: Surfels, edges: Indices, peak: int, height: float, border: Flags | None = None
 ) -> Candidate | None:
-    """Cut a peak off as if it were so high."""
+    """Cut a peak off as if it were so high; the border is no part of it."""
     points = surfels.points_m
     level = points[peak, 2] - height
     high = (points[:, 2] > level + 0.4 * height) & (np.hypot(*(points[:, :2] - points[peak, :2]).T) < height)
-    seeds = component_of(peak, high, edges)
+    seeds = _component_of(peak, high, edges)
     axis = np.median(points[seeds, :2], axis=0)
     reach = 1.2 * height + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
     far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (points[:, 2] < level - height)
@@ -209,27 +244,86 @@ def cut_between(
 ) -> Candidate | None:
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
     rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
-    rock = component_of(peak, rock, edges)
+    rock = _component_of(peak, rock, edges)
     if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
-    loop = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
-    return Candidate(
-        float(np.ptp(points[rock, 2])), points[peak], surfels, rock, concave_share, points[loop].mean(axis=1)
-    )
+    cut = rock[edges[:, 0]] != rock[edges[:, 1]]
+    loop_m = points[edges[cut]].mean(axis=1)
+    cost = float(capacity(surfels, edges[cut]).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
+    return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, concave_share, cost, loop_m)
 
 
-def component_of(member: int, among: Flags, edges: Indices) -> Flags:
+def level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
+    """Planes of neighbouring patches that something can stand on, the widest first."""
+    level = surfels.normals[:, 2] > LEVEL
+    alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _ALIKE
+    part = joined_parts(edges[level[edges].all(axis=1) & alike], len(level))
+    sizes = np.bincount(part[level], minlength=part.max() + 1)
+    planes = []
+    for number in np.argsort(-sizes)[:12]:
+        if sizes[number] < _LEAST_OF_A_PLANE:
+            break
+        own = part == number
+        plane = fitted_plane(surfels.points_m[own])
+        if plane.roughness_m < _FLAT_VOXELS * surfels.voxel_m:
+            planes.append(plane)
+    return planes
+
+
+def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candidate]:
+    """What stands on a plane with the plane seen around it."""
+    points, voxel = surfels.points_m, surfels.voxel_m
+    flat = plane.flat(points)
+    height = flat[:, 2]
+    top = (np.abs(height) < _ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
+    above = height > _ABOVE_VOXELS * voxel
+    inside = edges[above[edges].all(axis=1)]
+    part = joined_parts(inside, len(points))
+    sizes = np.bincount(part[above], minlength=part.max() + 1)
+    found = []
+    for number in np.argsort(-sizes)[:3]:
+        if sizes[number] < LEAST_SURFELS:
+            break
+        thing = above & (part == number)
+        foot = thing & (height < _LOW_VOXELS * voxel)
+        if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not foot.any() or not top.any():
+            continue
+        away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
+        beside = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
+        if len(np.unique(sectors(beside))) < _SURROUNDED * SECTORS:
+            continue
+        peak = int(np.argmax(np.where(thing, height, -np.inf)))
+        seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
+        candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
+        if candidate is not None:
+            found.append(candidate)
+    return found
+
+
+def thing_and_rest(
+    surfels: Surfels, edges: Indices, thing: Flags, peak: int, height_m: Array
+) -> tuple[Flags, Flags]:
+    """Which patches are surely of a thing on a plane, and which surely are not: seeds of the cut between them.
+
+    edges: (m, 2).
+    thing: (k,), patches joined above the plane.
+    peak: one of them.
+    height_m: (k,), over the plane.
+    """
+    points = surfels.points_m
+    seeds = _component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)
+    axis = np.median(points[seeds, :2], axis=0)
+    reach = 1.2 * height_m[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -_ABOVE_VOXELS * surfels.voxel_m)
+    return seeds, far & ~seeds
+
+
+def _component_of(member: int, among: Flags, edges: Indices) -> Flags:
     """Which of some surfels are joined with one of them."""
     inside = edges[among[edges].all(axis=1)]
     component = joined_parts(inside, len(among))
     return (component == component[member]) & among
-
-
-def joined_within_m(patches_m: Array) -> float:
-    """How far patches (n, 3) of one surface lie from each other at most, by their own spacing."""
-    away_m = cKDTree(patches_m).query(patches_m, min(5, len(patches_m)))[0]
-    return _JOINED_SPACINGS * float(np.median(away_m[:, -1]))
 
 
 def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
@@ -242,7 +336,7 @@ def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
     number, kept = np.flatnonzero(rock), np.zeros(len(rock), bool)
     away_m, near = cKDTree(points_m[rock]).query(points_m[rock], min(_NEIGHBOURS, len(number)))
     spacing_m = away_m[:, min(4, away_m.shape[1] - 1)]
-    joined = away_m < _JOINED_SPACINGS * np.minimum(spacing_m[:, None], spacing_m[near])
+    joined = away_m < JOINED_SPACINGS * np.minimum(spacing_m[:, None], spacing_m[near])
     one, other = np.nonzero(joined)
     part = joined_parts(np.column_stack([one, near[one, other]]), len(number))
     large = np.bincount(part) >= LEAST_SURFELS
@@ -258,20 +352,12 @@ def minimum_cut(
     Where heights over a known interface are given, edges that rise through it cost little more than a crease: rock and
     pedestal meet there. Edges along it do not, for the ground goes on beside the rock.
     """
-    count = len(surfels.points_m)
-    angle = bend(surfels, edges)
-    capacity = np.rint(_OF_A_CREASE + 1000 / (1 + np.exp(-(angle - CREASE) / 0.08))).astype(np.int32)
-    if height_m is not None:
-        rise_m = np.abs(np.diff(height_m[edges], axis=1)[:, 0])
-        steep = rise_m > 0.5 * np.linalg.norm(np.diff(surfels.points_m[edges], axis=1)[:, 0], axis=1)
-        away = np.abs(height_m[edges].mean(axis=1)) / surfels.voxel_m
-        meets = steep & (away < _MEETS_VOXELS)
-        capacity[meets] = np.minimum(capacity[meets], np.rint(_OF_A_CREASE * (1.0 + away[meets])))
+    count, value = len(surfels.points_m), capacity(surfels, edges, height_m)
     source, sink = count, count + 1
     big = np.int32(10_000_000)
     start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])
     end = np.concatenate([edges[:, 1], edges[:, 0], np.flatnonzero(seeds), np.full(far.sum(), sink)])
-    value = np.concatenate([capacity, capacity, np.full(seeds.sum() + far.sum(), big)])
+    value = np.concatenate([value, value, np.full(seeds.sum() + far.sum(), big)])
     graph = coo_matrix((value, (start, end)), shape=(count + 2,) * 2).tocsr()
     flow = maximum_flow(graph, source, sink).flow
     left = (graph - flow).tocsr()
@@ -281,6 +367,18 @@ def minimum_cut(
     reached[breadth_first_order(left, source, return_predecessors=False)] = True
     reached = reached[:count]
     return reached, concave_share(surfels, edges, reached)
+
+
+def capacity(surfels: Surfels, edges: Indices, height_m: Array | None = None) -> NDArray[np.int32]:
+    """Price (m,) of each edge; heights over a known interface as of the cut."""
+    price = np.rint(_OF_A_CREASE + _OF_A_BULGE / (1 + np.exp(-(bend(surfels, edges) - CREASE) / 0.08)))
+    if height_m is not None:
+        rise_m = np.abs(np.diff(height_m[edges], axis=1)[:, 0])
+        steep = rise_m > 0.5 * np.linalg.norm(np.diff(surfels.points_m[edges], axis=1)[:, 0], axis=1)
+        away = np.abs(height_m[edges].mean(axis=1)) / surfels.voxel_m
+        meets = steep & (away < _MEETS_VOXELS)
+        price[meets] = np.minimum(price[meets], np.rint(_OF_A_CREASE * (1.0 + away[meets])))
+    return price.astype(np.int32)
 
 
 def concave_share(surfels: Surfels, edges: Indices, rock: Flags) -> float:

@@ -8,17 +8,14 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, at_most
 from toppling.models.errors import InputError
-from toppling.models.frames import azimuth_deg, slope_of_normal
 from toppling.models.scan.candidates import (
-    LEAST_CONCAVE_SHARE,
     LEAST_PEAK_VOXELS,
     Candidate,
     find_candidates,
     surfels_of,
 )
-from toppling.models.scan.doubt import direction_told
 from toppling.models.scan.interface import fitted_plane
-from toppling.models.scan.surfels import LEVEL, Surfels, in_plants
+from toppling.models.scan.surfels import Surfels, in_plants
 
 _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
@@ -40,108 +37,53 @@ _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
 
 
 def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
-    """Pick the one thing that stands there, or the one nearest to where the user points."""
-    standing = standing_of(candidates)
-    if not standing:
-        raise _nothing_stands(candidates, coarse, near_m, origin_m)
-    if near_m is not None:
-        return _nearest(standing, near_m, origin_m)
-    rivals = [c for c in standing[1:] if c.height_m > _RIVAL_SHARE * standing[0].height_m]
-    if rivals:
+    """Pick the one thing that stands there, or the one nearest to where the user points.
+
+    Raises InputError where the evidence does not decide: what was seen, and the one hint that would.
+    """
+    if not candidates:
+        raise _nothing_stands(coarse, origin_m)
+    chosen = candidates[0] if near_m is None else _nearest(candidates, near_m, origin_m)
+    rivals = [c for c in candidates if c is not chosen and c.height_m > _RIVAL_SHARE * chosen.height_m]
+    if near_m is None and rivals:
         raise InputError(
             "scan.several_rocks",
-            f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
-            + _tops([standing[0], *rivals], origin_m)
-            + (
-                "; one may fall against another"
-                if any(_in_reach(standing[0], each) for each in rivals)
-                else ""
-            ),
+            f"{1 + len(rivals)} things of like size stand there, tops at x, y: {_tops([chosen, *rivals], origin_m)}",
             where="segmentation",
             expected="one rock, or a hint which one",
-            remedy="name one by --near X Y in survey coordinates, as printed here, or crop the cloud",
+            remedy="click on one with --pick, name one by --near X Y in survey coordinates, as printed here, or crop "
+            "the cloud",
         )
-    return standing[0]
-
-
-def _in_reach(one: Candidate, other: Candidate) -> bool:
-    """Whether two things stand nearer to each other than the lower one is high."""
-    places, others = (each.surfels.points_m[each.rock, :2] for each in (one, other))
-    return bool(cKDTree(places).query(others)[0].min() < min(one.height_m, other.height_m))
-
-
-def _nothing_stands(
-    candidates: list[Candidate], coarse: Surfels, near_m: Array | None, origin_m: Array
-) -> InputError:
-    """Say what of the user's knowledge would help, in this cloud's numbers."""
-    candidates = [each for each in candidates if len(each.loop_m) >= _LEAST_LOOP]
-    expected = "a rock above a crevice or narrowing, seen from several sides with some of its pedestal"
-    if not candidates:
-        x, y, z = coarse.points_m[np.argmax(coarse.points_m[:, 2])] + origin_m
-        size = np.ptp(coarse.points_m, axis=0)
-        where = (
-            ""
-            if near_m is not None
-            else f"; the cloud's highest place is --near {x:.2f} {y:.2f}, at z {z:.2f}"
-        )
-        return InputError(
-            "scan.nothing_stands",
-            f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m show no peak in its "
-            f"{size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
+    if chosen.rivals:
+        each = [chosen, *chosen.rivals]
+        z = [float(np.median(thing.loop_m[:, 2]) + origin_m[2]) for thing in each]
+        raise InputError(
+            "scan.several_creases",
+            "a crease goes around one thing at several heights: as a rock it is "
+            + ", or ".join(
+                f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(each, z, strict=True)
+            ),
             where="segmentation",
-            expected=expected,
-            remedy=f"point at the rock by --near X Y{where}; a rock less than {LEAST_PEAK_VOXELS * coarse.voxel_m:.2g} "
-            "m high is found from near by alone, or in a cloud cropped to it and its pedestal; or say where they meet "
-            "by three places --point X,Y,Z around the contact; and check that z points up",
+            expected="one crease, or a hint which one parts the rock from its pedestal",
+            remedy="click three places where the two meet with --pick, or name them by --point X,Y,Z",
         )
-    best = max(candidates, key=lambda each: (each.concave_share, each.height_m))
-    beside, apart = _beside_a_terrace(best, coarse)
-    plane = fitted_plane(best.loop_m)
-    slope, downhill = slope_of_normal(plane.normal)
-    x, y, z = plane.point_m + origin_m
+    return chosen
+
+
+def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:
+    x, y, z = coarse.points_m[np.argmax(coarse.points_m[:, 2])] + origin_m
+    size = np.ptp(coarse.points_m, axis=0)
     return InputError(
-        "scan.no_crease",
-        "nothing in the cloud stands on anything: what comes nearest, with its top at x, y "
-        f"{_tops([best], origin_m)}, is set off by a crease along {best.concave_share:.0%} of its outline{beside}",
+        "scan.nothing_stands",
+        f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m show no thing with a crevice or "
+        f"crease around it in its {size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
         where="segmentation",
-        expected=f"{expected}, a crease along at least {LEAST_CONCAVE_SHARE:.0%} of its outline",
-        remedy=f"{apart}if that is the rock, say where it meets its pedestal: --plane {x:.2f} {y:.2f} {z:.2f} "
-        f"{slope:.1f} {downhill:.0f} is the plane through its outline, and three places --point X,Y,Z picked along the "
-        "contact are better; if it is not, point at the rock by --near X Y, or crop the cloud; and check that z points "
-        "up. A boulder that is embedded, or attached by a neck or fillet, has no crease around it: it is held, and "
-        "does not topple as a free block",
+        expected="a rock above a crevice or narrowing, seen from several sides with some of its pedestal",
+        remedy="point at the rock by a click with --pick or by --near X Y; the cloud's highest place is --near "
+        f"{x:.2f} {y:.2f}, at z {z:.2f}. A rock less than {LEAST_PEAK_VOXELS * coarse.voxel_m:.2g} m high is found "
+        "from near by alone. Or say where the two meet by three places --point X,Y,Z around the contact. Check "
+        "that z points up",
     )
-
-
-def _beside_a_terrace(thing: Candidate, coarse: Surfels) -> tuple[str, str]:
-    """Where a cliff or wall lower than a thing stands so near that patches join the two: what, and what to do."""
-    away_m = coarse.points_m[:, :2] - thing.top_m[:2]
-    around = np.hypot(*away_m.T) < _TERRACE_HEIGHTS * thing.height_m
-    lowest_m = float(coarse.points_m[around, 2].min())
-    up = (coarse.points_m[:, 2] - lowest_m) / max(float(thing.top_m[2]) - lowest_m, coarse.voxel_m)
-    flat = around & (coarse.normals[:, 2] > LEVEL)
-    level = flat & (up > _TERRACE[0]) & (up < _TERRACE[1])
-    if level.sum() < _LEAST_TERRACE:
-        return "", ""
-    foot = float(np.quantile(up[level], _LOW_SHARE))
-    if (flat & (up > 0.5 * foot) & (up < foot)).sum() > level.sum():
-        return "", ""  # ground that rises all the way
-    high_m = float(np.median(coarse.points_m[level, 2])) - lowest_m
-    face = around & (np.abs(coarse.normals[:, 2]) < _STEEP) & (up < np.median(up[level]))
-    if high_m < LEAST_PEAK_VOXELS * coarse.voxel_m or face.sum() < _LEAST_TERRACE:
-        return "", ""
-    toward = direction_told(azimuth_deg(away_m[level].mean(axis=0)))
-    return (
-        f"; beside it, toward {toward}, the top of a cliff or wall lies {high_m:.2g} m above the ground: what is "
-        f"nearer to it than {_JOINED_VOXELS * coarse.voxel_m:.2g} m is one with it in patches of this cloud",
-        "if the rock stands at that cliff or wall, bring the two apart in another program, and give them as "
-        "--rock ROCK --pedestal PEDESTAL; ",
-    )
-
-
-def standing_of(candidates: list[Candidate]) -> list[Candidate]:
-    """Those of them that a crease sets off, in the same order."""
-    return [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
 
 
 def lies_on(near_m: Array, things: list[Candidate]) -> bool:
@@ -159,15 +101,15 @@ def look_around(
     points_m: Array, near_m: Array, coarse: Surfels, candidates: list[Candidate]
 ) -> tuple[Surfels, list[Candidate]]:
     """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
-    for around in circles_around(points_m, near_m, coarse, _CIRCLES):
+    for around in _circles_around(points_m, near_m, coarse, _CIRCLES):
         closer = surfels_of(around)
         found = find_candidates(around, closer)
-        if lies_on(near_m, standing_of(found)):
+        if lies_on(near_m, found):
             return closer, found
     return coarse, candidates
 
 
-def circles_around(
+def _circles_around(
     points_m: Array, near_m: Array, coarse: Surfels, shares: Sequence[float]
 ) -> Iterator[Array]:
     """Points (k, 3) within ever smaller shares of the cloud's extent from a place, while there are enough."""

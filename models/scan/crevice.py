@@ -19,15 +19,16 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.scan.doubt import middle, sectors
-from toppling.models.scan.interface import Interface, reweighted_plane
+from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import voxels
 
 _CELLS_PER_HEIGHT = 120
 BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
-_NEAR_PER_HEIGHT = 0.012
-"""Distance from the rock over which a pedestal point's say in the interface plane fades."""
+_RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
+"""Standard deviations of the pedestal's relief about the interface above which it hardly rises under the rock, and
+the least one, over the rock's height."""
 _FOOT_PER_HEIGHT = 0.006
 """What hangs over the sheet, no farther outside the rock's outline on the ground than this, is its foot."""
 _LEVEL_PER_HEIGHT = 0.02
@@ -111,33 +112,27 @@ def judge_crevice(
     interface: Interface,
     height_m: float,
     *,
-    refit: bool = True,
-    relabel: bool = True,
+    given: bool = False,
     sure: Flags | None = None,
-) -> tuple[NDArray[np.int8], Interface]:
-    """Judge the labels near the interface anew, and fit the interface anew to what they show, unless they are given.
+) -> NDArray[np.int8]:
+    """Judge the labels near the interface anew, by the pedestal's sheet.
 
     What is called rock stays rock where that is `sure` (n,).
 
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
     low = points_m[(label == ROCK) & (np.abs(interface.height_m(points_m)) < BAND_PER_HEIGHT * height_m)]
-    check_seen(len(low), "rock", given=not refit)
+    check_seen(len(low), "rock", given=given)
     margin = 0.15 * height_m
     lowest, highest = bounds_of(low)
     around = inside_box(points_m, lowest - margin, highest + margin)
     near, near_label = points_m[around], label[around]
-    for _ in range(2):
-        if relabel:
-            judged = _relabelled(near, near_label, interface, height_m, given=not refit)
-            if sure is not None:
-                judged[sure[around] & (near_label == ROCK)] = ROCK
-            near_label = judged
-        if refit and interface.sheet is None:
-            interface = NearRim.of(near, near_label, interface, height_m).fitted()
+    judged = _relabelled(near, near_label, interface, height_m, given=given)
+    if sure is not None:
+        judged[sure[around] & (near_label == ROCK)] = ROCK
     label = label.copy()
-    label[around] = near_label
-    return label, interface
+    label[around] = judged
+    return label
 
 
 def check_seen(points: int, side: str, *, given: bool) -> None:
@@ -183,11 +178,15 @@ def _relabelled(
     inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])
     near, near_label = flat[inside], label[inside]
     check_seen(int((near_label == PEDESTAL).sum()), "pedestal", given=given)
-    sheet, tolerance = _pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
+    # Above its relief beside the rock the sheet would climb the rock's own foot.
+    low_enough = (near_label == PEDESTAL) | (
+        near[:, 2] < _RELIEFS * max(interface.roughness_m, _RELIEF_PER_HEIGHT * height_m)
+    )
+    sheet, tolerance = _pedestal_sheet(grid, near, near_label == PEDESTAL, low_enough, height_m)
     gap = near[:, 2] - grid.at(sheet, near)
-    on_sheet = np.abs(gap) < tolerance
+    on_sheet = (np.abs(gap) < tolerance) & low_enough
     # Only what the cut called rock is judged: a steep pedestal beside the rock stays pedestal.
-    near_label = np.where((near_label == ROCK) & (gap < tolerance), PEDESTAL, near_label)
+    near_label = np.where((near_label == ROCK) & (gap < tolerance) & low_enough, PEDESTAL, near_label)
     near_label = np.where(on_sheet, PEDESTAL, near_label)
     # The cut runs through patches: what it cut off the rock's foot hangs over the sheet, at the rock's outline.
     rim = _rim_polygon(near[near_label == ROCK], height_m, given=given)
@@ -199,10 +198,12 @@ def _relabelled(
     return changed
 
 
-def _pedestal_sheet(grid: Grid, flat: Array, pedestal: Flags, height_m: float) -> tuple[Array, float]:
+def _pedestal_sheet(
+    grid: Grid, flat: Array, pedestal: Flags, low_enough: Flags, height_m: float
+) -> tuple[Array, float]:
     """Heights of the pedestal's sheet, and how far a point of it may lie from it.
 
-    Starts from the points known to be pedestal, then takes in what lies on the sheet under the rock.
+    Starts from the points known to be pedestal, then takes in what is low enough and lies on the sheet under the rock.
     """
     taken = pedestal.copy()
     index = grid.index(flat)
@@ -216,7 +217,7 @@ def _pedestal_sheet(grid: Grid, flat: Array, pedestal: Flags, height_m: float) -
         gap = flat[:, 2] - grid.at(sheet, flat)
         noise = 1.4826 * float(np.median(np.abs(gap[taken])))
         tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)
-        taken = np.abs(gap) < tolerance
+        taken = (np.abs(gap) < tolerance) & low_enough
     # A sheet too stiff for a shoulder lies off its points there: how far points of one cell lie apart does not tell.
     taken &= np.abs(flat[:, 2]) < _LEVEL_PER_HEIGHT * height_m
     return sheet, min(tolerance, max(5.0 * _scatter_m(gap[taken], index[taken]), 0.0015 * height_m))
@@ -231,47 +232,6 @@ def _scatter_m(gap: Array, cell: Indices) -> float:
         return np.inf
     spread = np.sqrt(count / np.maximum(count - 1, 1))[number]
     return 1.4826 * float(np.median((np.abs(gap - mean[number]) * spread)[several]))
-
-
-@dataclass(frozen=True, eq=False)
-class NearRim:
-    """The pedestal's points around the rock's rim, each with a say in the interface that fades with its distance."""
-
-    points_m: Array  # (n, 3)
-    say: Array  # (n,)
-    cell: Indices  # (n,): of a grid of equal areas: near stations see the same crevice more densely
-    height_m: float  # of the rock
-
-    @classmethod
-    def of(cls, points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float) -> "NearRim":
-        """Those of labelled points; InputError if next to nothing of the rock shows near the interface."""
-        flat = interface.flat(points_m)
-        rim = _rim_polygon(flat[label == ROCK], height_m, given=False)
-        reach = 4 * _NEAR_PER_HEIGHT * height_m
-        pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
-        pedestal &= inside_box(flat[:, :2], rim.min(axis=0) - reach, rim.max(axis=0) + reach)
-        number = np.flatnonzero(pedestal)
-        away = _outside(rim, flat[number, :2])
-        number, away = number[away < reach], away[away < reach]
-        say = np.exp(-((away / (_NEAR_PER_HEIGHT * height_m)) ** 2))
-        u, v = np.floor(flat[number, :2] / (0.01 * height_m)).astype(np.int64).T
-        cell = (u - u.min(initial=0)) * (1 + np.ptp(v) if len(v) else 1) + v - v.min(initial=0)
-        return cls(points_m[number], say, cell, height_m)
-
-    def fitted(self, kept: Flags | None = None) -> Interface:
-        """Plane through the points, or those of them that are kept (n,); InputError if they are next to none."""
-        kept = np.ones(len(self.points_m), bool) if kept is None else kept
-        points, cell = self.points_m[kept], self.cell[kept]
-        check_seen(len(points), "pedestal", given=False)
-        centre, normal, height, weight = reweighted_plane(
-            points,
-            self.say[kept] / np.bincount(cell)[cell],
-            lambda height, weight: max(
-                float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * self.height_m
-            ),
-        )
-        roughness = float(np.sqrt(np.average(height**2, weights=weight)))
-        return Interface.through(centre, normal, roughness)
 
 
 def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:

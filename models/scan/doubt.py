@@ -25,13 +25,6 @@ def sectors(ways: Array, count: int = SECTORS) -> Indices:
     return np.floor(turn * count).astype(np.int64) % count
 
 
-def median_by_sector(values: Array, ways: Array) -> tuple[Indices, Array]:
-    """The sectors (k,) that some ways (n, 2 or 3) lead into, and the median of the values (n,) in each."""
-    sector = sectors(ways)
-    shown = np.unique(sector)
-    return shown, np.array([np.median(values[sector == k]) for k in shown])
-
-
 def widest_gap_deg(shown: Indices) -> tuple[float, float]:
     """Width of the widest range of directions without any of some sectors (k,), in order, and its middle, degrees."""
     empty = np.diff(np.append(shown, shown[0] + SECTORS)) - 1

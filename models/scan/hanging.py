@@ -8,7 +8,6 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.scan.doubt import Doubt, azimuth_told
-from toppling.models.scan.foot import embedded
 from toppling.models.scan.interface import Edge, Interface, fit_interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
@@ -176,11 +175,9 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         return
     # A tenth of them may be strays.
     deepest = -float(np.quantile(over[below, 2], 0.1))
-    sunk = embedded(observed, interface)
     raise InputError(
         "rock.hangs_below_interface",
-        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m"
-        + (f"; {sunk.sentence}" if sunk else ""),
+        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m",
         where="interface",
         expected="a rock above the plane on which it meets its pedestal, but for what hangs beyond a seen edge",
         remedy="scan the cliff's face beside and below what hangs; one that is sunk in the ground is held by it and is "

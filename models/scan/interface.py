@@ -170,9 +170,10 @@ def up_to_edge(vertices_m: Array, faces: Indices, outside_m: Array) -> tuple[Arr
     return places, joined.ravel()[numbers].reshape(-1, 3).astype(np.int64)
 
 
-_CREVICE_VOXELS = 4.0
-"""Pedestal surfels this near to a rock surfel line the crevice."""
-_LEAST_CREVICE_SURFELS = 30
+_CREVICE_VOXELS = (4.0, 8.0, 16.0, 32.0)
+"""Distances, in widths of a patch, of the pedestal's patches from the rock's: the first with enough of them counts."""
+_LEAST_CREVICE_SURFELS, _LEAST_SECTORS = 30, 6
+"""Patches that tell a plane, and directions of ten degrees in which they lie."""
 _LEVEL = 0.3
 """Upward part of a normal from which on a patch may carry a rock."""
 _TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
@@ -260,6 +261,33 @@ class Interface:
         return com[:, :2] - down[:2] / down[2] * com[:, 2:]
 
 
+def lining(surfels: Surfels, rock: Flags) -> Flags:
+    """Which patches (n,) are the pedestal's top beside a rock.
+
+    A belly that hides its own foot hides the pedestal there: then the nearest patches that were seen count, in steps of
+    twice the distance.
+
+    Raises InputError if too little of it was seen.
+    """
+    distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
+    top = ~rock & (surfels.normals[:, 2] > _LEVEL)
+    offset = surfels.points_m - surfels.points_m[rock].mean(axis=0)
+    sector = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / np.deg2rad(10.0))
+    for reach in _CREVICE_VOXELS:
+        near = top & (distance < reach * surfels.voxel_m)
+        if near.sum() >= _LEAST_CREVICE_SURFELS and len(np.unique(sector[near])) >= _LEAST_SECTORS:
+            return np.asarray(near)
+    raise InputError(
+        "scan.no_pedestal",
+        f"only {int(near.sum())} patches of the pedestal's top were seen about the rock",
+        where="interface",
+        expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
+        remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "
+        "rock, say where the two meet by three places --point X,Y,Z around the contact; a rock that a neck "
+        "attaches to its pedestal does not topple as a free block",
+    )
+
+
 def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
     """Plane through the pedestal's side of the crevice, by reweighted least squares (Tukey's biweight).
 
@@ -268,23 +296,11 @@ def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
 
     Raises InputError if too little of the crevice was seen.
     """
-    distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
-    below = ~rock & (distance < _CREVICE_VOXELS * surfels.voxel_m)
-    lining = below & (surfels.normals[:, 2] > _LEVEL)
-    if lining.sum() < _LEAST_CREVICE_SURFELS:
-        steep = below & (np.abs(surfels.normals[:, 2]) < _LEVEL)
-        like_a_neck = steep.sum() > max(lining.sum(), _LEAST_CREVICE_SURFELS)
-        raise InputError(
-            "scan.no_pedestal",
-            f"only {int(lining.sum())} patches of the pedestal's top were seen beside the rock"
-            + ("; it goes on below into something steep, like a neck" if like_a_neck else ""),
-            where="interface",
-            expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
-            remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "
-            "rock, say where the two meet by three places --point X,Y,Z around the contact; a rock that a neck "
-            "attaches to its pedestal does not topple as a free block",
-        )
-    points = surfels.points_m[lining]
+    return plane_of_lining(surfels.points_m[lining(surfels, rock)])
+
+
+def plane_of_lining(points: Array) -> Interface:
+    """Plane through most of some places (n, 3) of a crevice's pedestal side."""
     plane, off = fitted_plane(points), _least_median_m(points)
     if _DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):
         return fitted_plane(points[off <= _STRAY * np.median(off)])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from toppling.models.arrays import Array, Flags
+from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
@@ -18,9 +18,8 @@ from toppling.models.hidden_base.statics import on_plane, on_surface
 from toppling.models.hidden_base.underside import CORES_OF_HOLES, hidden_base
 from toppling.models.rock import Rock
 from toppling.models.scan.close import COARSE_DEPTH, ClosedRock, close_rock
-from toppling.models.scan.crevice import NearRim
 from toppling.models.scan.doubt import SECTORS, middle, sectors
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, lining, plane_of_lining
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.invented import INVENTED_COM_PER_HEIGHT, bias_floors, cap_share
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
@@ -160,9 +159,6 @@ def confidence(
     }
 
 
-_BESIDE_BAND_PER_HEIGHT = 0.1
-"""Points of the rock so near to the interface tell its middle."""
-
 _LEAST_CLOSED = 3
 """Fewer half samples give no spread."""
 _ENOUGH = 4
@@ -242,16 +238,14 @@ def _half_fits(observed: ObservedRock, interface: Interface) -> _HalfFit:
     if observed.hint is not None or not interface.is_bare:
         return lambda _: interface
 
-    points = np.concatenate([observed.rock_m, observed.pedestal_m])
-    label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
-    rim_seen = cache(lambda: NearRim.of(points, label, interface, observed.height_m))
-    low = interface.flat(observed.rock_m)
-    low = low[np.abs(low[:, 2]) < _BESIDE_BAND_PER_HEIGHT * observed.height_m]
+    @cache
+    def seen_beside() -> tuple[Array, Indices]:
+        places = observed.surfels.points_m[lining(observed.surfels, observed.patches)]
+        return places, sectors(interface.flat(places)[:, :2] - middle(interface.flat(observed.low_m)))
 
     def half_fitted(rng: np.random.Generator) -> Interface:
-        rim = rim_seen()
-        sector = sectors(interface.flat(rim.points_m)[:, :2] - middle(low))
-        return rim.fitted(np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False)))
+        places, sector = seen_beside()
+        return plane_of_lining(places[np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False))])
 
     return half_fitted
 

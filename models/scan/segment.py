@@ -17,166 +17,21 @@ from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box,
 from toppling.models.errors import InputError
 from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
-    LEAST_PEAK_VOXELS,
+    JOINED_SPACINGS,
     LEAST_SURFELS,
     Candidate,
-    component_of,
     cut_between,
     find_candidates,
     joined_rock,
-    joined_within_m,
     minimum_cut,
     neighbourhood,
     surfels_of,
+    thing_and_rest,
 )
-from toppling.models.scan.choice import choose, lies_on, look_around, standing_of
-from toppling.models.scan.doubt import sectors
-from toppling.models.scan.interface import Interface, fitted_plane
+from toppling.models.scan.choice import choose, lies_on, look_around
+from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import LEVEL, Surfels, orient, roughness, thin
-
-_LIKE = 0.97
-"""Cosine between the normals of neighbours in one plane."""
-_LEAST_OF_A_PLANE = 80
-"""Fewer patches are no plane that carries anything."""
-_FLAT_VOXELS = 1.0
-"""Root mean square distance of a plane's patches from it, in their width."""
-_FOOT_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS = 6.0, 6.0, 2.0
-_SECTORS, _SURROUNDED = 24, 0.6
-"""Share of the directions around its foot in which the plane must be seen beside a thing that it carries."""
-_CREASED = 0.2
-"""Share of the cut's edges that must run through a crease, where a plane around it tells of the thing as well."""
-_OF_THE_RELIEF = 0.3
-"""One thing alone that has this share of the cloud's relief is meant, whatever planes carry."""
-_TALLER = 2.0
-"""A thing that a plane carries is meant before others if it is so many times as high as they are."""
-_OF_A_STACK = 0.5
-"""Of two things one upon the other the upper is meant if it has this share of the height of both."""
-_WITHIN = 0.13
-"""Its foot must lie this share of the height of both above theirs: a statue's lies .21, on 48 rocks .04 at most."""
-
-
-def find_carried(surfels: Surfels) -> list[Candidate]:
-    """What the planes of a cloud carry, the highest first; of what stands upon another, the upper one.
-
-    surfels: of the whole cloud.
-    """
-    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
-    found: list[Candidate] = []
-    for _, plane in level_planes(surfels, edges):
-        found += _on_plane(surfels, edges, plane)
-    found.sort(key=lambda each: -each.height_m)
-    kept: list[Candidate] = []
-    for each in found:
-        below = [k for k, other in enumerate(kept) if (each.rock & other.rock).sum() > 0.5 * each.rock.sum()]
-        if not below:
-            kept.append(each)
-        elif each.height_m > _OF_A_STACK * kept[below[0]].height_m:
-            kept[below[0]] = each
-    return kept
-
-
-def _carried_instead(surfels: Surfels, standing: list[Candidate]) -> Candidate | None:
-    """What a plane carries, if that is much higher than all that stands otherwise; None if it is not.
-
-    surfels: of the whole cloud.
-    standing: what was found to stand there, the highest first.
-    """
-    relief = float(np.ptp(surfels.points_m[:, 2]))
-    highest = standing[0].height_m if standing else 0.0
-    if _TALLER * highest > relief or (len(standing) == 1 and highest > _OF_THE_RELIEF * relief):
-        return None
-    for each in find_carried(surfels):
-        if each.height_m > _TALLER * highest:
-            return each
-    return None
-
-
-def upper_of(surfels: Surfels, chosen: Candidate) -> Candidate | None:
-    """What a level top within a thing carries, where that is most of its height: a statue, and not its plinth with it.
-
-    surfels: of the whole cloud.
-    chosen: None is told of one that was cut off along no line, as the largest of many boulders.
-    """
-    if not len(chosen.loop_m):
-        return None
-    own = cKDTree(chosen.surfels.points_m[chosen.rock])
-    reach_m = _BESIDE_VOXELS * max(surfels.voxel_m, chosen.surfels.voxel_m)
-    foot_m = np.median(chosen.loop_m[:, 2]) + _WITHIN * chosen.height_m
-    for each in find_carried(surfels):
-        upper = each.height_m > _OF_A_STACK * chosen.height_m and np.median(each.loop_m[:, 2]) > foot_m
-        if upper and (own.query(surfels.points_m[each.rock])[0] < reach_m).all():
-            return each
-    return None
-
-
-def level_planes(surfels: Surfels, edges: Indices) -> list[tuple[Flags, Interface]]:
-    """Planes of neighbouring patches that something can stand on, the widest first, and which patches (n,) are theirs.
-
-    edges: (m, 2), of the patches' neighbourhood.
-    """
-    level = surfels.normals[:, 2] > LEVEL
-    alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _LIKE
-    part = joined_parts(edges[level[edges].all(axis=1) & alike], len(level))
-    sizes = np.bincount(part[level], minlength=part.max() + 1)
-    planes = []
-    for number in np.argsort(-sizes)[:12]:
-        if sizes[number] < _LEAST_OF_A_PLANE:
-            break
-        own = part == number
-        plane = fitted_plane(surfels.points_m[own])
-        if plane.roughness_m < _FLAT_VOXELS * surfels.voxel_m:
-            planes.append((own, plane))
-    return planes
-
-
-def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candidate]:
-    """What stands on a plane with the plane seen around it."""
-    points, voxel = surfels.points_m, surfels.voxel_m
-    flat = plane.flat(points)
-    height = flat[:, 2]
-    top = (np.abs(height) < _ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
-    above = height > _ABOVE_VOXELS * voxel
-    inside = edges[above[edges].all(axis=1)]
-    part = joined_parts(inside, len(points))
-    sizes = np.bincount(part[above], minlength=part.max() + 1)
-    found = []
-    for number in np.argsort(-sizes)[:3]:
-        if sizes[number] < LEAST_SURFELS:
-            break
-        thing = above & (part == number)
-        foot = thing & (height < _FOOT_VOXELS * voxel)
-        if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not foot.any() or not top.any():
-            continue
-        away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
-        beside = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
-        if len(np.unique(sectors(beside, _SECTORS))) < _SURROUNDED * _SECTORS:
-            continue
-        peak = int(np.argmax(np.where(thing, height, -np.inf)))
-        seeds, far = _thing_and_rest(surfels, edges, thing, peak, height)
-        candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
-        if candidate is not None and candidate.concave_share > _CREASED:
-            found.append(candidate)
-    return found
-
-
-def _thing_and_rest(
-    surfels: Surfels, edges: Indices, thing: Flags, peak: int, height_m: Array
-) -> tuple[Flags, Flags]:
-    """Which patches are surely of a thing on a plane, and which surely are not: seeds of the cut between them.
-
-    edges: (m, 2).
-    thing: (k,), patches joined above the plane.
-    peak: one of them.
-    height_m: (k,), over the plane.
-    """
-    points = surfels.points_m
-    seeds = component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)
-    axis = np.median(points[seeds, :2], axis=0)
-    reach = 1.2 * height_m[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
-    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -_ABOVE_VOXELS * surfels.voxel_m)
-    return seeds, far & ~seeds
-
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
@@ -225,14 +80,11 @@ def segment(
     if hint is not None:
         return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], hint)
     candidates = find_candidates(points_m, coarse)
-    carried = _carried_instead(coarse, standing_of(candidates))  # of a stack the upper one already
-    if near_m is not None and not lies_on(near_m, [carried] if carried else standing_of(candidates)):
+    if near_m is not None and not lies_on(near_m, candidates):
         # A rock that is small in its cloud shows in patches made around the place alone.
-        carried = None
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
-    whole = carried or choose(candidates, near_m, origin_m, coarse)
-    chosen = carried or upper_of(coarse, whole) or whole
-    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not whole])
+    chosen = choose(candidates, near_m, origin_m, coarse)
+    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
 def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) -> Candidate:
@@ -253,7 +105,7 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) ->
             "check its height and slope; azimuths are counted from east to north")  # fmt: skip
     chosen = part == part[large][np.argmin(away[large])]
     peak = int(np.argmax(np.where(chosen, height, -np.inf)))
-    seeds, far = _thing_and_rest(surfels, edges, chosen, peak, height)
+    seeds, far = thing_and_rest(surfels, edges, chosen, peak, height)
     if not far.any():
         raise _off("interface.nothing_below", hint, "nothing lies below the interface that is given",
             "check its height; a cloud cropped to the rock shows no pedestal to stand on")  # fmt: skip
@@ -366,8 +218,11 @@ def without_ground(
     above = rock & (over[:, 2] > band_m)
     level = rock & ~above & (surfels.normals @ interface.normal > LEVEL)
     if level.any() and above.any():
-        beside_m = cKDTree(over[above, :2]).query(over[level, :2])[0]
-        level[level] = beside_m > joined_within_m(surfels.points_m[rock])
+        spacing_m = cKDTree(surfels.points_m[rock]).query(surfels.points_m[rock], 5)[0][:, 4]
+        own = np.zeros(len(rock))
+        own[rock] = spacing_m
+        beside_m, nearest = cKDTree(over[above, :2]).query(over[level, :2])
+        level[level] = beside_m > JOINED_SPACINGS * np.minimum(own[level], own[above][nearest])
     return _relabelled(points_m, parts, level, PEDESTAL)
 
 

@@ -26,13 +26,11 @@ from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import plants_named, with_reason
 from toppling.models.scan.close import SHARES, ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.freedom import checked_doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
-from toppling.models.scan.leaning import check_upright, upright_split
 from toppling.models.scan.measure import ObservedRock, close_standing, confidence, uncertainty
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
@@ -46,8 +44,10 @@ from toppling.models.scan.segment import (
     Segmentation,
     cut_over,
     label_surfels,
+    segment,
     without_ground,
 )
+from toppling.models.scan.unexplained import warnings_of
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 
@@ -56,8 +56,8 @@ Progress = Callable[[str], None]
 STAGES = 6
 _UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
-_BESIDE_PER_HEIGHT = 0.1
-"""Points so far above or below the interface tell about it and the base."""
+_BESIDE_PER_HEIGHT, _UNDERSIDE_PER_HEIGHT = 0.1, 0.25
+"""Heights over the interface up to which points of the pedestal, and of the rock, tell about it and the base."""
 _BESIDE_POINTS = 1_000_000
 """More of rock or pedestal tell no more: they lie closer than the cells in which the base is made."""
 
@@ -146,7 +146,7 @@ def work_out(
             told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
         progress("closing the rock")
         closed, core = close_standing(observed, interface)
-        doubted = checked_doubts(observed, interface, closed, cloud, seen.label)
+        doubted = warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed, bootstrap, resampling)
     progress("meshing the pedestal")
@@ -185,14 +185,13 @@ def _split_at(
     """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
     if cloud.label is not None:
         parts = as_labelled(cloud.points_m, cloud.label)
-        check_upright(parts, cloud.origin_m)
     else:
-        parts = upright_split(cloud.points_m, cloud.origin_m, near, hint)
+        parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)
     if hint is None or seen is None:
         return parts, hint, ""
     if cloud.label is None:
-        parts = upright_split(cloud.points_m, cloud.origin_m, near, seen)
+        parts = segment(cloud.points_m, cloud.origin_m, near, seen)
     return parts, seen, points_told(hint, seen.interface)
 
 
@@ -227,19 +226,13 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     hangs = hanging(surfels, rock, height, seat)
     interface = interface if hangs is None else seat
     sure = None if hangs is None else beside_hanging(cloud.points_m, surfels, hangs[0], height)
-    label, interface = judge_crevice(
-        cloud.points_m,
-        parts.label,
-        interface,
-        height,
-        refit=hint is None,
-        relabel=cloud.label is None,
-        sure=sure,
-    )
-    judged = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
     if cloud.label is None:
-        judged = without_ground(cloud.points_m, judged, interface, height)
-    label, surfel_label = judged.label, judged.surfel_label
+        label = judge_crevice(
+            cloud.points_m, parts.label, interface, height, given=hint is not None, sure=sure
+        )
+        parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
+        parts = without_ground(cloud.points_m, parts, interface, height)
+    label, surfel_label = parts.label, parts.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
     if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
         interface = hangs[1]
@@ -262,7 +255,7 @@ def _near_interface(
 ) -> tuple[Array, Array]:
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
     over = interface.height_m(points_m)
-    rock = np.flatnonzero((label == ROCK) & (over < _BESIDE_PER_HEIGHT * height_m))
+    rock = np.flatnonzero((label == ROCK) & (over < _UNDERSIDE_PER_HEIGHT * height_m))
     if interface.edge is not None:
         rock = rock[~strays_at_edge(interface.over(points_m[rock]), interface.edge, height_m)]
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))

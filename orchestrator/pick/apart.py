@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.scan.candidates import LEAST_CONCAVE_SHARE, find_candidates, surfels_of
+from toppling.models.scan.candidates import find_candidates, surfels_of
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
@@ -203,5 +203,4 @@ def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:
     return [
         {"top_m": each.top_m.tolist(), "height_m": each.height_m}
         for each in find_candidates(points, surfels_of(points))
-        if each.concave_share > LEAST_CONCAVE_SHARE
     ]

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from toppling.models.scan.freedom import doubts
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 
 VOXEL_M = 0.02
@@ -57,27 +55,7 @@ def together(*parts):
     return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
 
-def kinds(rock, rest):
-    return {each.kind for each in doubted(seen_of(rock, rest))}
-
-
-def doubted(observed, **given):
-    """Doubts in a rock whose cloud is its patches."""
-    label = np.where(observed.patches, ROCK, PEDESTAL)
-    return doubts(observed, LEVEL, observed.surfels.points_m, label, **given)
-
-
 BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
-
-
-def ball_at(centre_m, radius_m=0.38, count=4000):
-    """What of a ball lies above the ground."""
-    rise = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
-    turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
-    normals = np.column_stack([*(np.sqrt(1.0 - rise**2) * (np.cos(turn), np.sin(turn))), rise])
-    points = radius_m * normals + np.asarray(centre_m)
-    above = points[:, 2] > 0.0
-    return points[above], normals[above]
 
 
 def face(u, v, origin, normal, step_m=0.012):

@@ -127,9 +127,9 @@ def long(make, what):
     ("make", "where", "what"),
     [
         long(bare_slope, NOTHING_STANDS),
-        (rock_alone, "station0.xyz", "patches of the pedestal's top were seen beside the rock"),
+        (rock_alone, "station0.xyz", "nothing in the cloud stands on anything"),
         long(pedestal_alone, NOTHING_STANDS),
-        long(foot_hidden, "patches of the pedestal's top were seen beside the rock"),
+        long(foot_hidden, NOTHING_STANDS),
         long(leaning, "outside any support"), long(lip, "hangs below the interface"),
         (apart, "station2.xyz", "does not overlap"), (in_feet, "station2.xyz", "other units"),
         (survey_in_feet, "station2.xyz", "other units"), long(in_millimetres, "m high"),

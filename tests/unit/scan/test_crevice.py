@@ -30,17 +30,17 @@ def side(low_m, high_m):
     return np.column_stack([0.4 * np.cos(turn.ravel()), 0.4 * np.sin(turn.ravel()), up.ravel()])
 
 
-def judged(rock, pedestal, interface, *, refit):
+def judged(rock, pedestal, interface, *, given=False):
     points = np.concatenate([rock, pedestal])
     label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(rock), len(pedestal)])
-    return judge_crevice(points, label, interface, HEIGHT_M, refit=refit)
+    return judge_crevice(points, label, interface, HEIGHT_M, given=given)
 
 
 def test_a_foot_that_lies_on_the_pedestal_as_a_station_that_is_off_shows_it_is_refused():
     # Nothing of the rock is left above the sheet up to where its side begins, 0.3 m up: the crevice is no crevice.
     foot = sheet(0.0)[np.hypot(*sheet(0.0).T[:2]) < 0.4]
     with refused("interface.too_few_points", "0"):
-        judged(np.concatenate([foot, side(0.3, 2.0)]), sheet(0.0), level_at(0.0), refit=True)
+        judged(np.concatenate([foot, side(0.3, 2.0)]), sheet(0.0), level_at(0.0))
 
 
 @pytest.mark.parametrize(
@@ -49,13 +49,13 @@ def test_a_foot_that_lies_on_the_pedestal_as_a_station_that_is_off_shows_it_is_r
 )
 def test_an_interface_given_through_the_rock_or_below_the_pedestal_is_refused(height_m, missing):
     with refused(missing):
-        judged(side(0.0, 2.0), sheet(0.0), level_at(height_m), refit=False)
+        judged(side(0.0, 2.0), sheet(0.0), level_at(height_m), given=True)
 
 
 def test_what_the_cut_took_off_the_rocks_foot_is_given_back_to_it():
     # The sheet is rough by 1 mm: what hangs 1 cm over it, at the rock's outline, is no pedestal.
     cut_off = side(0.01, 0.06)
-    label, _ = judged(side(0.06, 2.0), np.concatenate([cut_off, sheet(0.0)]), level_at(0.0), refit=True)
+    label = judged(side(0.06, 2.0), np.concatenate([cut_off, sheet(0.0)]), level_at(0.0))
     foot, ground = np.split(label[-len(cut_off) - len(sheet(0.0)) :], [len(cut_off)])
     assert (foot == ROCK).all()
     assert (ground == PEDESTAL).all()
@@ -65,7 +65,7 @@ def test_a_shoulder_that_the_sheet_cannot_follow_takes_nothing_from_the_rock():
     ground = sheet(0.0, apart_m=0.008)  # the sheet's cells are 1.7 cm wide
     ground[:, 2] -= 1.5 * np.maximum(np.hypot(*ground[:, :2].T) - 0.43, 0.0)  # a neck of the rock's own width
     rock = side(0.009, 2.0)
-    label, _ = judged(rock, ground, level_at(0.0), refit=True)
+    label = judged(rock, ground, level_at(0.0))
     assert (label[: len(rock)] == ROCK).all()
     assert (label[len(rock) :] == PEDESTAL).all()
 
@@ -78,7 +78,7 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
         each.ravel() for each in np.meshgrid(np.arange(-0.3, 0.3, 0.01), np.arange(-0.11, 0.0, 0.01))
     )
     face = np.column_stack([np.full(len(across), 0.4), across, up])
-    label, _ = judged(side(0.01, 2.0), np.concatenate([face, ground]), level_at(0.0), refit=True)
+    label = judged(side(0.01, 2.0), np.concatenate([face, ground]), level_at(0.0))
     assert (label[-len(ground) - len(face) : -len(ground)] == PEDESTAL).all()
 
 

@@ -7,10 +7,8 @@ from patches import LEVEL, face
 
 from toppling.models.relief import contact_feet_m
 from toppling.models.scan import virtual
-from toppling.models.scan.candidates import surfels_of
 from toppling.models.scan.hanging import hanging
 from toppling.models.scan.interface import up_to_edge
-from toppling.models.scan.leaning import leaning
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.worked_out import WorkedOut
@@ -180,8 +178,3 @@ def test_an_edge_is_kept_for_later_hints(scanned_toe, tmp_path):
     )
     np.testing.assert_array_equal(again.lines, edge.lines)
     assert again.blur_m == edge.blur_m
-
-
-def test_a_column_whose_leg_reaches_down_past_its_seat_does_not_lean():
-    stations = virtual.scan_around(column()[0], 1, resolution_per_height=0.015, clutter=False)
-    assert not list(leaning(surfels_of(np.vstack([each.points_m for each in stations]))))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from toppling.models.frames import plane_normal
-from toppling.models.scan.foot import off_what_was_seen
 from toppling.models.scan.interface_hint import InterfaceHint, points_told, seen_about_points
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.unexplained import off_hint
 
 DIP_DEG, TOWARD_DEG, HEIGHT_M, RADIUS_M, PATCH_M = 4.0, 60.0, 2.0, 0.5, 0.02
 ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
@@ -40,7 +40,7 @@ def told(hint):
     interface = (
         InterfaceHint.plane(np.zeros(3), DIP_DEG, TOWARD_DEG).interface if hint is None else hint.interface
     )
-    return off_what_was_seen(observed, interface, ORIGIN_M)
+    return off_hint(observed, interface, ORIGIN_M)
 
 
 def test_a_true_interface_and_none_are_not_doubted():

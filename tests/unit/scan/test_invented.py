@@ -10,6 +10,7 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.invented import bias_floors, cap_share, invention_warning
 from toppling.models.scan.measure import ObservedRock, adds_nothing, uncertainty
+from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
 
@@ -31,9 +32,10 @@ def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
 
 def test_a_rock_without_a_rim_is_told_that_no_half_sample_closed():
     aloft = np.random.default_rng(1).uniform([-0.3, -0.3, 0.5], [0.3, 0.3, 0.9], (500, 3))
-    aloft[0, 2] = 0.05
+    aloft[0, 2] = 0.45
     floor = aloft * [1.0, 1.0, 0.0]
-    observed = ObservedRock(aloft, floor, aloft, floor, None, None, 1.0, None)
+    patches = Surfels(np.vstack([aloft, floor]), np.tile([0.0, 0.0, 1.0], (1000, 1)), np.zeros(1000), 0.01)
+    observed = ObservedRock(aloft, floor, aloft, floor, patches, np.arange(1000) < 500, 1.0, None)
     level = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     found = uncertainty(observed, level, 0.5, surface(0.0), realisations=3, each=lambda: None)
     assert (found["realisations"], found["closed"]) == (3, 0)

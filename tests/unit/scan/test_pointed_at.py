@@ -10,7 +10,6 @@ from tests.virtual_rocks import stump_on_a_slope
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import joined_rock
 from toppling.models.scan.interface_hint import InterfaceHint
-from toppling.models.scan.leaning import upright_split
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, segment
 from toppling.models.scan.survey import survey
@@ -59,10 +58,10 @@ def test_what_a_plane_names_is_one_joined_rock_wherever_the_ground_rises_over_it
 @pytest.mark.thorough
 def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(beside_a_bush):
     points, _, _ = beside_a_bush
-    free = upright_split(points, ORIGIN_M).label
+    free = segment(points, ORIGIN_M).label
     own = points[free == ROCK]
     for near_m in own[np.random.default_rng(6).integers(len(own), size=2), :2]:
-        assert np.array_equal(upright_split(points, ORIGIN_M, near_m).label, free)
+        assert np.array_equal(segment(points, ORIGIN_M, near_m).label, free)
 
 
 @pytest.mark.thorough

@@ -1,0 +1,301 @@
+"""What a scan leaves unexplained: what nobody saw, where rock and pedestal may be one, points off the closed surface.
+
+Only what statics rules out is refused: a rock that does not stand, and one of which a side was not seen. All else that
+speaks against a free block is one warning with what was seen, and a question to the user.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from toppling.models.arrays import Array, Flags, at_most
+from toppling.models.errors import InputError
+from toppling.models.frames import horizontal_unit_vector, slope_of_normal
+from toppling.models.rock import Rock
+from toppling.models.scan.candidates import level_planes, neighbourhood
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.doubt import (
+    SECTORS,
+    Doubt,
+    azimuth_told,
+    direction_told,
+    middle,
+    sectors,
+    widest_gap_deg,
+)
+from toppling.models.scan.hanging import hanging_doubt
+from toppling.models.scan.interface import Interface, fit_interface, fitted_plane
+from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
+from toppling.models.scan.measure import ObservedRock, outside_support_m
+from toppling.models.scan.segment import ROCK
+from toppling.models.scan.surfels import LEVEL, Surfels
+
+_MOST_INVENTED = 0.6
+"""Share of the surface; with more of it invented known volumes came out off by half."""
+_ONE_SIDE_DEG = 120.0
+"""Width of the range of directions without any side of the rock from which it was seen from one side."""
+_UPRIGHT = 0.7
+"""Sine of the dip above which a patch belongs to a side."""
+_SEEN_SHARE = 0.1
+"""Share of an average direction's patches with which a direction is seen."""
+_SPARSE = 1.5
+"""Widths of a patch: farther apart, patches show no surface."""
+_UNSEEN_RIM_DEG = 130.0
+"""Width from which an unseen range of the rim is a warning: feet that carry a rock lie less than 180 degrees apart."""
+_MEET_VOXELS, _CREASE_DEG = 4.0, 30.0
+"""Patches of rock and pedestal so near to each other meet; at less than the angle one surface goes on in the other."""
+_PAIRS = 3
+"""Nearest pairs of patches in a direction that tell whether a crease runs between them."""
+_CREASED_SHARE = 0.5
+"""Share of the rim that was seen along which a crease must show."""
+_TOUCHES_ABOVE, _LEAST_TOUCHES = 0.2, 8
+"""Share of the rock's height above which so many patches that touch it are a warning."""
+_DIPS_DEG, _ALIKE_DEG = (1.5, 12.0), 1.3
+"""Dips of levels that were not made so, and the angle between two that were made alike."""
+_EVEN_VOXELS, _EVEN, _OF_LEVELS, _APART_VOXELS = 0.5, 0.75, 0.05, 6.0
+"""Distance from its plane of a level that was made, share of its patches so near to it, its share of all level patches,
+and how far over each other two lie, in widths of a patch."""
+_OFF_SURFACE = 0.003
+"""Share of the rock's height by which half of the seen points may lie off the surface: noise is a tenth of it."""
+_SAMPLE = 20_000
+"""Points that tell how far they lie off the surface."""
+
+
+def warnings_of(
+    observed: ObservedRock,
+    interface: Interface,
+    closed: ClosedRock,
+    points_m: Array,
+    label: NDArray[np.int8],
+    origin_m: Array,
+) -> list[Doubt]:
+    """Warnings of a closed rock that was seen enough and can stand.
+
+    Parameters
+    ----------
+    observed, interface, closed
+        The rock, and where it meets its pedestal.
+    points_m, label : (n, 3) and (n,) arrays
+        The cloud, and the label of each point.
+    origin_m : (3,) array
+        Survey coordinates of the scene's origin.
+
+    Raises
+    ------
+    InputError
+        If most of the surface was not seen, or the centre of mass lies beside all possible contacts.
+    """
+    check_seen_enough(observed, interface, closed)
+    _check_can_stand(closed.rock, interface)
+    found = [
+        _contact(observed, interface),
+        off_hint(observed, interface, origin_m),
+        hanging_doubt(observed, interface),
+        _off_surface(
+            closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.height_m
+        ),
+        unseen_rim(observed, interface, closed.rock.com_m),
+        tilted_frame(observed.surfels, observed.patches),
+    ]
+    return [each for each in found if each is not None]
+
+
+def _check_can_stand(rock: Rock, interface: Interface) -> None:
+    outside = outside_support_m(rock, interface)
+    if outside > 0.0:
+        raise InputError(
+            "rock.outside_support",
+            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
+            where="statics",
+            expected="a rock that stands by itself: its centre of mass above its base",
+            remedy="if it leans on a wall or neighbour, give the two as meshes, --rock ROCK --pedestal PEDESTAL; else "
+            "look for a wrong split in the cloud, and name the rock by --near X Y or where it meets its pedestal by "
+            "three places --point X,Y,Z",
+        )
+
+
+def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
+    """Refuse a rock most of whose surface no station saw.
+
+    Raises
+    ------
+    InputError
+        With the range of directions in which none of its sides shows, or how thin the cloud is.
+    """
+    if closed.invented_share <= _MOST_INVENTED:
+        return
+    blind_deg, toward_deg = unseen_range(observed, interface)
+    code, share = "rock.mostly_unseen", f"{closed.invented_share:.0%} of the rock's surface was not seen"
+    if blind_deg >= _ONE_SIDE_DEG:
+        share = (
+            f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
+            f"{direction_told(toward_deg)}"
+        )
+    elif (apart := observed.patches_apart) > _SPARSE:
+        code = "cloud.too_sparse"
+        share += (
+            f": the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} times "
+            "as far apart as they are wide"
+        )
+    raise InputError(
+        code,
+        share,
+        where="the rock",
+        expected=f"a free-standing rock, at most {_MOST_INVENTED:.0%} of it unseen",
+        remedy="scan it from the other sides, and give clouds that were not thinned; a rock that is embedded or buried "
+        "is held by what surrounds it, and no toppling of a free block is its own",
+    )
+
+
+def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
+    """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
+    normals = observed.surfels.normals[observed.patches]
+    side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
+    count = np.bincount(sectors(normals[side, :2]), minlength=SECTORS)
+    shown = np.flatnonzero(count >= max(3.0, _SEEN_SHARE * count.mean()))
+    return widest_gap_deg(shown) if len(shown) else (360.0, 0.0)
+
+
+def _creased_share(observed: ObservedRock, interface: Interface) -> float | None:
+    """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
+    surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
+    low = observed.patches & (np.abs(flat[:, 2]) < 0.15 * observed.height_m)
+    ground = ~observed.patches & (surfels.normals @ interface.normal > 0.0)
+    if low.sum() < 3 or ground.sum() < 3:
+        return None
+    away, nearest = cKDTree(surfels.points_m[ground]).query(surfels.points_m[low])
+    meet = away < _MEET_VOXELS * surfels.voxel_m
+    if not meet.any():
+        return None
+    normals = np.einsum("ij,ij->i", surfels.normals[low][meet], surfels.normals[ground][nearest[meet]])
+    angle = np.rad2deg(np.arccos(np.clip(normals, -1.0, 1.0)))
+    sector = sectors(flat[low][meet, :2] - middle(flat[low]))
+    order = np.argsort(away[meet], kind="stable")
+    nearest_deg = [np.median(angle[order][sector[order] == k][:_PAIRS]) for k in np.unique(sector)]
+    return float((np.array(nearest_deg) > _CREASE_DEG).mean())
+
+
+def _contact(observed: ObservedRock, interface: Interface) -> Doubt | None:
+    """A warning where the rock may be held: no crevice shows along its rim, or something touches it above its foot."""
+    share, touch = _creased_share(observed, interface), _touched_above(observed, interface)
+    told = []
+    if share is not None and share < _CREASED_SHARE:
+        told.append(
+            f"a crevice or crease between rock and pedestal shows along {share:.0%} of the rim that was seen: where "
+            "none does the two may be one, or soil and plants cover the rim"
+        )
+    if touch.any():
+        places = interface.flat(observed.surfels.points_m)
+        way = places[touch, :2].mean(axis=0) - places[observed.patches, :2].mean(axis=0)
+        told.append(
+            f"something touches the rock {np.median(places[touch, 2]):.2g} m above the interface, toward "
+            f"{azimuth_told(way, interface)}"
+        )
+    if not told:
+        return None
+    return Doubt(
+        "contact",
+        f"{'; '.join(told)}. The answer is that of a free block: is it free? If the two meet elsewhere, say where by "
+        "three places --point X,Y,Z; if they were separated already, give them as --rock and --pedestal",
+    )
+
+
+def _touched_above(observed: ObservedRock, interface: Interface) -> Flags:
+    """Which patches (k,) are not the rock's and touch it above its foot; few are none."""
+    surfels = observed.surfels
+    high = interface.flat(surfels.points_m)[:, 2] > _TOUCHES_ABOVE * observed.height_m
+    other, own = ~observed.patches & high, observed.patches & high
+    if other.any() and own.any():
+        other[other] = (
+            cKDTree(surfels.points_m[own]).query(surfels.points_m[other])[0] < 2.0 * surfels.voxel_m
+        )
+    return other if own.any() and other.sum() >= _LEAST_TOUCHES else np.zeros_like(other)
+
+
+def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> Doubt | None:
+    """A warning where the pedestal that was seen beside the rock lies off the interface that the user gave."""
+    if observed.hint is None:
+        return None
+    try:
+        seen = fit_interface(observed.surfels, observed.patches)
+    except InputError:  # next to nothing of it was seen, which is what hints are for
+        return None
+    foot = interface.flat(observed.low_m) * [1.0, 1.0, 0.0]
+    rises_m = -seen.flat(interface.scene(foot))[:, 2]
+    low_m, high_m = float(rises_m.min()), float(rises_m.max())
+    if max(-low_m, high_m) < OFF_PER_HEIGHT * observed.height_m:
+        return None
+    dip_deg, toward_deg = slope_of_normal(seen.normal)
+    x, y, z = seen.point_m + origin_m
+    return Doubt(
+        "hint",
+        f"below the rock the pedestal that was seen beside it lies {low_m:+.2g} to {high_m:+.2g} m over the interface "
+        f"that is given, and dips by {dip_deg:.1f} degrees toward {direction_told(toward_deg)}: one too high cuts "
+        f"the rock's foot off, one too low adds to it. What was seen is --plane {x:.2f} {y:.2f} {z:.2f} {dip_deg:.1f} "
+        f"{toward_deg:.0f}",
+    )
+
+
+def tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
+    """A warning where levels at different heights beside a rock (k,) dip alike, as paving, steps and plinths do."""
+    beside = surfels.only(~rock & (surfels.normals[:, 2] > LEVEL))
+    points, even_m = beside.points_m, _EVEN_VOXELS * beside.voxel_m
+    levels = []
+    for rough in level_planes(beside, neighbourhood(points, beside.voxel_m)):
+        near = np.abs(rough.flat(points)[:, 2]) < even_m
+        plane = fitted_plane(points[near])
+        own = np.abs(plane.flat(points)[:, 2]) < 4.0 * even_m
+        if near.mean() > _OF_LEVELS and (np.abs(plane.flat(points[own])[:, 2]) < even_m).mean() > _EVEN:
+            levels.append(plane)
+    levels = [each for each in levels if each.normal @ levels[0].normal > np.cos(np.deg2rad(_ALIKE_DEG))]
+    if not levels:
+        return None
+    dip_deg, toward_deg = slope_of_normal(levels[0].normal)
+    up_m = [float((each.point_m - levels[0].point_m) @ levels[0].normal) for each in levels]
+    apart_m = max(up_m) - min(up_m)
+    if not _DIPS_DEG[0] < dip_deg < _DIPS_DEG[1] or apart_m < _APART_VOXELS * surfels.voxel_m:
+        return None
+    return Doubt(
+        "frame",
+        f"levels {apart_m:.2g} m apart beside the rock dip alike, by {dip_deg:.1f} degrees toward "
+        f"{direction_told(toward_deg)}: if they were made level, z does not point upward in this cloud, and the rock "
+        "is taken to lean by as much. Then give --up {:.4f},{:.4f},{:.4f}".format(*levels[0].normal),
+    )
+
+
+def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> Doubt | None:
+    """A warning where the rock's points lie off the surface that was closed about them."""
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(rock.vertices_m.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(rock.faces.astype(np.uint32)),
+    )
+    off = scene.compute_distance(o3d.core.Tensor.from_numpy(seen_m.astype(np.float32)), nthreads=1).numpy()
+    off_m = float(np.median(off))
+    if off_m < _OFF_SURFACE * height_m:
+        return None
+    return Doubt(
+        "surface",
+        f"half of the rock's points lie more than {off_m:.2g} m off its closed surface: noise, or a surface that was "
+        "seen twice, by stations that do not fit each other or two registrations in one cloud. Register the stations "
+        "anew, or leave one of the two out",
+    )
+
+
+def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Doubt | None:
+    """A warning where the rim was not seen over a wide range of directions about the line of the weight."""
+    if observed.hint is not None and observed.hint.encloses:
+        return None
+    places = interface.over(observed.low_m)[:, :2] - interface.projected_m(com_m[None])[0]
+    range_deg, toward_deg = widest_gap_deg(np.unique(sectors(places)))
+    if range_deg < _UNSEEN_RIM_DEG:
+        return None
+    toward = azimuth_told(horizontal_unit_vector(toward_deg)[:2], interface)
+    return Doubt(
+        "rim",
+        f"the rock's rim was not seen over {range_deg:.0f} degrees about {toward}: contacts were drawn there as if the "
+        "outline that was seen went on. A station toward there would tell the most",
+    )

@@ -1,0 +1,191 @@
+"""What a scan leaves unexplained is one warning with what was seen; only what statics rules out is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from patches import BLOCK, LEVEL, VOXEL_M, box, ground, seen_of, together, wall
+
+from tests.refusals import refused
+from toppling.models.scan import virtual
+from toppling.models.scan.candidates import Candidate, find_candidates
+from toppling.models.scan.choice import choose
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.interface import fit_interface
+from toppling.models.scan.interface_hint import hint_of
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.survey import survey
+from toppling.models.scan.unexplained import check_seen_enough, unseen_range, warnings_of
+from toppling.models.scene import Scene
+
+CUBE = Scene.block(0.25, 0.25, 0.5).rock
+
+
+def kinds(rock, rest, **given):
+    """Warnings of a rock that is closed as a block and whose cloud is its patches."""
+    observed = dataclasses.replace(seen_of(rock, rest), **given)
+    closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
+    found = warnings_of(observed, LEVEL, closed, CUBE.vertices_m, np.zeros(len(CUBE.vertices_m)), np.zeros(3))
+    return {each.kind: each.sentence for each in found}
+
+
+def test_a_block_that_stands_free_raises_no_warning():
+    assert kinds(BLOCK, ground()) == {}
+
+
+def test_what_touches_a_rock_above_its_foot_is_one_warning_with_its_direction():
+    neighbour = box((0.26, -0.3, 0.0), (0.8, 0.3, 0.6))
+    found = kinds(BLOCK, together(ground(), neighbour))
+    assert list(found) == ["contact"]
+    assert "toward azimuth 0 (compass 90)" in found["contact"]
+
+
+def column(radius_at, height=1.0):
+    """Top and side of a round rock whose radius at each height is given, as patches."""
+    z = np.arange(0.5 * VOXEL_M, height, 0.5 * VOXEL_M)
+    radius = radius_at(z)
+    slope = np.gradient(radius, z)
+    turn = np.arange(0.0, 2 * np.pi, VOXEL_M / radius.max())
+    way = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
+    points = radius[:, None, None] * way + z[:, None, None] * [0.0, 0.0, 1.0]
+    normals = way - slope[:, None, None] * [0.0, 0.0, 1.0]
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    top, up = wall(
+        (-radius[-1], -radius[-1], height), (2 * radius[-1], 0, 0), (0, 2 * radius[-1], 0), (0, 0, 1)
+    )
+    inside = np.hypot(*top[:, :2].T) < radius[-1]
+    return together((points.reshape(-1, 3), normals.reshape(-1, 3)), (top[inside], up[inside]))
+
+
+def arc(z, radius):
+    """How far an arc that is level at height 0 and upright at its radius stands out."""
+    return radius * (1.0 - np.sqrt(1.0 - np.clip(1.0 - z / radius, 0.0, 1.0) ** 2))
+
+
+@pytest.mark.parametrize("given", [None, hint_of((0.0, 0.0, 0.0, 0.0, 0.0))])
+@pytest.mark.parametrize("radius_m", [0.2, 0.3])
+def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_a_question_and_no_refusal(radius_m, given):
+    rock = column(lambda z: 0.25 + arc(z, radius_m))
+    assert list(kinds(rock, ground(0.27 + arc(0.01, radius_m)), hint=given)) == ["contact"]
+
+
+def test_soil_along_a_third_of_the_rim_is_no_question():
+    free, soiled = column(lambda z: np.full_like(z, 0.25)), column(lambda z: 0.25 + arc(z, 0.05))
+
+    def toward(part, some):
+        kept = (np.abs(np.arctan2(*part[0][:, 1::-1].T)) < np.pi / 3) == some
+        return part[0][kept], part[1][kept]
+
+    assert "contact" not in kinds(
+        together(toward(free, False), toward(soiled, True)), ground(0.25 + arc(0.01, 0.05) + 0.01)
+    )
+
+
+@pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
+def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
+    rock = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides)
+    told = unseen_range(seen_of(rock, ground()), LEVEL)
+    assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
+
+
+@pytest.mark.parametrize(("sides", "what"), [("es", "one side"), ("ewns", "70%")])
+def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
+    observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
+    closed = ClosedRock(Scene.block(0.25, 0.25, 0.5).rock, 0.3, 0.0, 0.7, 0.0)
+    with refused("rock.mostly_unseen", what):
+        check_seen_enough(observed, LEVEL, closed)
+    check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
+
+
+def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
+    points, normals = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
+    kept = np.random.default_rng(2).random(len(points)) < 0.2
+    closed = ClosedRock(Scene.block(0.25, 0.25, 0.5).rock, 0.3, 0.0, 0.7, 0.0)
+    with refused("cloud.too_sparse"):
+        check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
+
+
+def test_a_rock_whose_weight_lies_beside_its_base_is_refused():
+    turned = CUBE.moved(np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]))
+    lifted = turned.moved(np.eye(3), np.array([0.0, 0.0, -turned.vertices_m[:, 2].min()]))
+    observed = seen_of(BLOCK, ground())
+    with refused("rock.outside_support"):
+        warnings_of(
+            observed,
+            LEVEL,
+            ClosedRock(lifted, 1.0, 0.0, 0.0, 0.0),
+            lifted.vertices_m,
+            np.zeros(8),
+            np.zeros(3),
+        )
+
+
+@pytest.mark.parametrize(("off_m", "told"), [(0.001, False), (0.01, True)])
+def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(off_m, told):
+    observed, points = seen_of(BLOCK, ground()), BLOCK[0] + off_m * BLOCK[1]
+    closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
+    found = warnings_of(observed, LEVEL, closed, points, np.zeros(len(points)), np.zeros(3))
+    assert [each.kind for each in found] == (["surface"] if told else [])
+
+
+@pytest.mark.parametrize("strays", [0, 4])
+def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
+    block, around = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)), ground()
+    kept = around[0][:, 1] < -0.26  # the crevice was seen from one side
+    noise = np.random.default_rng(2).normal(0.0, 0.002, (len(around[0]), 3))
+    high = np.column_stack(
+        [np.linspace(-0.2, 0.2, strays), np.full(strays, -0.28), np.linspace(0.8, 1.0, strays)]
+    )
+    up = np.tile((0.0, 0.0, 1.0), (strays, 1))
+    seen = seen_of(block, together(((around[0] + noise)[kept], around[1][kept]), (high, up)))
+    found = fit_interface(seen.surfels, seen.patches)
+    assert np.rad2deg(np.arccos(found.normal[2])) < 2.0
+    assert abs(found.point_m[2]) < 0.01
+
+
+def test_a_belly_that_hides_its_own_foot_is_given_the_nearest_pedestal_that_was_seen():
+    ball = column(lambda z: 0.1 + 0.9 * np.sqrt(np.maximum(0.25 - (z - 0.5) ** 2, 0.0)))
+    high = ball[0][:, 2] > 0.15
+    seen = seen_of((ball[0][high], ball[1][high]), ground(0.4))
+    found = fit_interface(seen.surfels, seen.patches)
+    assert found.normal[2] == pytest.approx(1.0, abs=1e-6)
+    assert found.point_m[2] == pytest.approx(0.0, abs=1e-6)
+
+
+def stack(half_m):
+    """A statue of 1.2 m on a plinth of .5 m, as patches: whole, statue and plinth, with the ground."""
+    plinth = box((-half_m, -half_m, 0.0), (half_m, half_m, 0.5))
+    shown = (np.abs(plinth[0][:, :2]).max(axis=1) > 0.26) | (plinth[0][:, 2] < 0.5)
+    statue = box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.7))
+    points, normals = together((plinth[0][shown], plinth[1][shown]), statue, ground(half_m + 0.01))
+    return Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+
+
+@pytest.mark.parametrize(("half_m", "height_m"), [(0.6, 1.2), (0.25, 1.7)])
+def test_of_a_stack_the_upper_thing_is_meant_that_a_level_plane_carries(half_m, height_m):
+    """Not on a plinth as wide as itself."""
+    surfels = stack(half_m)
+    (found, *_) = find_candidates(surfels.points_m, surfels)
+    assert found.height_m == pytest.approx(height_m, abs=0.1)
+
+
+def test_of_two_cuts_of_one_thing_that_cost_alike_the_user_is_asked():
+    surfels = stack(0.25)
+    loop = np.zeros((4, 3))
+    upper = Candidate(1.2, np.zeros(3), surfels, surfels.points_m[:, 2] > 0.5, 1.0, 2.0, loop)
+    whole = dataclasses.replace(upper, height_m=1.7, rock=surfels.points_m[:, 2] > 0.03, rivals=(upper,))
+    with refused("scan.several_creases", "--point X,Y,Z"):
+        choose([whole], None, np.zeros(3), surfels)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+@pytest.mark.parametrize("hint", [None, hint_of((0.0, 0.0, 0.0, 0.0, 0.0))])
+def test_a_statue_on_its_plinth_is_found_without_a_hint_and_with_its_plane(hint):
+    vertices, faces = virtual.ground(3.0, 3.0, 1)
+    vertices[np.abs(vertices[:, :2]).max(axis=1) > 0.6, 2] -= 0.5
+    statue = virtual.boulder(1.2, 0.6, 0.5, 3, bumps=0.02, sides=64)
+    truth = virtual.on_slope(statue, (vertices, faces), 0.0, 0.0)
+    seen = virtual.scan_around(truth, seed=1, stations=4, resolution_per_height=0.02, clutter=False)
+    found = survey(virtual.cloud_of(seen, np.zeros(3))[0], hint=hint, bootstrap=3)
+    assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)

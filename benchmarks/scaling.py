@@ -27,14 +27,16 @@ import resource
 import tempfile
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import dask
 import numpy as np
 import psutil
+import pyarrow as pa
 from distributed import Client, Scheduler, Worker
 from numpy.typing import NDArray
 
@@ -46,14 +48,14 @@ from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
-from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
+from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch
 from toppling.orchestrator.execution import Execution, budget_s, room_for
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.run_folder import prepare
-from toppling.orchestrator.task import ROCKS_KEPT, Row, RunKey, lost_row, versions
+from toppling.orchestrator.task import ROCKS_KEPT, RunKey, versions
+from toppling.results.schema import SCHEMA
 from toppling.results.store import compact, finished_ids, write_part
-from toppling.workers.job import JobSpec
 
 LEVELS, AZIMUTHS, RECORDS = 19, 8, 140
 STUDY = LEVELS * AZIMUTHS * RECORDS
@@ -119,15 +121,16 @@ def million() -> dict[str, float]:
         pending = planned.pending(set())
         dispatch = Dispatch(pending, planned.columns["duration_s"])
         progress, asked = RunProgress(len(planned), 0), Asked(planned, folder)
-        began, unstored = time.perf_counter(), []
-        while batch := dispatch.next_batch(1000):
-            rows = [pretended_row(asked, planned.spec(job)) | {"attempt": 1} for job in batch.jobs]
+        began, count = time.perf_counter(), 0
+        unstored: list[pa.Table] = []
+        while batch := dispatch.next_batch(1, room=10_000):
+            rows = pretended_rows(asked, np.array(batch.jobs))
             progress.count(rows)
-            unstored += rows
-            if len(unstored) > 20_000:
-                write_part(run, unstored)
-                unstored = []
-        write_part(run, unstored)
+            unstored, count = [*unstored, rows], count + len(rows)
+            if count > 20_000:
+                write_part(run, pa.concat_tables(unstored))
+                unstored, count = [], 0
+        write_part(run, pa.concat_tables(unstored))
         told |= {"jobs_a_second": len(planned) / (time.perf_counter() - began), "track_mb": peak_mb()}
         began = time.perf_counter()
         finished_ids(run, planned.ids)
@@ -142,10 +145,10 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def pretended_row(asked: Asked, spec: JobSpec, wall_s: float = 0.0) -> Row:
-    """Row that a job could have; every column is filled, as a real one's."""
-    toppled = spec.pga_m_s2 > 9
-    fallen = {"topple_time_s": 1.0, "topple_azimuth_deg": 2.0} if toppled else {}
+def pretended_rows(asked: Asked, jobs: NDArray[np.int64], wall_s: float = 0.0) -> pa.Table:
+    """Rows that jobs could have; every column is filled, as a real one's."""
+    known = asked.asked(jobs) | asked.known(jobs)
+    toppled, count = known["level_pga_m_s2"] > 9, len(jobs)
     numbers = (
         "max_tilt_deg",
         "residual_tilt_deg",
@@ -154,26 +157,46 @@ def pretended_row(asked: Asked, spec: JobSpec, wall_s: float = 0.0) -> Row:
         "penetration_m",
         "simulated_s",
     )
-    return {
-        **lost_row(spec, "ok", ""), **asked.known(spec), **dict.fromkeys(numbers, spec.pga_m_s2 + 0.1), **fallen,
-        "toppled": toppled, "outcome": "toppled" if toppled else "stands", "ended_by": "rest", "steps": 1000,
-        "time_step_s": 0.001, "wall_s": wall_s, "worker": "host:1", "finished_at": datetime.now(UTC),
+    fallen = {
+        name: np.where(toppled, value, np.nan)
+        for name, value in (("topple_time_s", 1.0), ("topple_azimuth_deg", 2.0))
+    }
+    columns = known | fallen | dict.fromkeys(numbers, known["level_pga_m_s2"] + 0.1) | {
+        "toppled": toppled, "outcome": np.where(toppled, "toppled", "stands"),
+        **{name: [value] * count for name, value in {
+            "status": "ok", "ended_by": "rest", "steps": 1000, "time_step_s": 0.001, "wall_s": wall_s,
+            "worker": "host:1", "finished_at": datetime.now(UTC),
+        }.items()},
     }  # fmt: skip
+    arrays = [
+        pa.array(columns[field.name], field.type, from_pandas=True)
+        if field.name in columns
+        else pa.nulls(count, field.type)
+        for field in SCHEMA
+    ]
+    return pa.Table.from_arrays(arrays, schema=SCHEMA)
 
 
 class Pretend:
     """A worker's task that sleeps as long as the jobs would take, or gives the answer at once."""
 
-    def __init__(self, asked: Asked, seconds_per_job: float) -> None:
-        self.asked, self.seconds_per_job = asked, seconds_per_job
+    def __init__(self, asked: Asked, plan: Plan, seconds_per_job: float) -> None:
+        self.answers = pretended_rows(asked, np.arange(len(plan)), seconds_per_job)
+        self.seconds_per_job = seconds_per_job
+        self.places: dict[str, int] = {}
 
-    def __call__(self, order: RunKey, specs: Sequence[JobSpec], budget: float) -> list[Row]:  # noqa: ARG002
+    def __call__(self, _key: RunKey, _settings: Mapping[str, Any], jobs: pa.Table, budget: float) -> pa.Table:
         """Do what fits into the budget, as the true task does."""
-        if not self.seconds_per_job:  # one job a task, as if it took the task's whole time
-            return [pretended_row(self.asked, specs[0], budget)]
-        count = min(len(specs), max(1, int(np.ceil(budget / self.seconds_per_job))))
+        if not self.places:
+            self.places = {job: place for place, job in enumerate(self.answers["job_id"].to_pylist())}
+        # With no time for a job one a task, as if it took the task's whole time.
+        count = (
+            min(len(jobs), max(1, math.ceil(budget / self.seconds_per_job))) if self.seconds_per_job else 1
+        )
         time.sleep(count * self.seconds_per_job)
-        return [pretended_row(self.asked, spec, self.seconds_per_job) for spec in specs[:count]]
+        return self.answers.take(
+            [self.places[job] for job in jobs["job_id"][:count].to_pylist()]
+        ).combine_chunks()
 
 
 def be_scheduler(told: Connection) -> None:
@@ -251,7 +274,7 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
             planned, run, versions(), client,
             lambda progress: seen.append((time.perf_counter(), progress.done)), RunProgress(len(planned), 0),
         )  # fmt: skip
-        execution = Execution(work, pending, Pretend(Asked(planned, run), seconds_per_job))
+        execution = Execution(work, pending, Pretend(Asked(planned, run), planned, seconds_per_job))
         execution()
         took = time.perf_counter() - began
         used = {f"{who}_cores": (cpu_s(theirs) - before[who]) / took for who, theirs in processes.items()}
@@ -275,20 +298,21 @@ def client_s() -> float:
     with tempfile.TemporaryDirectory() as name:
         planned = planned_in(Path(name), RECORDS, AZIMUTHS)
         rows = planned.pending(set())[:TIMED_JOBS]
-        asked = Asked(planned, Path(name))
-        answers = [pretended_row(asked, planned.spec(int(row))) for row in rows]
-        sent = [pickle.dumps(answers[at : at + 60]) for at in range(0, len(rows), 60)]
+        asked, size = Asked(planned, Path(name)), 100
+        sent = [
+            pickle.dumps(pretended_rows(asked, rows[at : at + size], 0.02))
+            for at in range(0, len(rows), size)
+        ]
         progress, unstored = RunProgress(len(rows), 0), []
         (Path(name) / "run").mkdir()
         began = time.process_time()
-        for at, message in zip(range(0, len(rows), 60), sent, strict=True):
-            pickle.dumps([planned.spec(int(row)) for row in rows[at : at + 60]])
-            specs = [planned.spec(int(row)) for row in rows[at : at + 60]]
-            found, wrong = asked.checked(specs, pickle.loads(message))
+        for at, message in zip(range(0, len(rows), size), sent, strict=True):
+            pickle.dumps(planned.batch(rows[at : at + size]))
+            found, wrong = asked.checked(rows[at : at + size], pickle.loads(message))
             assert not wrong
             progress.count(found)
-            unstored += [{**row, "rock": None, "attempt": 1} for row in found]
-        write_part(Path(name) / "run", unstored)
+            unstored.append(found)
+        write_part(Path(name) / "run", pa.concat_tables(unstored))
         return (time.process_time() - began) / len(rows)
 
 
@@ -307,7 +331,7 @@ def played(
     rock = np.zeros(len(cost_s), np.int64) if scene is None else scene
     order = taking_turns([np.flatnonzero(rock == number) for number in range(rock.max() + 1)])
     dispatch, budget = Dispatch(order, length, scene=rock), budget_s(workers, rocks=rock.max() + 1)
-    of_atlas, room = scene is not None, JOBS_IN_BATCH
+    of_atlas, room = scene is not None, FIRST_JOBS
     task_s = of_atlas * TASK_S / (1.0 - HEARTBEAT_S * HEARTBEATS_A_SECOND * workers)
     ready: deque[tuple[float, Batch]] = deque()
     held: list[deque[int]] = [deque(maxlen=ROCKS_KEPT) for _ in range(workers)]
@@ -332,7 +356,7 @@ def played(
         done = min(int(np.searchsorted(spent, budget)) + 1, len(spent))
         ended[worker] = scheduler + preparing + spent[done - 1]
         dispatch.came_back(batch, done)
-        room = room_for([{"wall_s": cost} for cost in cost_s[list(batch.jobs[:done])]], budget)
+        room = room_for(done, spent[done - 1], budget)
         client, making_ready = client + 0.5 * per_job_s * done, making_ready + preparing
         tasks, handled = tasks + 1, handled + done
         heapq.heappush(free, (ended[worker], worker))

@@ -61,13 +61,11 @@ def check_remarks(remarks: Iterable[str], where: str) -> None:
     unit = other_unit_in(told)
     system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
     if unit or system:
-        raise InputError(
-            "coordinates.unit_not_metres",
+        raise InputError("coordinates.unit_not_metres",
             f"a remark states {'another unit than metres' if unit else 'a coordinate system'}: {unit or system!r}",
-            where=where,
-            expected="coordinates in metres",
-            remedy="say which unit they are in by --units (in Python units), or the system by --crs EPSG:2229",
-        )
+            where=where, expected="coordinates in metres",
+            remedy="say which unit they are in by --units (in Python units), or the system by --crs EPSG:2229"
+        )  # fmt: skip
 
 
 def explaining_units(height_m: float) -> str:

@@ -170,12 +170,9 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
         raise _mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
-        raise _mesh_error(
-            "mesh.index_out_of_range",
+        raise _mesh_error("mesh.index_out_of_range",
             f"triangle {int(wrong.argmax())} joins the vertices {', '.join(map(str, triangles[wrong.argmax()]))}, "
-            f"where there are {len(vertices)}",
-            where,
-        )
+            f"where there are {len(vertices)}", where)  # fmt: skip
 
 
 def check_size(height_m: float, where: str, option: str = "--units") -> None:
@@ -186,15 +183,12 @@ def check_size(height_m: float, where: str, option: str = "--units") -> None:
     """
     least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:
-        raise InputError(
-            "rock.height_out_of_range",
-            f"the rock is {height_m:.4g} m high",
-            where=where,
+        raise InputError("rock.height_out_of_range", f"the rock is {height_m:.4g} m high", where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
             remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by {option}"
             if (readings := explaining_units(height_m))
-            else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
-        )
+            else "convert the coordinates from millimetres, feet or whatever they are in, and export again"
+        )  # fmt: skip
 
 
 def _check_steps(vertices: Array, where: str) -> None:
@@ -205,10 +199,7 @@ def _check_steps(vertices: Array, where: str) -> None:
     single, height_m = vertices.astype(np.float32), float(np.ptp(vertices[:, 2])) if len(vertices) else 0.0
     step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
     if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:
-        raise InputError(
-            "coordinates.too_coarse",
+        raise InputError("coordinates.too_coarse",
             f"coordinates are in single precision, in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
-            where=where,
-            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
-            remedy="export again in double precision, or with an offset taken away",
-        )
+            where=where, expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
+            remedy="export again in double precision, or with an offset taken away")  # fmt: skip

@@ -5,33 +5,31 @@ import logging
 import socket
 import ssl
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from distributed import Client, LocalCluster
+from distributed import Client
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import RunError
-from toppling.orchestrator.delivery import NotDeliveredError, offer
-from toppling.orchestrator.leaving import BACK_WITHIN_S, let_leave_in_order
+from toppling.orchestrator.delivery import NotDeliveredError, NotKeptError, send
+from toppling.orchestrator.leaving import let_leave_in_order
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import RunKey, check
 
 log = logging.getLogger(__name__)
 
 LOST = "the connection to the scheduler is lost"
+BACK_WITHIN_S = 120.0
+"""A scheduler of somebody else that is gone has this long to be started again."""
+
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
 _LOOK_S = 0.1
-NOBODY = "every worker has died and none comes back"
-REPLACE_AFTER_S = 10.0
-"""Dask has this long to bring back a worker that died: several times what a start takes on a busy machine."""
-
-NOBODY_AFTER_S = 90.0
-"""A local run without any worker for this long ends instead of waiting for ever."""
-
+_WAIT_S = 1.0
 
 _SAID_AFTER_S = 60.0
 
@@ -48,19 +46,12 @@ class Absence:
             self._since, self._said = time.monotonic(), False
         elif not self._said and time.monotonic() - self._since >= _SAID_AFTER_S:
             self._said = True
-            log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, *self._where_and_remedy())
-
-    def _where_and_remedy(self) -> tuple[str, str]:
-        address = getattr(self._client.scheduler, "address", "the scheduler")
-        if self._client.cluster is None:
+            address = getattr(self._client.scheduler, "address", "the scheduler")
             closed = "--no-dashboard --dashboard-address 127.0.0.1:0"
-            return address, f"start some with 'dask worker {address} --nthreads 1 {closed}'"
-        if isinstance(self._client.cluster, LocalCluster):
-            return address, "those of this machine die or take long to start"
-        return (
-            address,
-            "the batch system has started none yet; look at its queue, and at the logs of its jobs",
-        )
+            remedy = f"start some with 'dask worker {address} --nthreads 1 {closed}'"
+            if self._client.cluster is not None:
+                remedy = "look at the queue of the batch system and at the logs of its jobs, or at run.log"
+            log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, address, remedy)
 
 
 def may_be_lost(error: BaseException) -> bool:
@@ -102,7 +93,7 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
 
 
 def check_workers(client: Client, *run_keys: RunKey) -> None:
-    """Let every worker present load the assets of the first run key, and offer all to workers that do not see them.
+    """Let every worker present load the assets of the first run key; those of all are sent to hosts that lack them.
 
     Raises InputError if one cannot, because of another version or because it has no way to the run's scene and
     ensemble.
@@ -110,28 +101,33 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
     """
     _wait_for_a_worker(client)
     answers = client.run(check, run_keys[0], on_error="return")
-    if blind := [worker for worker, answer in answers.items() if isinstance(answer, NotDeliveredError)]:
-        offer_assets(client, run_keys)
-        answers |= client.run(check, run_keys[0], on_error="return", workers=blind)
+    lacking = {
+        worker: NotDeliveredError(answer.host, worker)
+        for worker, answer in answers.items()
+        if isinstance(answer, NotDeliveredError)
+    }
+    if lacking:
+        problem = deliver(client, lacking.values(), run_keys)
+        answers |= client.run(check, run_keys[0], on_error="return", workers=list(lacking))
+        answers |= {worker: NotKeptError(problem) for worker in lacking if problem and worker in answers}
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
     unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
     if reasons := sorted(set(map(str, unfit))):
-        raise InputError(
-            "cluster.workers_unfit",
+        raise InputError("cluster.workers_unfit",
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
             where="cluster",
             expected="the client's versions, and a folder in which each host can keep what it is sent",
-            remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE",
-        )
+            remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE"
+        )  # fmt: skip
     if remark := unlike([answer for answer in answers.values() if isinstance(answer, str)]):
         log.warning("%s", remark)
 
 
-def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
-    """Put the scenes and ensembles of orders at the scheduler, for workers that do not see the run's folder.
+def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iterable[RunKey]) -> str:
+    """Send the scenes and ensembles of run keys to hosts that have none of them; returns why one cannot keep them.
 
-    Raises RunError if they are not in that folder any more.
+    Raises RunError if they are not in the run's folder any more.
     """
     places: dict[str, Path] = {}
     for one in run_keys:
@@ -139,18 +135,24 @@ def offer_assets(client: Client, run_keys: Iterable[RunKey]) -> None:
         places[one.ensemble_id] = Path(one.folder) / one.ensemble_place
     if gone := [str(place) for place in places.values() if not place.is_dir()]:
         raise RunError(f"{gone[0]} is gone: was the run's folder removed or renamed?")
-    offer(client, places)
+
+    def call(worker: str, function: Callable[..., Any], *given: Any) -> None:
+        with suppress(OSError, ValueError, KeyError):  # it has gone: the next of its host will ask again
+            client.run(function, *given, workers=[worker])
+
+    try:
+        send(call, lacking, places)
+    except NotKeptError as error:
+        return str(error)
+    return ""
 
 
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first: for ever where somebody else starts it, such as a batch system."""
-    began, absence, supervisor = time.monotonic(), Absence(client), ClusterSupervisor(client)
+    absence, supervisor = Absence(client), ClusterSupervisor(client)
     while not client.nthreads():
         with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
+            client.wait_for_workers(1, timeout=_WAIT_S)
             return
         absence.look()
-        if supervisor.gone():
-            if isinstance(client.cluster, LocalCluster) and time.monotonic() - began > NOBODY_AFTER_S:
-                raise RunError(NOBODY)
-            supervisor.replace()
+        supervisor.look(0.0, 0)

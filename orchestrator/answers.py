@@ -1,51 +1,43 @@
 """Whether a worker's rows answer the jobs that were asked.
 
-A worker is another process, perhaps on another host: it may exchange the jobs of a batch, be of another version, or say
-`ok` and nothing else, and such a row would count as an answer for ever. What the client knows of a job beforehand is
-compared with it: what was asked, what the realisation drew, how strong the record is at that level. What happened is
-known to the worker alone; it has its type and lies within the column's limits.
+A worker is another process, perhaps on another host: it may exchange the jobs of a batch, or say `ok` and nothing else,
+and such a row would count as an answer for ever. What the client knows of a job beforehand is compared with it; what
+happened is known to the worker alone, and lies within the column's limits.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from datetime import datetime
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
 
+from toppling.models.arrays import Flags
 from toppling.models.contact import ContactProperties
 from toppling.models.files.tables import read_table
 from toppling.models.hidden_base.draws import draw_of
 from toppling.models.motions.catalogue import CATALOG
-from toppling.models.motions.impose import scaled_intensity
-from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.task import Row
+from toppling.models.motions.measures import MEASURES, SCALING_POWER
+from toppling.orchestrator.plan import Plan, PlannedScene, Rows
 from toppling.results.schema import LIMITS, SCHEMA
-from toppling.workers.job import ASKED, JobSpec, drawn_contact, identity
+from toppling.workers.job import AXES, drawn_contact
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.unmeasured import Unmeasured
 
-_BY_THE_CLIENT = ("rock", "attempt")
-"""Columns that the client writes."""
+BY_THE_CLIENT = ("rock", "attempt")
+"""Columns that the client fills."""
 
-_TYPES = {
-    pa.bool_(): frozenset({bool}),
-    pa.float64(): frozenset({float, int, np.float64}),
-    pa.int32(): frozenset({int}),
-    pa.int64(): frozenset({int}),
-}
-_TIME = "finished_at"
-_OTHERS = [field for field in SCHEMA if field.name not in (*_BY_THE_CLIENT, *ASKED, _TIME)]
-"""Columns beside those that repeat what was asked."""
-_TEXTS = [(field.name, LIMITS[field.name][1]) for field in _OTHERS if field.type == pa.string()]
+_TEXTS = [field.name for field in SCHEMA if field.type == pa.string() and field.name not in BY_THE_CLIENT]
 _NUMBERS = [
-    (field.name, _TYPES[field.type], *LIMITS[field.name]) for field in _OTHERS if field.type in _TYPES
+    field.name
+    for field in SCHEMA
+    if field.type in (pa.float64(), pa.int32(), pa.int64()) and field.name not in BY_THE_CLIENT
 ]
-_NAMES = frozenset(SCHEMA.names) - frozenset(_BY_THE_CLIENT)
+_LOW, _HIGH = (np.array([LIMITS[name][end] for name in _NUMBERS], float)[:, None] for end in (0, 1))
+_TIME = "finished_at"
 _OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
 _STATUSES = ("ok", "undecided", "diverged", "failed")
 _ANSWER = (
@@ -59,122 +51,166 @@ _SAME = 1e-9
 
 
 class Asked:
-    """What the client knows of the rows of a plan's jobs before they come.
-
-    folder: of the run, which holds the records of each rock.
-    """
+    """What the client knows of the rows of a plan's jobs before they come; the run's folder holds the records."""
 
     def __init__(self, plan: Plan, folder: Path) -> None:
-        self._bases = {scene.scene_id: scene.bases for scene in plan.scenes}
-        self._records = {scene.scene_id: folder / scene.ensemble_place for scene in plan.scenes}
+        self._plan, self.folder = plan, folder
 
-    def checked(self, specs: Sequence[JobSpec], rows: Any) -> tuple[list[Row], dict[int, str]]:
+    def checked(self, jobs: Rows, answer: Any) -> tuple[pa.Table, dict[int, str]]:
         """Rows that answer their jobs, and what is wrong with the others by their places in the batch.
 
-        specs: the batch as it was sent.
-        rows: meant to be a list of rows of its first jobs, of one at least.
+        jobs: rows of the plan, of one scene, as they were sent.
+        answer: meant to be a table under `SCHEMA` with rows of the first jobs, of one at least.
         """
-        if not isinstance(rows, list) or not 0 < len(rows) <= len(specs):
-            what = f"{len(rows)} rows" if isinstance(rows, list) else f"a {type(rows).__name__}"
-            return [], {0: f"{what} for {len(specs)} jobs"}
-        problems = {place: self._problem(specs[place], row) for place, row in enumerate(rows)}
-        wrong = {place: problem for place, problem in problems.items() if problem}
-        return [dict(row) for place, row in enumerate(rows) if place not in wrong], wrong
+        if not isinstance(answer, pa.Table) or not answer.schema.equals(SCHEMA):
+            return SCHEMA.empty_table(), {0: f"a {type(answer).__name__} that is no table of results"}
+        if not 0 < len(answer) <= len(jobs):
+            return SCHEMA.empty_table(), {0: f"{len(answer)} rows for {len(jobs)} jobs"}
+        answer, jobs = answer.combine_chunks(), jobs[: len(answer)]
+        wrong: dict[int, str] = {}
+        for name, bad in self._problems(jobs, answer):
+            for place in np.flatnonzero(bad) if bad.any() else ():
+                wrong.setdefault(int(place), f"{name} is {_shown(answer[name][place].as_py())}")
+        right = np.array([place not in wrong for place in range(len(answer))])
+        return (answer.filter(right) if wrong else answer), wrong
 
-    def _problem(self, spec: JobSpec, row: Any) -> str:
-        """What is wrong with a row; nothing where it answers the job."""
-        if not isinstance(row, Mapping):
-            return f"a {type(row).__name__} and no row"
-        if not row.keys() <= _NAMES:
-            return f"unknown columns {_shown(sorted(map(str, row.keys() - _NAMES)))}"
-        value: Any
-        for name, types, low, high in _NUMBERS:
-            value = row.get(name)
-            if value is not None and not (type(value) in types and low <= value <= high):
-                if value != value and row.get("status") == "diverged":  # a null in the table
-                    continue
-                return f"{name} is {_shown(value)}"
-        for name, longest in _TEXTS:
-            value = row.get(name)
-            if value is not None and not (type(value) is str and len(value) <= longest):
-                return f"{name} is {_shown(value)}"
-        value, (first, last) = row.get(_TIME), LIMITS[_TIME]
-        if value is not None and not (type(value) is datetime and value.tzinfo and first <= value <= last):
-            return f"{_TIME} is {_shown(value)}"
-        for name, asked in identity(spec).items():
-            value = row.get(name)
-            if value != asked or type(value) is bool:
-                return f"{name} is {_shown(value)}, asked was {asked!r}"
-        return self._unlike(spec, row) or _contradiction(row)
+    def _problems(self, jobs: Rows, answer: pa.Table) -> Iterator[tuple[str, Flags]]:
+        """Columns, and for each of some rows whether what it holds is no answer."""
+        yield from _beyond_limits(answer)
+        failed = np.array(answer["status"].to_pylist(), object) == "failed"
+        for name, value in self.asked(jobs).items():
+            yield name, _values(answer, name) != value
+        for name, value in self.known(jobs).items():
+            found = _values(answer, name)
+            if value.dtype == object:
+                found = _objects(answer[name].to_pylist())
+                yield name, (found != value) & ~(failed & (found == None))  # noqa: E711  (by element)
+            else:
+                unlike = ~np.isclose(found, value, rtol=_SAME, atol=0.0)
+                yield name, unlike & ~np.isnan(value) & ~(failed & np.isnan(found))
+        # Of a motion whose displacement is held: that takes some of its PGA.
+        pga, level = _values(answer, "pga_m_s2"), self._plan.columns["pga_m_s2"][jobs]
+        yield "pga_m_s2", ~((pga > 0.0) & (pga <= level * (1.0 + _SAME))) & ~(failed & np.isnan(pga))
+        yield from _contradictions(answer)
 
-    def _unlike(self, spec: JobSpec, row: Mapping[str, Any]) -> str:
-        """In what a row differs from what is known of the job; a job that failed may not say it."""
-        failed = row.get("status") == "failed"
-        for name, known in self.known(spec).items():
-            value = row.get(name)
-            if not (_same(value, known) or (failed and value is None)):
-                return f"{name} is {_shown(value)}, known is {known!r}"
-        pga = row.get("pga_m_s2")  # of a motion whose displacement is held: that takes some of it
-        if not (failed and pga is None) and not (pga and pga <= spec.pga_m_s2 * (1.0 + _SAME)):
-            return f"pga_m_s2 is {_shown(pga)}, asked was {spec.pga_m_s2!r}"
-        return ""
+    def asked(self, jobs: Rows) -> dict[str, NDArray[Any]]:
+        """Columns of rows that repeat what was asked."""
+        plan, batch = self._plan, self._plan.batch(jobs)
+        scene, count = self._scene(jobs), len(jobs)
+        same = {"scene_id": scene.scene_id, "preset": plan.campaign.preset, "engine": plan.campaign.engine}
+        axes = {"level_pga_m_s2" if name == "pga_m_s2" else name: plan.columns[name][jobs] for name in AXES}
+        ids = {name: _objects(batch[name].to_pylist()) for name in ("job_id", "record_id")}
+        return ids | {name: _objects([value] * count) for name, value in same.items()} | axes
 
-    def known(self, spec: JobSpec) -> dict[str, Any]:
-        """Columns of a job's row that the client can work out, beside those that repeat what was asked."""
-        record = _records_of(self._records[spec.scene_id])[spec.record_id]
-        unmeasured = spec.unmeasured or Unmeasured()
-        contact = spec.friction_static, spec.friction_kinetic, spec.restitution
-        factor, turn_deg = _drawn(spec.scene_id, contact, unmeasured, spec.realisation)
-        bases = self._bases[spec.scene_id]
-        known = {
-            "event": record["event"],
-            "physics_version": PHYSICS_VERSION,
-            "base": draw_of(spec.realisation, bases) if bases else None,
-            "friction_factor": factor,
+    def known(self, jobs: Rows) -> dict[str, NDArray[Any]]:
+        """Columns of rows that the client can work out, beside those that repeat what was asked; NaN: not known."""
+        plan, scene = self._plan, self._scene(jobs)
+        columns = {name: plan.columns[name][jobs] for name in ("record_id", *AXES)}
+        records = _records_of(self.folder / scene.ensemble_place, plan.records)
+        record, unmeasured = columns["record_id"], plan.campaign.unmeasured or Unmeasured()
+        contacts = (columns[name].tolist() for name in AXES[2:])
+        drawn = [_drawn(scene.scene_id, unmeasured, *one) for one in zip(*contacts, strict=True)]
+        factor, turn_deg = np.array(drawn).T
+        base = [
+            draw_of(number, scene.bases) if scene.bases else None
+            for number in columns["realisation"].tolist()
+        ]
+        scale = columns["pga_m_s2"] / records["pga_m_s2"][record]
+        measures = {
+            name: records[name][record] * scale**power
+            for name, power in SCALING_POWER.items()
+            if name in records
         }
-        scale = spec.pga_m_s2 / record["pga_m_s2"]
-        if spec.peak_displacement_m is None or scale * (record["pgd_m"] or 0.0) <= spec.peak_displacement_m:
-            turn_deg += spec.azimuth_deg - record["strong_azimuth_deg"]
-            with suppress(KeyError, TypeError):  # a measure that the catalogue lacks: the job fails by that
-                known |= scaled_intensity(record, scale, turn_deg)
-        return known
+        turned = turn_deg + columns["azimuth_deg"] - records["strong_azimuth_deg"][record]
+        measures["pga_azimuth_deg"] = (records["pga_azimuth_deg"][record] + turned) % 360.0
+        if plan.campaign.peak_displacement_m is not None:
+            held = scale * np.nan_to_num(records["pgd_m"][record]) > plan.campaign.peak_displacement_m
+            measures = {name: np.where(held, np.nan, value) for name, value in measures.items()}
+        return {
+            "event": records["event"][record],
+            "physics_version": _objects([PHYSICS_VERSION] * len(jobs)),
+            "base": _objects(base),
+            "friction_factor": factor,
+            **measures,
+        }
+
+    def _scene(self, jobs: Rows) -> PlannedScene:
+        return self._plan.scenes[self._plan.columns["scene_id"][jobs[0]]]
 
 
 @lru_cache(maxsize=4)
-def _records_of(folder: Path) -> dict[str, dict[str, Any]]:
-    """Catalogue of an ensemble by records."""
-    return {row["record_id"]: row for row in read_table(folder / CATALOG).to_pylist()}
+def _records_of(folder: Path, records: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Columns of an ensemble's catalogue for some records, in their order; what one lacks is NaN."""
+    table = read_table(folder / CATALOG)
+    places = pc.index_in(pa.array(records), value_set=table["record_id"].combine_chunks())
+    rows = table.take(places)
+    return {
+        name: _values(rows, name)
+        for name in (*MEASURES, "event", "strong_azimuth_deg")
+        if name in rows.schema.names
+    }
 
 
 @lru_cache(maxsize=2**16)
 def _drawn(
-    scene_id: str, contact: tuple[float, float, float], unmeasured: Unmeasured, realisation: int
+    scene_id: str, unmeasured: Unmeasured, static: float, kinetic: float, restitution: float, realisation: int
 ) -> tuple[float, float]:
     """Factor on friction and turn of the motion (degrees) that a realisation draws."""
-    friction = drawn_contact(scene_id, ContactProperties(*contact), unmeasured, realisation).friction_static
-    return friction / contact[0] if contact[0] > 0.0 else 1.0, unmeasured.turn_deg(realisation)
+    contact = ContactProperties(static, kinetic, restitution)
+    friction = drawn_contact(scene_id, contact, unmeasured, realisation).friction_static
+    return friction / static if static > 0.0 else 1.0, unmeasured.turn_deg(realisation)
 
 
-def _contradiction(row: Mapping[str, Any]) -> str:
-    """In what a row contradicts itself, or says less than every shake does."""
-    status, outcome, toppled = row.get("status"), row.get("outcome"), row.get("toppled")
-    if status not in _STATUSES:
-        return f"status is {_shown(status)}"
-    if status != "ok" and (toppled is not None or outcome is not None):
-        return f"status is {status!r}, yet outcome is {_shown(outcome)}"
-    if status == "ok" and (toppled is None or _OUTCOMES.get(str(outcome)) is not toppled):
-        return f"status is 'ok', yet outcome is {_shown(outcome)} and toppled is {toppled!r}"
+def _beyond_limits(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
+    """Columns with values of no answer, each with the rows that hold one."""
+    for name in BY_THE_CLIENT:
+        yield name, ~_nulls(answer, name)
+    numbers = np.array([_values(answer, name) for name in _NUMBERS], float)
+    beyond = ~((numbers >= _LOW) & (numbers <= _HIGH))
+    for row in np.flatnonzero(beyond.any(axis=1)):
+        yield _NUMBERS[row], beyond[row] & ~_nulls(answer, _NUMBERS[row])
+    for name in _TEXTS:
+        lengths = pc.utf8_length(answer[name])
+        if (pc.max(lengths).as_py() or 0) > LIMITS[name][1]:
+            yield name, _values_of(lengths) > LIMITS[name][1]
+    first, last = (pa.scalar(limit, SCHEMA.field(_TIME).type) for limit in LIMITS[_TIME])
+    within = pc.and_(pc.greater_equal(answer[_TIME], first), pc.less_equal(answer[_TIME], last))
+    yield _TIME, ~np.array(pc.fill_null(within, True))
+
+
+def _contradictions(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
+    """Columns that contradict others, or say less than every shake does, each with the rows in which they do."""
+    status, outcome, toppled = (_values(answer, name) for name in ("status", "outcome", "toppled"))
+    yield "status", ~np.isin(status.astype(str), _STATUSES)
+    ok = status == "ok"
+    meant = _objects([_OUTCOMES.get(one) for one in outcome.tolist()])
+    none = _nulls(answer, "toppled")
+    yield "outcome", np.where(ok, none | (meant != toppled), ~none | ~_nulls(answer, "outcome"))
     for name in ("topple_time_s", "topple_azimuth_deg"):
-        if (row.get(name) is not None) is not (toppled is True):
-            return f"{name} is {_shown(row.get(name))}, and toppled is {toppled!r}"
-    lacking = [name for name in _ANSWER if row.get(name) is None] if status in ("ok", "undecided") else []
-    return f"{', '.join(lacking)} is not there" if lacking else ""
+        yield name, _nulls(answer, name) == (toppled == True)  # noqa: E712  (by element)
+    shaken = ok | (status == "undecided")
+    for name in _ANSWER:
+        yield name, shaken & _nulls(answer, name)
 
 
-def _same(value: Any, known: Any) -> bool:
-    if value == known:
-        return True
-    return type(known) is float and value is not None and math.isclose(value, known, rel_tol=_SAME)
+def _nulls(table: pa.Table, name: str) -> Flags:
+    return table[name].is_null().to_numpy()
+
+
+def _values(table: pa.Table, name: str) -> NDArray[Any]:
+    return _values_of(table[name])
+
+
+def _values_of(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Numbers with NaN for null; of texts and truths objects with None for null."""
+    number = pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
+    return column.to_numpy() if number else _objects(column.to_pylist())
+
+
+def _objects(values: list[Any]) -> NDArray[np.object_]:
+    found = np.empty(len(values), object)
+    found[:] = values
+    return found
 
 
 def _shown(value: Any) -> str:

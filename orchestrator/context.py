@@ -2,17 +2,19 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
+import pyarrow as pa
+import pyarrow.compute as pc
 from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, Rows
-from toppling.orchestrator.task import Row, RunKey
+from toppling.orchestrator.task import RunKey
 
 
 class RunError(RuntimeError):
@@ -71,13 +73,12 @@ class RunProgress:
         names = ("done", "stored", "total", "again", "toppled", "failed", "workers", "deaths")
         return {**{name: getattr(self, name) for name in names}, "elapsed_s": round(self.elapsed_s, 1)}
 
-    def count(self, rows: Sequence[Row]) -> None:
-        """Add rows."""
+    def count(self, rows: pa.Table) -> None:
+        """Add rows, a table under `results.schema.SCHEMA`."""
         self.done += len(rows)
-        for row in rows:
-            self.status[row["status"]] += 1
-            self.toppled += row.get("toppled") is True
-            self.work_s += row.get("wall_s") or 0.0
+        self.status.update(rows["status"].to_pylist())
+        self.toppled += pc.sum(rows["toppled"]).as_py() or 0
+        self.work_s += pc.sum(rows["wall_s"]).as_py() or 0.0
 
 
 ProgressCallback = Callable[[RunProgress], None]
@@ -108,6 +109,18 @@ class Work:
             )
             for one in self.planned.scenes
         ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came back of a batch."""
+
+    key: str
+    # "rows"; of a worker that died or was told to leave "died", "left"; of one that lacks what it needs or cannot work
+    # "undelivered", "unfit"; "cancelled"; "error" of any other.
+    kind: str
+    value: Any = None  # the rows, or the error
+    worker: str = ""  # its address, where it matters
 
 
 class JobSelection(Protocol):

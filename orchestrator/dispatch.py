@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 
-JOBS_IN_BATCH = 256
-"""Upper limit; the time budget of a batch usually ends it first."""
+FIRST_JOBS = 64
+"""In a batch as long as nothing is known of their pace."""
 
 _BATCHES_LEFT_PER_WORKER = 4
 """Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
@@ -93,7 +93,7 @@ class Dispatch:
         """Jobs that are not handed out now."""
         return self._waiting + len(self._suspects)
 
-    def next_batch(self, workers: int, room: int = JOBS_IN_BATCH) -> Batch | None:
+    def next_batch(self, workers: int, room: int = FIRST_JOBS) -> Batch | None:
         """Hand out the next batch, or None if nothing waits.
 
         workers: of the cluster.
@@ -109,9 +109,7 @@ class Dispatch:
             self._segments = deque([left[np.lexsort((-self._duration_s[left], self._scene[left]))]])
             self._last = 0  # the longest records first
         segment = self._segments.popleft()
-        size = min(
-            room, JOBS_IN_BATCH, math.ceil(self._waiting / (_BATCHES_LEFT_PER_WORKER * max(workers, 1)))
-        )
+        size = min(room, math.ceil(self._waiting / (_BATCHES_LEFT_PER_WORKER * max(workers, 1))))
         elsewhere = np.flatnonzero(self._scene[segment[:size]] != self._scene[segment[0]])
         size = int(elsewhere[0]) if len(elsewhere) else size
         if size < len(segment):

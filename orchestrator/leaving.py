@@ -1,21 +1,21 @@
 """Workers that are told to leave, by a batch system or a cloud that takes its node back: no death, no job's failure.
 
-A worker that gets SIGTERM ends the job at hand, hands its rows over and goes; where it is given no time for that, its
-batch is done again elsewhere. Either way it says so before it goes, which one that crashes cannot. One whose scheduler
-is gone waits for another at the same address, where Dask's own would end at once.
+A worker that gets SIGTERM ends the job at hand, hands its rows over and goes, within seconds whatever happens; where it
+is given no time for that, its batch is done again elsewhere. Either way it says so before it goes, which one that
+crashes cannot. One whose scheduler is gone is started anew by its nanny, and joins the next one at the same address.
 """
 
 import asyncio
 import contextlib
 import logging
+import os
 import signal
 import threading
-import time
 from collections.abc import Iterator
-from typing import Any
 
-from distributed import Client, Status, Worker
+from distributed import Client, Nanny, Status, Worker
 from distributed.diagnostics.plugin import WorkerPlugin
+from distributed.protocol.pickle import dumps
 
 log = logging.getLogger(__name__)
 
@@ -23,17 +23,12 @@ LEAVING = threading.Event()
 """Set in a worker's process that is told to leave: the batch at hand ends with the job at hand."""
 
 _GRACE_S = 5.0
-"""A job at hand has this long; clouds and batch systems give half a minute before they kill."""
-
-BACK_WITHIN_S = 120.0
-"""A scheduler of somebody else that is gone has this long to be started again."""
+"""A job at hand has this long, and after it the handing over; clouds and batch systems give half a minute."""
 
 _LOOK_S = 0.02
-_ASK_S = 1.0
 _PLUGIN = "toppling-leaving"
-_REASON = "told to leave"
-_BROKEN = ("worker-handle-scheduler-connection-broken", "worker-heartbeat-missing")
-"""Reasons for which Dask ends a worker whose scheduler is gone, or is another one that does not know it."""
+_GOODBYE = {"action": "closing-worker", "reason": "told to leave"}
+"""As Dask's own, which a worker says later, as it closes."""
 _SERVED: set[str] = set()
 """Clients whose workers leave in order now."""
 
@@ -41,13 +36,13 @@ _SERVED: set[str] = set()
 class _LeaveInOrder(WorkerPlugin):
     """Has each worker that is there or joins leave in order on SIGTERM, and rest for no lack of memory.
 
-    outlive: whether a worker waits for its scheduler to come back.
+    outlive: whether a worker's process is started anew where its scheduler is gone.
     """
 
     def __init__(self, *, outlive: bool = False) -> None:
-        self.outlive = outlive
+        self.outlive, self.scheduler = outlive, ""
 
-    def setup(self, worker: Worker) -> None:
+    async def setup(self, worker: Worker) -> None:
         """Listen, in a worker's own process: only its main thread gets signals."""
         with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
             loop = asyncio.get_running_loop()
@@ -55,11 +50,25 @@ class _LeaveInOrder(WorkerPlugin):
         # Nothing would become free: a worker that rests would wait for ever.
         worker.memory_manager.memory_pause_fraction = False
         if self.outlive:
-            _outlive_scheduler(worker)
+            self.scheduler = await _scheduler_of(worker)
 
-    def teardown(self, worker: Worker) -> None:
-        """Let the worker end as Dask's own again."""
-        vars(worker).pop("close", None)
+    async def teardown(self, worker: Worker) -> None:
+        """Have the nanny, which has been told to end with its worker, start another if the scheduler is gone."""
+        if self.outlive and worker.nanny and not LEAVING.is_set():
+            gone = True
+            with contextlib.suppress(OSError):
+                gone = await _scheduler_of(worker) != self.scheduler
+            if gone:
+                async with worker.rpc(str(worker.nanny)) as nanny:
+                    await nanny.run(function=dumps(_go_on))
+
+
+async def _scheduler_of(worker: Worker) -> str:
+    return (await worker.scheduler.identity(n_workers=0))["id"]
+
+
+def _go_on(dask_worker: Nanny) -> None:
+    dask_worker.status = Status.running
 
 
 def let_leave_in_order(client: Client) -> None:
@@ -86,39 +95,21 @@ def leaving_in_order(client: Client) -> Iterator[None]:
 def was_told_to_leave(client: Client, address: str) -> bool:
     """Whether a worker that is gone had said that it would go."""
     events = client.get_events(address) or ()
-    return any(isinstance(event, dict) and event.get("action") == "closing-worker" for _, event in events)
+    return any(isinstance(event, dict) and event.get("action") == _GOODBYE["action"] for _, event in events)
 
 
 async def _leave(worker: Worker) -> None:
     LEAVING.set()
-    log.warning("told to leave: ending the job at hand")
-    at_hand = {task.key for task in worker.state.executing}
-    end = time.monotonic() + _GRACE_S
-    while time.monotonic() < end and at_hand & {task.key for task in worker.state.executing}:
+    worker.log_event(worker.address, _GOODBYE)
+    exit_anyway = threading.Timer(
+        3 * _GRACE_S, os._exit, (0,)
+    )  # a connection may hold up any of what follows
+    exit_anyway.daemon = True
+    exit_anyway.start()
+    at_hand, now = {task.key for task in worker.state.executing}, asyncio.get_running_loop().time
+    end = now() + _GRACE_S
+    while now() < end and at_hand & {task.key for task in worker.state.executing}:
         await asyncio.sleep(_LOOK_S)
-    with contextlib.suppress(OSError):  # the scheduler is gone too
-        await worker.close_gracefully(reason=_REASON)
-    await worker.close(reason=_REASON)
-
-
-def _outlive_scheduler(worker: Worker) -> None:
-    close, broken = worker.close, False
-
-    async def close_and_come_back(*arguments: Any, **options: Any) -> Any:
-        nonlocal broken
-        broken = broken or options.get("reason") == _BROKEN[0]
-        if broken and options.get("reason") in _BROKEN and await _comes_back(worker):
-            options["nanny"] = False  # which starts another process, and that one joins the new scheduler
-        return await close(*arguments, **options)
-
-    vars(worker)["close"] = close_and_come_back
-
-
-async def _comes_back(worker: Worker) -> bool:
-    end = time.monotonic() + BACK_WITHIN_S
-    while time.monotonic() < end and not LEAVING.is_set() and worker.status == Status.running:
-        with contextlib.suppress(OSError):
-            await worker.scheduler.identity(n_workers=0)
-            return True
-        await asyncio.sleep(_ASK_S)
-    return False
+    with contextlib.suppress(OSError, TimeoutError):  # the scheduler is gone too
+        await asyncio.wait_for(worker.close_gracefully(reason="told to leave"), _GRACE_S)
+    await worker.close(reason="told to leave")

@@ -124,5 +124,4 @@ def try_out(
             break
     mean_s = float(np.mean([*duration.values()]))
     return Pilot(
-        tuple(topples_at.values()), level, spent_s * expected_s(mean_s, 1) / expected_s(motion_s, jobs)
-    )
+        tuple(topples_at.values()), level, spent_s * expected_s(mean_s, 1) / expected_s(motion_s, jobs))  # fmt: skip

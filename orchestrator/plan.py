@@ -1,9 +1,12 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +24,7 @@ from toppling.orchestrator.recorded import Recorded, check_weighable, read_recor
 from toppling.orchestrator.site_table import Site
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
+from toppling.workers.options import PHYSICS_VERSION
 
 _COLUMNS = pa.schema(
     [
@@ -34,6 +38,9 @@ _COLUMNS = pa.schema(
 
 Rows = NDArray[np.int64]
 """Numbers of rows of the table of jobs, (n,)."""
+
+_BLOCK = 50_000
+"""Jobs whose ids are worked out at a time."""
 
 _EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
@@ -115,14 +122,15 @@ class Plan:
         number = {one.scene_id: number for number, one in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
         records = record.indices.to_numpy()
-        known = [[one.duration_s.get(name, np.nan) for name in self._records] for one in self.scenes]
+        known = [[one.duration_s.get(name, np.nan) for name in self.records] for one in self.scenes]
         axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
         duration_s = np.array(known)[scenes, records]
         return {"record_id": records, "scene_id": scenes, **axes, "duration_s": duration_s}
 
     @cached_property
-    def _records(self) -> list[str]:
-        return self.jobs.column("record_id").combine_chunks().dictionary.to_pylist()
+    def records(self) -> tuple[str, ...]:
+        """Ids of records, by their numbers in `columns`."""
+        return tuple(self.jobs.column("record_id").combine_chunks().dictionary.to_pylist())
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -151,22 +159,53 @@ class Plan:
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
         record, number, *axes, _ = (column[row].item() for column in self.columns.values())
-        record_id, scene = self._records[record], self.scenes[number]
+        record_id, scene = self.records[record], self.scenes[number]
         return JobSpec(
             scene_id=scene.scene_id,
             record_id=record_id,
             record_sha=scene.record_sha[record_id],
             **dict(zip(AXES, axes, strict=True)),
-            preset=self.campaign.preset,
-            engine=self.campaign.engine,
-            peak_displacement_m=self.campaign.peak_displacement_m,
-            unmeasured=self.campaign.unmeasured,
+            **self.settings,
         )
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the specifications of all jobs have in common."""
+        names = ("preset", "engine", "peak_displacement_m", "unmeasured")
+        return {name: getattr(self.campaign, name) for name in names}
+
+    def batch(self, rows: Rows) -> pa.Table:
+        """Jobs as they travel to a worker: ids, records and axes."""
+        chosen = self.jobs.select(["job_id", "record_id", *AXES]).take(rows)
+        return chosen.set_column(1, "record_id", chosen["record_id"].cast(pa.string()))
 
     def with_ids(self) -> "Plan":
         """The same plan, the ids of its jobs worked out from their specifications."""
-        ids = pa.array((self.spec(row).job_id for row in range(len(self))), pa.string())
-        return dataclasses.replace(self, jobs=self.jobs.set_column(0, _COLUMNS.field("job_id"), ids))
+        blocks = []
+        for first in range(0, len(self), _BLOCK):
+            rows = np.arange(first, min(first + _BLOCK, len(self)))
+            scenes, ids = self.columns["scene_id"][rows], np.empty(len(rows), object)
+            for number in np.unique(scenes):
+                ids[scenes == number] = self._ids(rows[scenes == number])
+            blocks.append(pa.array(ids, pa.string()))
+        column = pa.chunked_array(blocks, pa.string()).combine_chunks()
+        return dataclasses.replace(self, jobs=self.jobs.set_column(0, _COLUMNS.field("job_id"), column))
+
+    def _ids(self, rows: Rows) -> list[str]:
+        """As of `JobSpec.job_id`, for jobs of one scene, whose texts differ in a few places."""
+        names = ("record_id", "record_sha", *AXES)
+        content = dataclasses.asdict(self.spec(int(rows[0]))) | {name: f"<{name}>" for name in names}
+        text = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True).replace("%", "%%")
+        sha = self.scenes[self.columns["scene_id"][rows[0]]].record_sha
+        records = [(json.dumps(one), json.dumps(sha.get(one))) for one in self.records]
+        used = [records[number] for number in self.columns["record_id"][rows].tolist()]
+        texts: dict[str, Sequence[str]] = dict(zip(names, zip(*used, strict=True), strict=False))
+        texts |= {name: [*map(repr, self.columns[name][rows].tolist())] for name in AXES}
+        places = sorted(names, key=lambda name: text.index(f'"<{name}>"'))
+        for name in names:
+            text = text.replace(f'"<{name}>"', "%s")
+        differing = zip(*(texts[name] for name in places), strict=True)
+        return [hashlib.sha256((text % one).encode()).hexdigest()[:24] for one in differing]
 
 
 def _numbered(values: NDArray) -> NDArray[np.int64]:

@@ -18,7 +18,7 @@ from toppling.orchestrator.terminal import plain_text, terminal_of
 if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
-_LINE_EVERY_S = 60.0
+_FIRST_LINE_S, _LINE_EVERY_S = 10.0, 60.0
 
 _Item = TypeVar("_Item")
 
@@ -53,7 +53,11 @@ class Advance:
 
 @contextmanager
 def bar(
-    what: str, total: float | None = None, *, first_line_s: float = 10.0, line_every_s: float = _LINE_EVERY_S
+    what: str,
+    total: float | None = None,
+    *,
+    first_line_s: float = _FIRST_LINE_S,
+    line_every_s: float = _LINE_EVERY_S,
 ) -> Iterator[Advance]:
     """Show on stderr how far a piece of work is, in the way that fits where stderr leads.
 
@@ -121,13 +125,16 @@ def watcher() -> Iterator[ProgressCallback]:
 
 
 def _lines(console: Console) -> ProgressCallback:
-    last, ended = time.monotonic(), ""
+    last, ended, told = time.monotonic(), "", False
 
     def watch(progress: RunProgress) -> None:
-        nonlocal last, ended
+        nonlocal last, ended, told
         complete = progress.before + progress.done == progress.total and progress.what != ended
-        if complete or time.monotonic() - last >= _LINE_EVERY_S:
-            last = time.monotonic()
+        # The first once it is known how long the rest takes.
+        if complete or time.monotonic() - last >= (
+            _LINE_EVERY_S if told or not progress.done else _FIRST_LINE_S
+        ):
+            last, told = time.monotonic(), True
             ended = progress.what if complete else ended
             what = "" if progress.what == "shaking" else f"{progress.what}: "
             done = f"{progress.before + progress.done}/{progress.total} jobs"

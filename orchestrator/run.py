@@ -4,7 +4,7 @@ import logging
 import os
 import time
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 def run(
     planned: Plan,
     folder: Path,
-    cluster: AbstractContextManager[Client],
+    cluster: Client | AbstractContextManager[Client],
     watch: ProgressCallback,
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
@@ -42,7 +42,7 @@ def run(
     A new run begins with a look at how its rocks settle, and with a weighing of bases where the campaign asks for it.
 
     folder: the run's; made if absent.
-    cluster: entered only if there is work.
+    cluster: a client, or what gives one when it is entered, which it is only if there is work.
     again: statuses whose jobs are done again; what they have counts until there is a newer row.
     stages: what is done before and after the jobs, the weighing of bases aside.
     Returns RunProgress: of this session.
@@ -89,7 +89,7 @@ class _Session:
 
     def carry_out(
         self,
-        cluster: AbstractContextManager[Client],
+        cluster: Client | AbstractContextManager[Client],
         watch: ProgressCallback,
         limits: Limits,
         stages: Sequence[Stage],
@@ -111,7 +111,10 @@ class _Session:
                 return
         tell("work began", **progress.summary())
         with ExitStack() as until_done:
-            client = until_done.enter_context(cluster)
+            # A client that is handed over stays open.
+            client = until_done.enter_context(
+                nullcontext(cluster) if isinstance(cluster, Client) else cluster
+            )
             until_done.enter_context(client.as_current())
             until_done.enter_context(leaving_in_order(client))
             work = Work(

@@ -35,8 +35,8 @@ SCHEMA_VERSION = 1
 _ASKED = ("audit", "precision", "target")
 """Keys of a campaign that change how many of its jobs are done, and none of them: a run may go on with others."""
 
-_KEY_FILES = ".dask-jobqueue.worker."
-"""How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
+KEY_FOLDERS = ".toppling-key-"
+"""How the names of folders begin in which batch jobs find the session's key; a killed session leaves them."""
 
 _GOES_ON, _INTERRUPTED = "running", "interrupted"
 """What `run.json` says of the end of a session before it comes, and where it came too early."""
@@ -154,13 +154,10 @@ def session(run: Path) -> Iterator[dict[str, Any]]:
                 expected="one 'toppling run' for a folder at a time",
                 remedy="wait for it, or stop it first") from None  # fmt: skip
         except OSError as error:
-            raise _error(
-                "run.not_lockable",
-                run,
-                f"files cannot be locked on this file system ({error.strerror})",
+            raise _error("run.not_lockable", run, f"files cannot be locked on this file system ({error.strerror})",
                 expected="a file system with flock, so that one 'toppling run' at a time writes to a folder",
-                remedy="give --out on another one, or have it mounted with locks (Lustre: -o flock)",
-            ) from None
+                remedy="give --out on another one, or have it mounted with locks (Lustre: -o flock)"
+            ) from None  # fmt: skip
         lock.truncate(0)
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
@@ -241,8 +238,10 @@ def _take(lock: IO[str]) -> None:
 
 def _sweep(run: Path) -> None:
     """Remove what a killed writer left half written; only the holder of the lock may."""
-    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp"), *run.glob(f"{_KEY_FILES}*")):
+    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp")):
         left.unlink(missing_ok=True)
+    for left in run.glob(f"{KEY_FOLDERS}*"):
+        shutil.rmtree(left, ignore_errors=True)
 
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
@@ -265,24 +264,17 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             expected="the same versions to the end, so that all rows are comparable",
             remedy="go on with the old environment, or start a new run with another --out")  # fmt: skip
     if content.get("plan_id") != plan.id:
-        raise _error(
-            "run.of_another_campaign",
-            run,
+        raise _error("run.of_another_campaign", run,
             f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)}){difference}",
             expected="the same campaign, scene and ensemble as when the run was begun",
-            remedy="give another --out, or go on with the one that lies in the folder",
-        )
+            remedy="give another --out, or go on with the one that lies in the folder")  # fmt: skip
     required = digest.check(run / "run.json")
     begun_with = set(content.get("files") or run_integrity.NEEDED)
     lacking = [name for name in sorted(begun_with) if not (run / name).exists()]
     if lacking:
-        raise _error(
-            "run.file_gone",
-            run,
-            f"{', '.join(lacking)} of this run is gone",
+        raise _error("run.file_gone", run, f"{', '.join(lacking)} of this run is gone",
             expected="all that the run was begun with",
-            remedy="put it back from where the folder was copied, or start a new run with another --out",
-        )
+            remedy="put it back from where the folder was copied, or start a new run with another --out")  # fmt: skip
     for name in run_integrity.written_once(run):
         digest.check(run / name, required=required)
 

@@ -12,18 +12,21 @@ from distributed.security import Security
 _KEY, _CERTIFICATE = "key.pem", "certificate.pem"
 
 
-def _write_key(folder: Path) -> None:
+def write_key(folder: Path) -> Security:
     """Write a key and a certificate that it signed, unless they are there, for this account's eyes alone."""
-    if (folder / _KEY).exists() and (folder / _CERTIFICATE).exists():
-        return
-    made = Security.temporary()
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    for name, text in ((_CERTIFICATE, made.tls_ca_file), (_KEY, made.tls_client_key)):
-        hidden = folder / f".{name}.{os.getpid()}.tmp"
-        with open(os.open(hidden, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:  # noqa: PTH123
-            file.write(text)
-        hidden.replace(folder / name)
+    key, certificate = folder / _KEY, folder / _CERTIFICATE
+    if not (key.exists() and certificate.exists()):
+        made = Security.temporary()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for path, text in ((certificate, made.tls_ca_file), (key, made.tls_client_key)):
+            hidden = folder / f".{path.name}.{os.getpid()}.tmp"
+            with open(os.open(hidden, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:  # noqa: PTH123
+                file.write(text)
+            hidden.replace(path)
+    places = {f"tls_{role}_{kind}": str(path) for role in ("client", "scheduler", "worker")
+              for kind, path in (("key", key), ("cert", certificate))}  # fmt: skip
+    return Security(tls_ca_file=str(certificate), require_encryption=True, **places)
 
 
 if __name__ == "__main__":
-    _write_key(Path(sys.argv[1]))
+    write_key(Path(sys.argv[1]))

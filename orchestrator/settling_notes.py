@@ -58,8 +58,7 @@ class Settled:
         if len(outline) < 3:
             return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
         return tipping_m_s2(
-            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, _AZIMUTHS_DEG
-        )
+            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, _AZIMUTHS_DEG)  # fmt: skip
 
     @property
     def rose_stands(self) -> _Rose:

@@ -94,19 +94,6 @@ def shares_of(run: Path) -> list[Share]:
     return [Share(row["level_pga_m_s2"], row["toppled_count"], row["toppled_sum"]) for row in table]
 
 
-def words_to_go_on(run: Path, workers: int | None) -> str:
-    """How long the jobs that an interrupted run has left are expected to take; empty where none is left or has run."""
-    from toppling.orchestrator.estimate import TimeEstimate, words_of
-
-    jobs = describe(run)["jobs"]
-    rows = read_steady([run], lambda: newest_rows(result_files(run), ["job_id", "wall_s", "attempt"]))
-    cost_s, left = pc.mean(rows["wall_s"]).as_py(), jobs - len(rows)
-    if left <= 0 or cost_s is None:
-        return ""
-    summary = words_of(TimeEstimate(cost_s * left, len(rows)), left, workers)
-    return f"{len(rows):,} of {jobs:,} jobs have run; the other {summary}"
-
-
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:
     """The most frequent reasons of failed jobs, each with its number of jobs and one of them."""
     grouped = rows.group_by(["status", "message"], use_threads=False)

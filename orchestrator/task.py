@@ -7,7 +7,7 @@ import platform
 import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -16,15 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from distributed import Worker, get_worker
+from distributed import get_worker
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.code_identity import code
-from toppling.orchestrator.delivery import WORKER, NotKeptError, delivered, forget
+from toppling.orchestrator.delivery import NotKeptError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.orchestrator.processor import one_blas_thread, processor
+from toppling.results.store import table_of
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
@@ -127,7 +128,7 @@ def _loaded(what: str, load: Callable[[Path], Any], content_id: str, shared: Pat
     if found is not None:
         return found
     try:
-        folder = delivered(content_id)
+        folder = delivered(content_id, _address())
     except NotKeptError as error:
         raise _unfit(f"{why}; {error}") from None
     found, why = _tried(what, load, content_id, folder)
@@ -149,18 +150,25 @@ def _tried(what: str, load: Callable[[Path], Any], content_id: str, folder: Path
     return found, ""
 
 
-def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:
+def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, budget_s: float) -> pa.Table:
     """Rows of the first jobs of a batch: of one at least, of more until the time is used up.
 
     Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
 
-    Raises UnfitWorkerError if the machine refuses it a file.
+    settings: what the specifications of all jobs have in common (`Plan.settings`).
+    jobs: as `Plan.batch`.
+    Returns pa.Table: under `SCHEMA`.
+    Raises UnfitWorkerError if the machine refuses it a file, or the worker makes other ids of the jobs.
     Raises as :func:`_assets_of`.
     """
     assets = _assets_of(run_key)
     end = time.perf_counter() + budget_s
     rows: list[Row] = []
-    for spec in specs:
+    for job in jobs.to_pylist():
+        job_id, sha = job.pop("job_id"), assets.ensemble.sha(job["record_id"])
+        spec = JobSpec(scene_id=run_key.scene_id, record_sha=sha, **job, **settings)
+        if spec.job_id != job_id:
+            raise _unfit(f"job {job_id} is {spec.job_id} here")
         with _ONE_AT_A_TIME:
             try:
                 row = run_job(spec, assets)
@@ -172,10 +180,10 @@ def shake_batch(run_key: RunKey, specs: Sequence[JobSpec], budget_s: float) -> l
         rows.append({**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)})
         if time.perf_counter() >= end or LEAVING.is_set():
             break
-    return rows
+    return table_of(rows)
 
 
-async def check(run_key: RunKey, dask_worker: Worker | None = None) -> str:
+async def check(run_key: RunKey) -> str:
     """Load the run's assets, or say why that cannot be done here; returns the kernels that compute here.
 
     In a thread of its own: a worker that compiles, or waits for what is sent to it, stays in touch with its scheduler.
@@ -185,7 +193,6 @@ async def check(run_key: RunKey, dask_worker: Worker | None = None) -> str:
     UnfitWorkerError, NotDeliveredError
         As :func:`_assets_of`.
     """
-    WORKER.set(dask_worker)
     one_blas_thread()
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
     await asyncio.to_thread(_assets_of, run_key)
@@ -198,11 +205,15 @@ def lost_row(spec: JobSpec, status: str, message: str) -> Row:
 
 
 def _unfit(what: str) -> UnfitWorkerError:
+    return UnfitWorkerError(f"worker {_name()}: {what}", _address())
+
+
+def _address() -> str | None:
+    """Of the worker whose task this is; None outside of one."""
     try:
-        address = get_worker().address
-    except ValueError:  # not on a worker
-        address = None
-    return UnfitWorkerError(f"worker {_name()}: {what}", address)
+        return get_worker().address
+    except ValueError:
+        return None
 
 
 def _name() -> str:

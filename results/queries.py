@@ -107,15 +107,11 @@ def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.Duck
             if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
                 for run in runs:
                     newest_rows(result_files(run.root))
-            raise InputError(
-                "query.failed",
-                str(error),
-                where="SQL",
+            raise InputError("query.failed", str(error), where="SQL",
                 expected="DuckDB's SQL over the tables results, motions, scene",
-                remedy="write toppled::int to count or average it"
-                if "BOOLEAN" in str(error)
-                else "'toppling query RUN --describe' names every column, and texts stand between single quotes",
-            ) from error
+                remedy="write toppled::int to count or average it" if "BOOLEAN" in str(error)
+                else "'toppling query RUN --describe' names every column, and texts stand between single quotes"
+            ) from error  # fmt: skip
 
 
 def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
@@ -166,23 +162,15 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     of_atlas = kinds["rock"].notna().all()
     columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
     values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
-    raise InputError(
-        "query.runs_differ",
-        f"these runs differ in {values}, and the query pools their rows",
-        where="SQL",
-        expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
-        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
-    )
+    raise InputError("query.runs_differ", f"these runs differ in {values}, and the query pools their rows",
+        where="SQL", expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
+        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"')  # fmt: skip
 
 
 def _refused(what: str) -> InputError:
-    return InputError(
-        "query.not_allowed",
-        what,
-        where="SQL",
+    return InputError("query.not_allowed", what, where="SQL",
         expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
-        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files",
-    )
+        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files")  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -226,10 +214,7 @@ def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
 
 
 def _too_much(what: str) -> InputError:
-    return InputError(
-        "query.too_large",
-        what,
-        where="SQL",
+    return InputError("query.too_large", what, where="SQL",
         expected=f"a query of at most {_MEMORY_BYTES / 1e9:.1f} GB and {_TIME_S:g} s",
-        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know",
-    )
+        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know"
+    )  # fmt: skip

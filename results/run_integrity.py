@@ -143,8 +143,7 @@ def _compare(run: Path) -> None:
     for name, key, found in _ids(run, document, recorded):
         if found != document[key]:
             raise ForeignError(
-                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name
-            )
+                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name)  # fmt: skip
 
 
 def _ids(

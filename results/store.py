@@ -39,16 +39,16 @@ PathLike = str | os.PathLike[str]
 _Answer = TypeVar("_Answer")
 
 
-def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
+def write_part(run_folder: PathLike, rows: pa.Table | Iterable[Mapping[str, Any]]) -> Path:
     """Append rows to a run as one new part file.
 
-    rows: column name to value; a nullable column may be left out, and NaN is kept as null.
+    rows: a table under `SCHEMA`, or column name to value; a nullable column may be left out, and NaN is kept as null.
     Returns Path: the part file, on disk when this returns.
     Raises ValueError if there are no rows, a row has a column that the schema does not know, or lacks a required one.
     Raises FileNotFoundError if there is no such folder: one that vanished under a run is not made again, its earlier
     rows are gone.
     """
-    table = table_of(list(rows))
+    table = rows if isinstance(rows, pa.Table) else table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
     folder.mkdir(exist_ok=True)
     # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
@@ -58,9 +58,7 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
 
 
 def finished_ids(
-    run_folder: PathLike,
-    known: frozenset[str] | None = None,
-    redo: Mapping[str, int] = MappingProxyType({}),
+    run_folder: PathLike, known: frozenset[str] | None = None, redo: Mapping[str, int] = MappingProxyType({})
 ) -> set[str]:
     """Ids of the jobs that have a row, whatever its status.
 
@@ -183,7 +181,7 @@ def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.T
     return table.take(newest.column("row_last").sort())
 
 
-def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
+def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Rows under `SCHEMA`.
 
     Raises ValueError, TypeError if there are none, or a row has a column or a value that the schema does not know, or
@@ -245,13 +243,10 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         return True
     # A file that says it holds results would, where a column is not as declared, answer with nulls.
     if b"schema_version" in (schema.metadata or {}):
-        raise InputError(
-            "run.columns_other",
-            f"the columns {', '.join(wrong)} are missing or of another type",
-            where=str(path),
-            expected=f"results of schema version {SCHEMA_VERSION}",
-            remedy="read the run with the program that wrote it (versions in run.json), or start it again",
-        )
+        raise InputError("run.columns_other", f"the columns {', '.join(wrong)} are missing or of another type",
+            where=str(path), expected=f"results of schema version {SCHEMA_VERSION}",
+            remedy="read the run with the program that wrote it (versions in run.json), or start it again"
+        )  # fmt: skip
     _log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
     return False
 

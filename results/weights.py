@@ -62,13 +62,10 @@ class Weights:
         Raises InputError if the draws were not weighed under it.
         """
         if contact not in self.by_contact:
-            raise InputError(
-                "run.contact_without_weights",
+            raise InputError("run.contact_without_weights",
                 f"no weights of the bases under friction {contact[0]:g}, {contact[1]:g} and restitution {contact[2]:g}",
-                where=WEIGHTS_FILE,
-                expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
-                remedy="begin a new run with another --out",
-            )
+                where=WEIGHTS_FILE, expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
+                remedy="begin a new run with another --out")  # fmt: skip
         return self.by_contact[contact]
 
     def table(self) -> pa.Table:

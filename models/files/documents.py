@@ -156,13 +156,9 @@ def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[
         for row in filter(None, reader):
             yield reader.line_num, row
     except csv.Error as error:
-        raise InputError(
-            "table.unreadable",
-            f"is no CSV ({error})",
-            where=f"{where}:{reader.line_num}",
+        raise InputError("table.unreadable", f"is no CSV ({error})", where=f"{where}:{reader.line_num}",
             expected="a CSV table with a header line",
-            remedy="look for a quote that is not closed, or save the table as CSV again",
-        ) from None
+            remedy="look for a quote that is not closed, or save the table as CSV again") from None  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -108,13 +108,9 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
             return mesh[0], mesh[1], what
     elif hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return mesh.vertices, mesh.faces, what
-    raise InputError(
-        "mesh.kind_unknown",
-        f"is a {type(mesh).__name__}",
-        where=what,
+    raise InputError("mesh.kind_unknown", f"is a {type(mesh).__name__}", where=what,
         expected="a path, a pair of vertices (n, 3) and triangles (m, 3), or an object with vertices and faces",
-        remedy="a trimesh.Scene becomes one mesh with to_mesh()",
-    )
+        remedy="a trimesh.Scene becomes one mesh with to_mesh()")  # fmt: skip
 
 
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:

@@ -284,13 +284,10 @@ def _file_system(address: str) -> tuple[Any, str]:
         system, root = fsspec.core.url_to_fs(address)
         system.dircache.use_listings_cache = False  # others write there too
     except (ImportError, ValueError) as error:
-        raise InputError(
-            "store.kind_unknown",
-            f"is in a kind of store that cannot be reached from here ({error})",
-            where=address,
-            expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here",
-        ) from None
+        raise InputError("store.kind_unknown", f"is in a kind of store that cannot be reached from here ({error})",
+            where=address, expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
+            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here"
+        ) from None  # fmt: skip
     except Exception as error:  # (some connect at once, and each package has errors of its own)
         raise no_answer(address, error) from None
     return PyFileSystem(FSSpecHandler(system)), root

@@ -158,15 +158,12 @@ def _no_base(under: Underside, low: Array, lit: Array) -> InputError:
     hull, nodes = ConvexHull(low[:, :2]).equations, under.grid.nodes_m
     inside = (nodes @ hull[:, :2].T + hull[:, 2] < 0.0).all(axis=-1)
     if (depth_of_holes(under.grid, lit) == 0.0)[inside].mean() > _SHOWN_SHARE:
-        return InputError(
-            "base.nothing_hidden",
+        return InputError("base.nothing_hidden",
             f"the pedestal was seen everywhere below the rock, which hangs {low[:, 2].min():.3g} m over it and more: "
-            "it touches nowhere",
-            where="the base",
+            "it touches nowhere", where="the base",
             expected="a rock that stands on its pedestal, and hides it where it does",
             remedy="give rock and pedestal in one frame, the rock as it stands, with its foot; or say where they meet "
-            "by --plane",
-        )
+            "by --plane")  # fmt: skip
     return InputError("base.not_enclosed", "no hidden base is enclosed by what was seen of the rock's foot",
         where="the base",
         expected="the foot of the rock seen from several sides, all around what no laser sees",
@@ -268,14 +265,12 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
     if off.any():
         number = int(off.argmax())
         also = f", and so do {off.sum() - 1} more of {len(off)} places" if off.sum() > 1 else ""
-        raise inspection.misplaced(
-            "base.place_off_interface",
-            number,
+        raise inspection.misplaced("base.place_off_interface", number,
             f"the place lies {abs(over[number]):.3g} m {'above' if over[number] > 0 else 'below'} the interface, "
             f"{100 * abs(over[number]) / height_m:.0f} % of the rock's height{also}",
             f"places at the base, within {_NOT_UNDER_THE_ROCK * height_m:.2g} m of the interface",
-            "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline",
-        )
+            "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline"
+        )  # fmt: skip
 
 
 def _check_under_the_rock(

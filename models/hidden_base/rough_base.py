@@ -192,13 +192,10 @@ def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: i
 
 def _check(scene: Scene, std_m: tuple[float, float], wavelength_m: float, band_m: float, draws: int) -> None:
     if not scene.pedestal.is_plane:
-        raise InputError(
-            "base.pedestal_is_scanned",
-            "the pedestal is a scanned surface",
-            where=f"scene {scene.id}",
+        raise InputError("base.pedestal_is_scanned", "the pedestal is a scanned surface", where=f"scene {scene.id}",
             expected="a mesh on an endless plane",
-            remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh",
-        )
+            remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh"
+        )  # fmt: skip
     for each in std_m:
         check_positive("with_rough_base", _POSITIVE, _REMEDY, std_m=each)
     check_positive(

@@ -52,10 +52,10 @@ def impose(
     if peak_displacement_m is not None and scale * intensity["pgd_m"] > peak_displacement_m:
         motion, intensity = _within_displacement(record, peak_displacement_m / scale)
     turn_deg = azimuth_deg - record.intensity["strong_azimuth_deg"]
-    return Imposed(_scaled_and_turned(motion, scale, turn_deg), scaled_intensity(intensity, scale, turn_deg))
+    return Imposed(_scaled_and_turned(motion, scale, turn_deg), _scaled_intensity(intensity, scale, turn_deg))
 
 
-def scaled_intensity(intensity: Mapping[str, float], scale: float, turn_deg: float) -> dict[str, float]:
+def _scaled_intensity(intensity: Mapping[str, float], scale: float, turn_deg: float) -> dict[str, float]:
     """Measures of a motion that is scaled and turned, from those of the motion."""
     measures = {
         name: float(intensity[name] * scale**power)

@@ -47,11 +47,9 @@ class Motion:
             raise _motion_error("motion.step_unusable", f"the time step is {time_step}",
                 "a positive number of seconds")  # fmt: skip
         if not _SHORTEST_STEP_S <= time_step <= _LONGEST_S / len(values):
-            raise _motion_error(
-                "motion.duration_out_of_range",
+            raise _motion_error("motion.duration_out_of_range",
                 f"{len(values)} samples at a time step of {time_step:g} s",
-                f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
-            )
+                f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s")  # fmt: skip
         if (most := np.abs(values).max()) > _LARGEST_M_S2:
             raise _motion_error("motion.too_strong", f"the acceleration reaches {most:g} m/s2",
                 f"at most {_LARGEST_M_S2:g} m/s2")  # fmt: skip

@@ -47,13 +47,9 @@ def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -
     """
     nyquist_hz = 0.5 / motion.time_step_s
     if not _LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
-        raise InputError(
-            "motion.corner_out_of_range",
-            f"a high-pass corner of {corner_hz:g} Hz",
-            where="high-pass",
+        raise InputError("motion.corner_out_of_range", f"a high-pass corner of {corner_hz:g} Hz", where="high-pass",
             expected=f"{_LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
-            remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
-        )
+            remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual")  # fmt: skip
     filtered, pad = _filtered(motion, corner_hz, order)
     return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
 

@@ -132,14 +132,11 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
     both = zip(by_wkt["metres_per_unit"], by_keys["metres_per_unit"], strict=True)
     across, up = (math.isclose(one, other, rel_tol=1e-9) for one, other in both)  # the feet differ by 2e-6
     if not (across and (up or by_wkt["note"] or by_keys["note"])):
-        raise InputError(
-            "coordinates.crs_contradicted",
+        raise InputError("coordinates.crs_contradicted",
             f"its two coordinate systems differ in unit: {by_wkt['name']} ({by_wkt['unit']}) in WKT, {by_keys['name']} "
-            f"({by_keys['unit']}) in GeoTIFF keys",
-            where=str(path),
+            f"({by_keys['unit']}) in GeoTIFF keys", where=str(path),
             expected="one coordinate system, or two that say the same",
-            remedy="say in which unit the coordinates are by --units, which wins over what the file says",
-        )
+            remedy="say in which unit the coordinates are by --units, which wins over what the file says")  # fmt: skip
     return by_wkt if meant else by_keys
 
 
@@ -241,13 +238,11 @@ def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Refere
     unit = other_unit_in(words if system is None else words[1:])
     if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
         stated = unit if system is None else f"{system['name']}, in {system['unit']}"
-        raise InputError(
-            "coordinates.unit_not_metres",
+        raise InputError("coordinates.unit_not_metres",
             f"its coordinates are said to be in another unit than metres ({stated}), which are E57's by its standard",
-            where=str(path),
-            expected="coordinates in metres, and no other unit in the file's words",
-            remedy="see how large something known is, and say which unit is right by --units, such as --units m",
-        )
+            where=str(path), expected="coordinates in metres, and no other unit in the file's words",
+            remedy="see how large something known is, and say which unit is right by --units, such as --units m"
+        )  # fmt: skip
     return system
 
 

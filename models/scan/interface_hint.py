@@ -50,13 +50,10 @@ class InterfaceHint:
             If the slope is none that a rock can stand on.
         """
         if not 0.0 <= slope_deg <= _STEEPEST_DEG:
-            raise InputError(
-                "interface.slope_out_of_range",
-                f"the slope is {slope_deg} degrees",
-                where="--plane",
+            raise InputError("interface.slope_out_of_range", f"the slope is {slope_deg} degrees", where="--plane",
                 expected=f"0 to {_STEEPEST_DEG:.0f} degrees",
-                remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)",
-            )
+                remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)"
+            )  # fmt: skip
         point = np.asarray(point_m, float)
         plane = Interface.through(point, plane_normal(slope_deg, downhill_azimuth_deg))
         return cls(plane, point[None], False, "plane")
@@ -143,13 +140,10 @@ def hint_of(
         name for name, value in (("--plane", plane), ("--point", points), ("--outline", outline)) if value
     ]
     if len(given) > 1:
-        raise InputError(
-            "interface.given_twice",
-            f"{' and '.join(given)} are given together",
-            where="the interface",
+        raise InputError("interface.given_twice", f"{' and '.join(given)} are given together", where="the interface",
             expected="one word on the interface",
-            remedy="keep the one that you trust most: an outline says more than points, points more than a plane",
-        )
+            remedy="keep the one that you trust most: an outline says more than points, points more than a plane"
+        )  # fmt: skip
     if plane:
         return InterfaceHint.plane(plane[:3], plane[3], plane[4])
     if points:

@@ -106,15 +106,10 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
     """Which points of a file have one of the values."""
     found = None if is_mesh(path) else _scalar(path, part)
     if found is None or len(found) != points:
-        raise InputError(
-            "parts.class_missing",
-            "a mesh has no classes of points"
-            if is_mesh(path)
-            else f"has no scalar '{part.field or 'class'}'",
-            where=f"{path.name}, {part.option}",
+        raise InputError("parts.class_missing", "a mesh has no classes of points" if is_mesh(path)
+            else f"has no scalar '{part.field or 'class'}'", where=f"{path.name}, {part.option}",
             expected="a class of LAS or LAZ, or FIELD=VALUE of a scalar in a PLY cloud",
-            remedy="name the field as the file does, or give the part as a file of its own",
-        )
+            remedy="name the field as the file does, or give the part as a file of its own")  # fmt: skip
     mask = np.isin(found, part.values)
     if not mask.any():
         values, count = np.unique(found, return_counts=True)
@@ -168,12 +163,9 @@ def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) 
     if apart_m < _APART_PER_HEIGHT * height_m:
         return
     told = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
-    raise InputError(
-        "rock.apart_from_pedestal",
-        f"rock and pedestal lie apart, where they are nearest by {told}",
+    raise InputError("rock.apart_from_pedestal", f"rock and pedestal lie apart, where they are nearest by {told}",
         where="--rock, --pedestal",
         expected=f"a rock that stands on its pedestal, in the files no farther from it than "
         f"{_APART_PER_HEIGHT * height_m:.2g} m",
         remedy="give both in one frame and one unit, the rock as it stands, and cut off neither what lies beside the "
-        "crevice",
-    )
+        "crevice")  # fmt: skip

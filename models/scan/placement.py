@@ -119,14 +119,9 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
     large = off.max() > _LARGEST_SHARE * size
     expected = "control points that one scale, one rotation and one shift carry onto the survey"
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
-        raise InputError(
-            "placement.mirrored",
-            "the points fit when mirrored",
-            where=path,
-            expected=expected,
+        raise InputError("placement.mirrored", "the points fit when mirrored", where=path, expected=expected,
             remedy="exchange two of the columns of one side: one of the two systems is left-handed (north before east, "
-            "or heights downward)",
-        )
+            "or heights downward)")  # fmt: skip
     if count > 3:
         others = [_squares(model[keep], surveyed[keep]) for keep in ~np.eye(count, dtype=bool)]
         worst, rest = int(np.argmin(others)), min(others)
@@ -135,25 +130,17 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         by_chance = count * f_distribution.sf(((off**2).sum() - rest) / 3.0 * free / max(rest, tiny), 3, free)
         alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
         if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
-            raise InputError(
-                "placement.points_off",
+            raise InputError("placement.points_off",
                 f"point {names[worst]} does not fit: with it the points are off by up to {off.max():.3g} m, without it "
-                f"by {np.sqrt(rest / (count - 1)):.2g} m",
-                where=path,
-                expected=expected,
+                f"by {np.sqrt(rest / (count - 1)):.2g} m", where=path, expected=expected,
                 remedy=f"correct point {names[worst]} or leave it out: it may be another mark's, mistyped or in "
-                "another order",
-            )
+                "another order")  # fmt: skip
     if large:
-        raise InputError(
-            "placement.points_off",
+        raise InputError("placement.points_off",
             f"the points do not fit: off by up to {off.max():.3g} m, where they span {size:.3g} m; "
-            f"{names[int(off.argmax())]} is off most",
-            where=path,
-            expected=expected,
+            f"{names[int(off.argmax())]} is off most", where=path, expected=expected,
             remedy="check the order of points and columns, and that each point is the same mark on both sides; a "
-            "fourth point would show which one is wrong",
-        )
+            "fourth point would show which one is wrong")  # fmt: skip
 
 
 def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:

@@ -75,13 +75,11 @@ def of_user(text: str) -> Reference:
     try:
         return _of_crs(CRS.from_user_input(int(text) if text.strip().isdigit() else text), "--crs")
     except CRSError as error:
-        raise InputError(
-            "coordinates.crs_unknown",
-            f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})",
-            where="--crs",
+        raise InputError("coordinates.crs_unknown",
+            f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})", where="--crs",
             expected="a projected coordinate system: EPSG:32611, or its WKT",
-            remedy="look up the code of the survey's coordinate system, such as that of its UTM zone",
-        ) from None
+            remedy="look up the code of the survey's coordinate system, such as that of its UTM zone"
+        ) from None  # fmt: skip
 
 
 def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
@@ -226,10 +224,6 @@ def _geocentric(where: str) -> InputError:
 
 
 def _not_understood(what: str, where: str) -> InputError:
-    return InputError(
-        "coordinates.crs_unknown",
-        f"its coordinate system is not understood: {what}",
-        where=where,
+    return InputError("coordinates.crs_unknown", f"its coordinate system is not understood: {what}", where=where,
         expected="a projected or local coordinate system with units of length",
-        remedy="say in which unit the coordinates are by --units, which wins over what the file says",
-    )
+        remedy="say in which unit the coordinates are by --units, which wins over what the file says")  # fmt: skip

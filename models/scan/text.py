@@ -301,8 +301,6 @@ def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
         raise _out_of_order("cloud.columns_out_of_order", f"the third column, about {z:.0f}, is no height",
             path)  # fmt: skip
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:
-        raise _out_of_order(
-            "cloud.columns_out_of_order",
+        raise _out_of_order("cloud.columns_out_of_order",
             f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
-            path,
-        )
+            path)  # fmt: skip

@@ -213,13 +213,11 @@ class Picking:
     def _split(self, said: UserHints) -> Answer:
         """Split the cloud by hints, and show it."""
         if self._kept is not None:
-            raise InputError(
-                "pick.needs_clouds",
-                "this needs the clouds, of which the scan has kept the rock's surroundings only",
-                where="--again",
+            raise InputError("pick.needs_clouds",
+                "this needs the clouds, of which the scan has kept the rock's surroundings only", where="--again",
                 expected="hints on the base: touch, daylight, pull",
-                remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",
-            )
+                remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml"
+            )  # fmt: skip
         near = None if said.near is None else (said.near[0], said.near[1])
         hints = near, said.hint(), self._bootstrap, said.inspection()
         registered, worked, label, notes, view = self._apart.do(

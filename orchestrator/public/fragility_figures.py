@@ -162,13 +162,8 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
         jobs = run.weighted(jobs)
     if not jobs["toppled"].notna().any():
         what = f"{len(jobs)} jobs, none with an answer"
-        raise InputError(
-            "run.no_answers",
-            what,
-            where=str(run.path),
-            expected="finished jobs",
-            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
-        )
+        raise InputError("run.no_answers", what, where=str(run.path), expected="finished jobs",
+            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is")  # fmt: skip
     return jobs
 
 

@@ -220,13 +220,9 @@ def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
     """
     crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
     if crs and length:
-        raise InputError(
-            "placement.given_twice",
-            "--crs is given with --length",
-            where="--crs",
+        raise InputError("placement.given_twice", "--crs is given with --length", where="--crs",
             expected="a coordinate system of surveyed coordinates",
-            remedy="give control points (--gcp), which place the model in it, or leave --crs out",
-        )
+            remedy="give control points (--gcp), which place the model in it, or leave --crs out")  # fmt: skip
     system = of_user(crs) if crs else None
     units = system["metres_per_unit"] if system else (1.0, 1.0)
     return placement_of(hints.get("up"), length, gcp, units), system

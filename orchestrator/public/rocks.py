@@ -83,13 +83,10 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
     far = [(float(distance_km(*here, there)), one, other) for one, other, here, there in pairs]
     widest, one, other = max(far, default=(0.0, "", ""))
     if hazard and widest > SITE_REACH_KM:
-        raise InputError(
-            "site.far_apart",
-            f"{one} and {other} lie {widest:,.0f} km apart",
-            where="--hazard",
+        raise InputError("site.far_apart", f"{one} and {other} lie {widest:,.0f} km apart", where="--hazard",
             expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
-            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites",
-        )
+            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites"
+        )  # fmt: skip
     return max((km for km, _, name in far if name in places), default=0.0)
 
 

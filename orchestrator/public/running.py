@@ -111,7 +111,7 @@ def run(
     campaign: Campaign | str | Path,
     out: str | Path,
     *,
-    cluster: AbstractContextManager[Client] | None = None,
+    cluster: Client | AbstractContextManager[Client] | None = None,
     workers: int | None = None,
     watch: ProgressCallback = unseen,
     limits: Limits = USUAL_LIMITS,
@@ -120,16 +120,15 @@ def run(
 ) -> CarriedOut:
     """Carry a campaign out, or go on with it, as `toppling run` does: its audit included.
 
-    Called from a script, it stands under ``if __name__ == "__main__":``, as workers are processes of their own.
-
     Parameters
     ----------
     campaign : Campaign or path
     out : path
         The run's folder: a new one, or one that this campaign began. Of an address in an object store, such as
         ``s3://bucket/run``, the copy on this machine is written, and carried there every few seconds and at the end.
-    cluster : context manager of a Dask client, or None
-        Where the jobs run; processes of this machine unless given.
+    cluster : Dask client, context manager of one, or None
+        Where the jobs run, such as ``Client(address)`` or ``cluster.get_client()`` of Dask Gateway, Kubernetes or
+        Coiled; processes of this machine unless given.
     workers : int or None
         So many processes; one a core unless given.
     watch : callable

@@ -103,14 +103,11 @@ def audit(work: Work, count: int) -> list[RunProgress]:
     planned, folder = work.planned, work.folder
     able = _auditors(planned.campaign)
     if not able:
-        raise InputError(
-            "audit.nothing_finer",
-            "nothing that is installed can say more than this run, made with the finest preset",
-            where=str(folder),
-            expected="a run with preset fast or standard, or a second engine",
-            remedy="install one: "
-            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra),
-        )
+        raise InputError("audit.nothing_finer",
+            "nothing that is installed can say more than this run, made with the finest preset", where=str(folder),
+            expected="a run with preset fast or standard, or a second engine", remedy="install one: "
+            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra)
+        )  # fmt: skip
     progresses = []
     with _alone(folder) as home:
         rows = drawn(folder)
@@ -145,13 +142,9 @@ def check_versions(folder: Path) -> None:
     """
     there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
     if there != here:
-        raise InputError(
-            "run.versions_differ",
-            f"the run was made with physics version {there}, here is {here}",
-            where=str(folder),
-            expected="one version, so that answers differ by the settings alone",
-            remedy="audit it with the environment that it was made with, or run the campaign again",
-        )
+        raise InputError("run.versions_differ", f"the run was made with physics version {there}, here is {here}",
+            where=str(folder), expected="one version, so that answers differ by the settings alone",
+            remedy="audit it with the environment that it was made with, or run the campaign again")  # fmt: skip
 
 
 def _rows_of(planned: Plan, ids: pa.ChunkedArray) -> NDArray[np.int64]:

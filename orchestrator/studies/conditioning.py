@@ -175,14 +175,10 @@ def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
     if not len(known):
         messages = shakes["message"].dropna() if "message" in shakes else shakes["toppled"].dropna()
         reason = messages.mode()
-        raise InputError(
-            "stood.no_answer",
-            f"none of {len(shakes)} shakes with {name} has an answer"
-            + (f" ({reason.iloc[0]})" if len(reason) else ""),
-            where="--stood",
+        raise InputError("stood.no_answer", f"none of {len(shakes)} shakes with {name} has an answer"
+            + (f" ({reason.iloc[0]})" if len(reason) else ""), where="--stood",
             expected="a motion that the engine of the run shakes the rock with",
-            remedy="see 'toppling records show' of the motion, or leave it out",
-        )
+            remedy="see 'toppling records show' of the motion, or leave it out")  # fmt: skip
     base = known["base"].to_numpy(int)
     answered = np.bincount(base, minlength=draws)
     standing = np.bincount(base[~known["toppled"].to_numpy(bool)], minlength=draws)

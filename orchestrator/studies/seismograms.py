@@ -322,13 +322,11 @@ def _with_seismograms(
     chosen = [(site, seismograms_of(site, given)) for site in sites]
     if not any(found for _, found in chosen):
         stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
-        raise InputError(
-            "rocks.no_seismograms",
-            f"none of {len(given)} seismograms is at a site of the table",
+        raise InputError("rocks.no_seismograms", f"none of {len(given)} seismograms is at a site of the table",
             where="check",
             expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
-            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
-        )
+            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'"
+        )  # fmt: skip
     return chosen
 
 

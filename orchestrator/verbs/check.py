@@ -67,11 +67,8 @@ def check(
         _check_table(table, seismograms, as_json=as_json)
         return
     if not seismograms or workers or out:
-        raise click.UsageError(
-            "--workers and --out apply to a table of rocks"
-            if seismograms
-            else "Missing argument 'SEISMOGRAMS...'."
-        )
+        raise click.UsageError("--workers and --out apply to a table of rocks" if seismograms
+            else "Missing argument 'SEISMOGRAMS...'.")  # fmt: skip
     with bar("shaking") as advance:
         checked = study.check(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)

@@ -179,12 +179,10 @@ def _refuse_unclear_request(
 ) -> None:
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
         raise click.UsageError(
-            "give --event with --radius or --stations, or --stations with --start and --end"
-        )
+            "give --event with --radius or --stations, or --stations with --start and --end")  # fmt: skip
     if (radius_km and stations) or bool(start) != bool(end):
         raise click.UsageError(
-            "give --radius or --stations, and --start and --end together: one of them would be ignored"
-        )
+            "give --radius or --stations, and --start and --end together: one of them would be ignored")  # fmt: skip
 
 
 @records.command()

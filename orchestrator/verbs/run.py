@@ -4,7 +4,7 @@ import json
 import logging
 import shlex
 import sys
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,9 @@ from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.orchestrator.verbs.where import cluster_of, cluster_options
+from toppling.orchestrator.verbs.where import cluster_of, cluster_options, of_batch_job
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from distributed import Client
 
     from toppling.orchestrator.campaign import Campaign
@@ -79,7 +77,9 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 )  # fmt: skip
 @option("--performance-report", "report", type=shared.FILE, help="Write Dask's performance report (HTML).")
 @shared.take_over_option
-@option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
+@option(
+    "--no-estimate", is_flag=True, hidden=True, expose_value=False
+)  # of scripts from before runs told it themselves
 @shared.json_option("Print the summary as JSON.")
 def run(
     campaign: Path,
@@ -91,7 +91,6 @@ def run(
     precision: float | None,
     report: Path | None,
     take_over: bool,
-    no_estimate: bool,
     as_json: bool,
     **where: Any,
 ) -> None:
@@ -113,7 +112,7 @@ def run(
         queue = where["queue_kind"]
         if queue is None:
             raise click.UsageError("--dry-run needs --queue")
-        click.echo(job_script(queue))
+        click.echo(job_script(queue, of_batch_job(where)))
         return
     if folder is None:
         raise click.UsageError("Missing option '--out'.")
@@ -131,16 +130,23 @@ def run(
         from toppling.orchestrator.studies.precision import borne_words
 
         click.echo(borne_words(chosen), err=True)
-    elif not no_estimate:
-        if folder.exists():
-            cluster = _announced(cluster, folder, where["workers"])
-        elif words := _time_words(chosen, where["workers"]):
-            click.echo(words, err=True)
+    elif not (folder.exists() or chosen.sites):
+        _warn(chosen)
     command = command_to_go_on(click.get_current_context())
     limits = Limits(job_limit, tries)
     asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
     shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
     _tell(chosen, folder, shaken, command, as_json=as_json)
+
+
+def _warn(chosen: "Campaign") -> None:
+    """Say what of the shaking was never recorded; a campaign that is refused is so by the run itself."""
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.orchestrator.advice import shaking_warnings
+
+    with suppress(InputError):
+        for sentence in shaking_warnings(chosen, Ensemble.load(chosen.ensemble)):
+            click.echo(f"warning: {sentence}", err=True)
 
 
 def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
@@ -153,19 +159,6 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     raise InputError("file.absent", f"{gone} is not there", where=str(campaign),
         expected="the folders that it names",
         remedy=f"put it back, or go on with the copy that the run keeps: {again}")  # fmt: skip
-
-
-@contextmanager
-def _announced(
-    cluster: AbstractContextManager["Client"], folder: Path, workers: int | None
-) -> "Iterator[Client]":
-    """Tell how long the run still takes as it enters its cluster: by then the campaign is known as its own."""
-    from toppling.orchestrator.status import words_to_go_on
-
-    if words := words_to_go_on(folder, workers):
-        click.echo(words, err=True)
-    with cluster as client:
-        yield client
 
 
 def _carry_out(
@@ -256,21 +249,3 @@ def as_given(option: click.Option, value: Any) -> list[str]:
         given = named(one) if isinstance(one, Path) else one
         words += [option.opts[0], *(map(str, given) if option.nargs > 1 else [str(given)])]
     return words
-
-
-def _time_words(campaign: "Campaign", workers: int | None) -> str:
-    """Estimate a campaign's duration from a few of its jobs; empty if it is refused."""
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.orchestrator.advice import shaking_warnings
-    from toppling.orchestrator.estimate import estimate, words_of
-    from toppling.orchestrator.plan import plan_of
-    from toppling.orchestrator.progress import bar
-
-    try:
-        planned = plan_of(campaign)
-    except InputError:
-        return ""  # the run itself will say so
-    for sentence in [] if campaign.sites else shaking_warnings(campaign, Ensemble.load(campaign.ensemble)):
-        click.echo(f"warning: {sentence}", err=True)
-    with bar("timing a few jobs"):
-        return words_of(estimate(planned), len(planned), workers)

@@ -25,8 +25,7 @@ _LEAST_REALISATIONS = 3
 def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     if 0 < realisations < _LEAST_REALISATIONS:
         raise click.BadParameter(
-            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}."
-        )
+            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}.")  # fmt: skip
     return realisations
 
 

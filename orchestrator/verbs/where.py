@@ -9,10 +9,12 @@ from typing import Any
 
 import click
 
-from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.misspelt import OneOf
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
+
+QUEUES = ("slurm", "pbs", "sge", "lsf", "htcondor", "oar", "moab")
+_GATEWAY = "gateway://"
 
 
 class _Span(int):
@@ -49,10 +51,18 @@ _OPTIONS = (
         type=_SpanType(),
         help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
     ),
-    option("--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."),
+    option(
+        "--scheduler",
+        help="Address of an existing scheduler, or gateway://NAME of a cluster of Dask Gateway. Default: "
+        "DASK_SCHEDULER_ADDRESS, if set.",
+    ),
     option("--scheduler-file", type=shared.FILE, help="File written by 'dask scheduler --scheduler-file'."),
     option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
     option("--queue-jobs", type=_SpanType(), default="1", help="Batch jobs to submit; LOW..HIGH too."),
+    option("--queue-name", "of_job_queue", help="Queue, or partition, of the batch system."),
+    option("--queue-account", "of_job_account", help="Account that batch jobs are charged to."),
+    option("--queue-walltime", "of_job_walltime", help="Time limit of a batch job, such as 02:00:00."),
+    option("--queue-memory", "of_job_memory", help="Memory of a batch job, such as 8GB."),
     option("--tls-ca", type=shared.FILE, help="Certificate of the cluster's authority (PEM)."),
     option("--tls-cert", type=shared.FILE, help="Certificate of this client (PEM)."),
     option("--tls-key", type=shared.FILE, help="Key of this client (PEM)."),
@@ -64,12 +74,17 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return reduce(lambda function, option: option(function), reversed(_OPTIONS), command)
 
 
+def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
+    """What the options ask of a batch job, as dask-jobqueue names it."""
+    return {name: where[f"of_job_{name}"] for name in ("queue", "account", "walltime", "memory")}
+
+
 def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
     """Cluster that the options, values by name, select; nothing starts before it is entered.
 
     Raises UsageError if options exclude each other.
     """
-    from toppling.orchestrator.cluster import existing, local, queue, tls_security
+    from toppling.orchestrator.cluster import existing, gateway, local, queue, tls_security
 
     workers, queue_kind = where["workers"], where["queue_kind"]
     scheduler, scheduler_file = where["scheduler"], where["scheduler_file"]
@@ -92,7 +107,10 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
             raise click.UsageError("--tls-ca, --tls-cert and --tls-key must be given together")
         tls = tls_security(*files)
     if queue_kind:
-        return queue(queue_kind, where["queue_jobs"].low, folder.absolute(), most=where["queue_jobs"])
+        jobs = where["queue_jobs"]
+        return queue(queue_kind, jobs.low, folder.absolute(), jobs, of_batch_job(where))
+    if scheduler and scheduler.startswith(_GATEWAY):
+        return gateway(scheduler.removeprefix(_GATEWAY))
     if joins:
         return existing(scheduler, scheduler_file, tls)
     return local(workers.low, most=workers) if workers else local(os.cpu_count() or 1)

@@ -103,14 +103,10 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     except ValueError:
         ages = np.array([math.nan])
     if not (len(ages) and np.isfinite(ages).all() and (ages > 0).all()):
-        raise InputError(
-            "age.unreadable",
-            what=f"{text!r} is no age",
-            where=where,
+        raise InputError("age.unreadable", what=f"{text!r} is no age", where=where,
             expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages; an "
             "uncertainty in the unit of its age and of its size",
-            remedy="leave --age out for the statement about a single event",
-        )
+            remedy="leave --age out for the statement about a single event")  # fmt: skip
     return ages
 
 

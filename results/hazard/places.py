@@ -74,14 +74,11 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     away_km = distance_km(east, north, asked)
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
-        raise InputError(
-            "site.too_far",
+        raise InputError("site.too_far",
             what=f"the nearest site to {asked[0]:g} {asked[1]:g}, at longitude {sites[number][0]:g} and latitude "
-            f"{sites[number][1]:g}, is {away_km[number]:.0f} km away",
-            where=where,
+            f"{sites[number][1]:g}, is {away_km[number]:.0f} km away", where=where,
             expected=f"a site within {SITE_REACH_KM:g} km",
-            remedy="see that the longitude comes first, or compute the hazard at the rock",
-        )
+            remedy="see that the longitude comes first, or compute the hazard at the rock")  # fmt: skip
     return number
 
 

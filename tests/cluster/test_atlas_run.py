@@ -127,7 +127,8 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     alive = []
     for row in range(len(planned)):
         scene = planned.scenes[planned.columns["scene_id"][row]]
-        (answer,) = shake_batch(run_keys[planned.columns["scene_id"][row]], [planned.spec(row)], 1.0)
+        run_key, batch = run_keys[planned.columns["scene_id"][row]], planned.batch(np.array([row]))
+        (answer,) = shake_batch(run_key, planned.settings, batch, 1.0).to_pylist()
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         if row >= 24:
             gc.collect()

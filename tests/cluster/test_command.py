@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from answers import answers_of
 from click.testing import CliRunner
-from conftest import OTHER_CODE_VARIABLE
 from struck_client import STRUCK_VARIABLE
 
 from toppling.orchestrator.cli import cli
@@ -148,19 +147,6 @@ def test_stopping_it_at_any_step_of_its_end_says_one_line(inputs, tmp_path, plac
     assert state_of(tmp_path / "run")["state"] in ("interrupted", "complete")
 
 
-@pytest.mark.slow  # test_two_workers.py has the law; this is the command's part
-def test_what_was_stopped_goes_on_with_the_same_command(inputs, undisturbed, tmp_path, faults):
-    faults.set(every={"kind": "wait", "seconds": 0.4})
-    run = tmp_path / "run"
-    stopped(inputs, run, ctrl_c)
-    before = json.loads(toppling(TOPPLING, "status", str(run), "--json").stdout)["stored"]
-    faults.clear()
-    done = toppling(*command(inputs, run, "--workers", "2", "--json"))
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["done_before"] == before
-    assert answers_of(run) == undisturbed
-
-
 @pytest.mark.slow
 def test_a_client_killed_between_writing_and_renaming_leaves_a_run_that_resumes(
     inputs, undisturbed, tmp_path
@@ -188,14 +174,6 @@ def test_a_client_killed_between_writing_and_renaming_leaves_a_run_that_resumes(
     assert list(run.rglob(".*.tmp")) == []
 
 
-@pytest.mark.slow
-def test_failed_jobs_make_exit_code_three(inputs, planned, tmp_path, faults):
-    faults.set(**{planned.spec(3).job_id: {"kind": "raise"}})
-    done = toppling(*command(inputs, tmp_path / "run", "--workers", "2"))
-    assert done.returncode == 3
-    assert "1 failed" in done.stdout
-
-
 @pytest.mark.thorough
 def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned, finished):
     run = finished({3: ("crashed", 4)})
@@ -207,15 +185,6 @@ def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned
     assert (summary["done"], summary["done_before"]) == (0, len(planned))
     assert (summary["failed"], summary["status"]) == (1, {"ok": len(planned) - 1, "crashed": 1})
     assert summary["toppled"] == sum(row["toppled"] is True for row in answers_of(run)) > 0
-
-
-@pytest.mark.slow  # test_two_workers.py has the law; this is the command's part
-def test_jobs_without_an_answer_are_done_again_on_demand_and_no_others(inputs, undisturbed, finished, faults):
-    run = finished({3: ("crashed", 4)})
-    done = toppling(*command(inputs, run, "--workers", "1", "--again", "crashed, failed", "--json"))
-    assert done.returncode == 0, done.stderr
-    assert (json.loads(done.stdout)["done"], json.loads(done.stdout)["failed"]) == (1, 0)
-    assert answers_of(run) == undisturbed
 
 
 @contextlib.contextmanager
@@ -246,51 +215,6 @@ def scheduler_and_workers(port, *security, protocol="tcp"):
 
 
 @pytest.mark.slow
-def test_an_existing_scheduler_gives_the_same_rows_and_losing_it_loses_no_row(
-    inputs, undisturbed, tmp_path, faults
-):
-    run, port = tmp_path / "run", free_port()
-    going = command(inputs, run, "--scheduler", f"tcp://127.0.0.1:{port}")
-    faults.set(every={"kind": "wait", "seconds": 0.4})
-    with processes(*scheduler_and_workers(port)) as (scheduler, *_):
-        client = subprocess.Popen(going, stderr=subprocess.PIPE, text=True)
-        wait_for(lambda: parts(run))
-        scheduler.kill()
-        _, told = client.communicate(timeout=240)  # it waits for the scheduler to come back
-    assert client.returncode == 1
-    assert "none came back within 120 s" in told
-    assert f"--out {run} --scheduler tcp://127.0.0.1:{port}" in told  # where the run ran, and nowhere else
-    assert 0 < state_of(run)["stored"] < len(undisturbed)
-    faults.clear()
-    with processes(*scheduler_and_workers(port)):
-        environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": f"tcp://127.0.0.1:{port}"}
-        done = toppling(*command(inputs, run), env=environment)
-    assert done.returncode == 0, done.stderr
-    assert answers_of(run) == undisturbed
-
-
-@pytest.mark.slow
-def test_a_worker_of_another_version_that_joins_later_is_sent_away_and_costs_no_row(
-    inputs, undisturbed, tmp_path, faults
-):
-    run, port = tmp_path / "run", free_port()
-    faults.set(every={"kind": "wait", "seconds": 0.4})
-    scheduler, *workers = scheduler_and_workers(port)
-    with processes(scheduler, *workers):
-        going = command(inputs, run, "--scheduler", f"tcp://127.0.0.1:{port}")
-        client = subprocess.Popen(going, stderr=subprocess.PIPE, text=True)
-        wait_for(lambda: parts(run))
-        with processes(workers[0], env={**os.environ, OTHER_CODE_VARIABLE: "other"}) as (unfit,):
-            wait_for(lambda: unfit.poll() is not None)
-            assert client.poll() is None, "the run was over before"
-            faults.clear()
-            _, told = client.communicate(timeout=120)
-    assert client.returncode == 0, told
-    assert "code other, the client has" in told
-    assert answers_of(run) == undisturbed
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
 def test_a_client_without_a_certificate_is_refused(inputs, undisturbed, tmp_path):
     make = [
@@ -315,24 +239,6 @@ def test_a_client_without_a_certificate_is_refused(inputs, undisturbed, tmp_path
         )
         assert let_in.returncode == 0, let_in.stderr
     assert answers_of(tmp_path / "run") == undisturbed
-
-
-def test_the_job_script_of_a_batch_system_can_be_read_before_it_is_submitted(inputs, tmp_path):
-    pytest.importorskip("dask_jobqueue", reason="the extra hpc is not installed")
-    settings = {"DASK_JOBQUEUE__SLURM__CORES": "8", "DASK_JOBQUEUE__SLURM__MEMORY": "16GB"}
-    told = toppling(
-        TOPPLING,
-        "run",
-        str(inputs / "campaign.toml"),
-        "--queue",
-        "slurm",
-        "--dry-run",
-        env={**os.environ, **settings},
-    )
-    assert told.returncode == 0, told.stderr
-    assert "#SBATCH --cpus-per-task=8" in told.stdout
-    assert "--nworkers 8" in told.stdout
-    assert "--nthreads 1" in told.stdout
 
 
 @pytest.mark.parametrize(

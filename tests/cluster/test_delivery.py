@@ -20,10 +20,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import existing
-from toppling.orchestrator.delivery import _SHELF
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.task import RunKey, _assets_of, versions
+from toppling.orchestrator.task import RunKey, versions
 from toppling.workers.shake import compile_once
 
 PATIENCE_S = 60.0
@@ -172,25 +171,5 @@ def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_
         )
         assert lost.poll() is not None
         assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
-    assert (progress.deaths, progress.failed) == (0, 0)
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
-def test_a_worker_whose_scheduler_lost_what_it_asks_for_is_no_misfit_and_the_client_offers_it_again(
-    scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
-):
-    cache = cache_of_a_host(host_folders / "host")
-    forgot = []
-
-    def watch(progress):
-        if progress.done and not forgot:
-            shutil.rmtree(cache / "delivered")
-            client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.handlers.pop(_SHELF))
-            client.run(lambda: _assets_of.cache_clear())
-            forgot.append(True)
-
-    with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
-        progress = run(plan_of(campaign), tmp_path / "run", contextlib.nullcontext(client), watch)
-    assert forgot
     assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed

@@ -118,7 +118,7 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
 
     dask.config.refresh()
     monkeypatch.setattr(cluster_supervisor, "_WORTH_A_WORKER_S", 0.5)
-    monkeypatch.setattr(cluster_supervisor, "_IDLE_S", 1.0)
+    monkeypatch.setattr(cluster_supervisor, "_ADAPT_PAUSE_S", "300ms")
     slow = undisturbed[0]["job_id"]
     faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
     sizes = []

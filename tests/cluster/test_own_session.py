@@ -20,8 +20,8 @@ import yaml
 from distributed.comm import connect
 from distributed.security import Security
 
-from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door, job_script
-from toppling.orchestrator.run_folder import _KEY_FILES
+from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_session, _warn_of_open_door, job_script
+from toppling.orchestrator.run_folder import KEY_FOLDERS
 
 
 def listening(client):
@@ -101,16 +101,18 @@ def test_batch_jobs_compute_with_the_kernels_that_the_user_has_chosen(monkeypatc
         assert "\nexport OPENBLAS_CORETYPE='Haswell; true'\n" in job_script("slurm")
 
 
-def test_batch_jobs_find_the_key_in_files_of_the_user_alone(tmp_path):
+def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
     pytest.importorskip("dask_jobqueue", reason="the extra hpc is not installed")
     with (
         dask.config.set({"jobqueue.slurm.cores": 2, "jobqueue.slurm.memory": "4GB"}),
-        _queue_cluster("slurm", tmp_path) as cluster,
+        _queue_session("slurm", tmp_path, {}) as (cluster, _),
     ):
         assert cluster.scheduler_address.startswith("tls://")
-        files = list(tmp_path.glob(f"{_KEY_FILES}*"))
-        assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
+        (folder,) = tmp_path.glob(f"{KEY_FOLDERS}*")
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        files = list(folder.iterdir())
         script = cluster.job_script()
+        assert files
         assert [file for file in files if str(file) not in script] == []
         assert "--tls-key" in script
         assert "PRIVATE KEY" not in script

@@ -1,18 +1,13 @@
 """Workers that this machine does not start as its own: a host without the program, batch jobs that end."""
 
 import os
-import signal
 import subprocess
 import sys
-import time
 
-import dask
-import pytest
 from distributed import Client, LocalCluster
 from refusals import refused
 
 from toppling.orchestrator.admission import make_ready
-from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.task import RunKey, versions
 
@@ -28,14 +23,6 @@ class Absent:
 
 sys.meta_path.insert(0, Absent())
 """
-
-
-def until(holds):
-    """Wait until something holds."""
-    end = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.1)
 
 
 def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planned, inputs):
@@ -71,30 +58,3 @@ def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planne
         finally:
             worker.terminate()
             worker.wait(PATIENCE_S)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("processes", [1, 2])
-def test_a_batch_job_that_has_ended_is_submitted_again(processes, monkeypatch):
-    # This stand-in of a batch system waits for what its worker logs; nannies of earlier tests leave theirs silenced.
-    monkeypatch.delenv("DASK_LOGGING__DISTRIBUTED", raising=False)
-    local = pytest.importorskip("dask_jobqueue.local", reason="the extra hpc is not installed")
-    scheduler = {"dashboard_address": None, "host": "127.0.0.1"}
-    with (
-        dask.config.set({"distributed.deploy.lost-worker-timeout": "500ms"}),
-        local.LocalCluster(
-            cores=processes, processes=processes, memory="1GB", scheduler_options=scheduler
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        supervisor = ClusterSupervisor(client)
-        cluster.scale(jobs=1)
-        assert not supervisor.gone()  # one that waits in the queue has not ended
-        client.wait_for_workers(processes, timeout=PATIENCE_S)
-        assert not supervisor.gone()
-        (process_id,) = [int(job.job_id) for job in cluster.workers.values()]
-        os.kill(process_id, signal.SIGTERM)
-        until(supervisor.gone)
-        supervisor.replace()
-        until(lambda: len(cluster.observed) == processes)
-        assert not supervisor.gone()

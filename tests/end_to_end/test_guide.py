@@ -28,7 +28,7 @@ from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.cluster import QUEUES
+from toppling.orchestrator.verbs.where import QUEUES
 from toppling.results.reader import open_run
 
 ROOT = Path(__file__).parents[2]
@@ -204,7 +204,7 @@ def carry_out(block, folder):
         )
         assert done.returncode == 0, f"{block.text}\n{done.stderr}"
     elif block.kind == "yaml":
-        assert yaml.safe_load(block.text)["jobqueue"].keys() <= QUEUES.keys()
+        assert yaml.safe_load(block.text)["jobqueue"].keys() <= set(QUEUES)
     elif block.kind == "csv":
         (folder / "sites.csv").write_text(block.text)
     elif block.kind == "toml":

@@ -7,11 +7,13 @@ import ssl
 from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
+import pyarrow as pa
 import pytest
 from distributed.comm import CommClosedError
 
 from toppling.orchestrator import admission, task
 from toppling.orchestrator.context import RunError
+from toppling.workers.job import JobSpec
 
 
 @pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "ours"])
@@ -79,14 +81,36 @@ def test_what_a_network_refuses_may_be_a_lost_scheduler(error):
     assert admission.may_be_lost(error)
 
 
-def test_a_worker_without_room_for_its_work_is_unfit_and_no_job_of_its_fails(monkeypatch):
+JOB = {"record_id": "R", "pga_m_s2": 1.0, "azimuth_deg": 0.0, "friction_static": 0.9, "friction_kinetic": 0.9,
+       "restitution": 0.0, "realisation": 0}  # fmt: skip
+
+
+@pytest.fixture
+def batch(monkeypatch):
+    """What a worker is asked, whose scene and records are replaced."""
+    ensemble = SimpleNamespace(sha=lambda record: "sha")
+    monkeypatch.setattr(task, "_assets_of", lambda run_key: SimpleNamespace(ensemble=ensemble))
+    spec = JobSpec(scene_id="scene", record_sha="sha", preset="fast", **JOB)
+    return (
+        SimpleNamespace(scene_id="scene"),
+        {"preset": "fast"},
+        pa.Table.from_pylist([JOB | {"job_id": spec.job_id}]),
+    )
+
+
+def test_a_worker_without_room_for_its_work_is_unfit_and_no_job_of_its_fails(batch, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/work")
 
-    monkeypatch.setattr(task, "_assets_of", lambda _: None)
     monkeypatch.setattr(task, "run_job", refuse)
     with pytest.raises(task.UnfitWorkerError, match=r"cannot work .*No space left on device: '/tmp/work'"):
-        task.shake_batch(None, [None], 1.0)
+        task.shake_batch(*batch, 1.0)
+
+
+def test_a_worker_that_would_do_another_job_than_the_one_asked_is_unfit(batch):
+    run_key, settings, jobs = batch
+    with pytest.raises(task.UnfitWorkerError):
+        task.shake_batch(run_key, settings | {"preset": "standard"}, jobs, 1.0)
 
 
 @pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "a batch system's"])

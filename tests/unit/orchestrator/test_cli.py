@@ -153,7 +153,11 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
         "choice": "slurm",
     }
     for option in command.params:
-        if isinstance(option, click.Option) and option.name not in (*run_verb.OF_ONE_CALL, "folder"):
+        if isinstance(option, click.Option) and option.name not in (
+            *run_verb.OF_ONE_CALL,
+            "folder",
+            "no_estimate",
+        ):
             kind = (
                 option.type.name
                 if isinstance(option.type, click.Choice)
@@ -165,7 +169,7 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
     told = shlex.split(run_verb.command_to_go_on(given))
     assert told[:2] == ["toppling", "run"]
     assert command.make_context("run", told[2:]).params == given.params
-    assert given.params["no_estimate"] is True
+    assert given.params["take_over"] is False
 
 
 @pytest.mark.parametrize(

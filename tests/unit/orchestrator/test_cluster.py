@@ -1,14 +1,20 @@
 """Connecting to a scheduler that somebody else has started, and workers that others start."""
 
 import re
+import sys
 import threading
+from contextlib import nullcontext
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import dask
 import pytest
+from distributed import SpecCluster
 from refusals import refused
 
-from toppling.orchestrator.cluster import existing, job_script, local
+from toppling.models.errors import InputError
+from toppling.orchestrator.cluster import existing, gateway, job_script, local, queue
+from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 
 ROOT = Path(__file__).parents[3]
 
@@ -49,3 +55,142 @@ def test_workers_of_batch_jobs_have_their_pages_closed_and_what_the_configuratio
     ):
         script = job_script("slurm")
     assert f"{CLOSED} --lifetime 55m" in script
+
+
+BATCH_JOB = {"jobqueue.slurm.cores": 1, "jobqueue.slurm.memory": "2GB"}
+
+
+def test_lines_under_the_old_and_the_new_name_both_reach_the_script_of_a_batch_job():
+    pytest.importorskip("dask_jobqueue")
+    lines = {
+        "jobqueue.slurm.env-extra": ["module load old"],
+        "jobqueue.slurm.job-script-prologue": ["module load new"],
+    }
+    with dask.config.set(BATCH_JOB | lines):
+        script = job_script("slurm")
+    assert script.index("module load old") < script.index("module load new") < script.index("dask_worker")
+
+
+def test_what_is_asked_of_a_batch_job_comes_before_the_configuration():
+    pytest.importorskip("dask_jobqueue")
+    asked = {"queue": "long", "account": "geo", "walltime": "03:00:00", "memory": "5GB"}
+    with dask.config.set(
+        BATCH_JOB | {"jobqueue.slurm.walltime": "00:30:00", "jobqueue.slurm.queue": "short"}
+    ):
+        script = job_script("slurm", asked)
+        given = job_script("slurm", dict.fromkeys(asked))
+    assert [
+        line for line in ("-p long", "-A geo", "-t 03:00:00", "--mem=5G") if f"#SBATCH {line}" not in script
+    ] == []
+    assert "-p short" in given
+    assert "-t 00:30:00" in given
+
+
+@pytest.mark.parametrize("kind", ["oar", "moab"])
+def test_batch_systems_that_dask_knows_are_known(kind):
+    pytest.importorskip("dask_jobqueue")
+    with dask.config.set({f"jobqueue.{kind}.cores": 1, f"jobqueue.{kind}.memory": "2GB"}):
+        assert CLOSED in job_script(kind)
+
+
+def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_that_it_has(tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    with (
+        dask.config.set(BATCH_JOB | {"jobqueue.slurm.interface": "ib17"}),
+        pytest.raises(InputError) as refused,
+        queue("slurm", 1, tmp_path),
+    ):
+        pass
+    assert refused.value.code == "cluster.queue_unconfigured"
+    assert "ib17" in refused.value.what
+    assert "'lo'" in refused.value.what
+    assert "scheduler-options" in refused.value.remedy
+    assert "\n" not in refused.value.what
+
+
+def test_a_batch_system_that_takes_no_job_is_told_in_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("dask_jobqueue")
+    (tmp_path / "sbatch").write_text("#!/bin/sh\necho no such partition >&2\nexit 1\n")
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    with (
+        dask.config.set(BATCH_JOB | {"jobqueue.slurm.interface": "lo"}),
+        pytest.raises(InputError) as refused,
+        queue("slurm", 1, tmp_path),
+    ):
+        pass
+    assert refused.value.code == "cluster.job_not_submitted"
+    assert "no such partition" in refused.value.what
+    assert "\n" not in refused.value.what
+
+
+def gateway_with(monkeypatch, *names):
+    """Stand in for Dask Gateway with clusters of such names; their clients are named alike."""
+    there = SimpleNamespace(
+        list_clusters=lambda: [SimpleNamespace(name=name) for name in names],
+        connect=lambda name: nullcontext(
+            SimpleNamespace(get_client=lambda: nullcontext(f"client of {name}"))
+        ),
+    )
+    package = ModuleType("dask_gateway")
+    package.Gateway = lambda: nullcontext(there)
+    monkeypatch.setitem(sys.modules, "dask_gateway", package)
+
+
+def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_one(monkeypatch):
+    gateway_with(monkeypatch, "first", "second")
+    with gateway("second") as client:
+        assert client == "client of second"
+    for name in ("third", ""):
+        with pytest.raises(InputError) as refused, gateway(name):
+            pass
+        assert refused.value.code == "cluster.gateway_name_unknown"
+        assert "first, second" in refused.value.expected
+    gateway_with(monkeypatch, "first")
+    with gateway("") as client:
+        assert client == "client of first"
+
+
+def test_a_gateway_without_its_package_is_refused(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask_gateway", None)
+    with pytest.raises(InputError) as refused, gateway("first"):
+        pass
+    assert refused.value.code == "package.not_installed"
+
+
+class Batch(SpecCluster):
+    """A batch system whose jobs are named by a test; of each come two workers."""
+
+    job_cls = SimpleNamespace(config_name="none")
+
+    def __init__(self, *jobs):
+        self.worker_spec = {job: {"group": ["-0", "-1"]} for job in jobs}
+        self.workers = {job: SimpleNamespace(job_id="1") for job in jobs}
+        self.here, self.asked = set(), []
+
+    observed = property(lambda self: self.here)
+    __del__ = lambda self: None  # noqa: E731
+
+    def scale(self, jobs):
+        self.asked.append(jobs)
+
+    def scale_down(self, jobs):
+        self.asked.append(list(jobs))
+
+
+def test_a_batch_job_that_has_ended_with_all_its_workers_is_submitted_again_and_one_that_waits_is_not():
+    cluster = Batch("first", "second")
+    client = SimpleNamespace(
+        cluster=cluster, sync=lambda function, *given, callback_timeout: function(*given)
+    )
+    supervisor = ClusterSupervisor(client)
+    assert supervisor.gone() == []
+    cluster.here = {"first-0", "first-1"}
+    assert supervisor.gone() == []
+    cluster.here = {"first-1"}
+    assert supervisor.gone() == []
+    cluster.here = set()
+    assert supervisor.gone() == ["first"]
+    supervisor.resubmit()
+    assert cluster.asked == [["first"], 2]
+    assert supervisor.gone() == []  # it waits again

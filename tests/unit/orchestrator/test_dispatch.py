@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
+from toppling.orchestrator.dispatch import FIRST_JOBS, Dispatch, Limits, why_given_up
 from toppling.orchestrator.execution import budget_s, room_for
 from toppling.orchestrator.order import balanced_order
 
@@ -27,20 +27,20 @@ def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
     out = [job for batch in drain(Dispatch(order, duration_s), workers) for job in batch.jobs]
     head = next(number for number in range(jobs) if out[number:] == sorted(out[number:], reverse=True))
     assert out[:head] == order[:head].tolist()
-    assert last - JOBS_IN_BATCH // 4 <= jobs - head <= last
+    assert last - FIRST_JOBS // 4 <= jobs - head <= last
     assert sorted(out) == list(range(jobs))
 
 
-def test_a_batch_never_holds_too_many_jobs():
-    sizes = [len(batch.jobs) for batch in drain(dispatch_of(5043))]
-    assert 1 <= min(sizes) <= max(sizes) == JOBS_IN_BATCH
+def test_a_batch_holds_as_many_jobs_as_its_time_has_room_for_and_few_as_long_as_that_is_unknown():
+    assert {len(batch.jobs) for batch in [dispatch_of(5043).next_batch(2)]} == {FIRST_JOBS}
+    assert len(dispatch_of(5043).next_batch(1, room=1000).jobs) == 1000
 
 
 def test_batches_shrink_to_single_jobs_at_the_end():
     dispatch = dispatch_of(1000)
     sizes = [len(batch.jobs) for batch in drain(dispatch, workers=2)]
     assert sizes == sorted(sizes, reverse=True)
-    assert sizes[0] > 100
+    assert sizes[0] == FIRST_JOBS
     assert sizes[-4:] == [1, 1, 1, 1]
 
 
@@ -120,7 +120,7 @@ def test_waiting_counts_what_is_not_handed_out(finished):
 
 def idle_share_at_the_end(cost_s, duration_s, workers):
     """Play a run against a clock, with the window of batches that the run keeps in flight."""
-    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), duration_s), budget_s(workers), JOBS_IN_BATCH
+    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), duration_s), budget_s(workers), FIRST_JOBS
     window, ended = [], np.zeros(workers)
     free = [(0.0, worker) for worker in range(workers)]
     while True:
@@ -132,7 +132,7 @@ def idle_share_at_the_end(cost_s, duration_s, workers):
         spent = np.cumsum(cost_s[list(batch.jobs)])
         done = min(int(np.searchsorted(spent, budget)) + 1, len(spent))
         dispatch.came_back(batch, done)
-        room = room_for([{"wall_s": cost} for cost in cost_s[list(batch.jobs[:done])]], budget)
+        room = room_for(done, spent[done - 1], budget)
         ended[worker] = now + spent[done - 1]
         heapq.heappush(free, (ended[worker], worker))
 
@@ -152,10 +152,11 @@ def test_no_worker_idles_more_than_a_twentieth_of_a_study(workers, seed):
 
 
 def test_a_batch_is_as_long_as_its_time_leaves_room_for():
-    assert room_for([{"wall_s": 0.5}] * 4, budget_s=2.0) == 8
-    assert room_for([{"wall_s": 30.0}], budget_s=2.0) == 1
-    assert room_for([{"wall_s": 0.0}], budget_s=2.0) == JOBS_IN_BATCH
-    assert room_for([{"wall_s": None}], budget_s=2.0) == JOBS_IN_BATCH
+    assert room_for(4, 2.0, budget_s=2.0) == 8
+    assert room_for(1, 30.0, budget_s=2.0) == 1
+    assert room_for(1, 0.0, budget_s=2.0) == room_for(
+        1000, 0.0, budget_s=2.0
+    )  # as of workers that only pretend
 
 
 def test_tasks_grow_with_the_cluster_so_that_the_scheduler_keeps_up():

@@ -78,6 +78,16 @@ def test_records_as_they_are_are_imposed_unscaled(campaign):
         assert spec.job_id == whole.jobs["job_id"][row].as_py()
 
 
+@pytest.mark.parametrize(
+    "unmeasured", [None, Unmeasured(friction=(0.3, 0.7), yaw_deg=10.0)], ids=["none", "some"]
+)
+def test_the_ids_of_a_plan_are_those_of_its_specifications(campaign, unmeasured):
+    whole = planned(
+        campaign, friction=((0.8, 0.7),), realisations=2, unmeasured=unmeasured, peak_displacement_m=0.5
+    )
+    assert whole.jobs["job_id"].to_pylist() == [whole.spec(row).job_id for row in range(len(whole))]
+
+
 def test_a_campaign_of_further_realisations_repeats_no_job(campaign):
     first = planned(campaign, realisations=3)
     further = planned(campaign, realisations=2, first_realisation=3)

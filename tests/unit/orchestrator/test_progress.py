@@ -6,6 +6,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from click.testing import CliRunner
 
@@ -18,11 +19,15 @@ from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.progress import bar, duration, each, pace, pace_and_counts, watcher
 
 
+def rows_of(count):
+    return pa.table({"status": ["ok"] * count, "toppled": [False] * count, "wall_s": [0.1] * count})
+
+
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
 def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
     progress = RunProgress(total=4320, before=320, began=0.0, ended=elapsed_s)
     assert "left" not in pace_and_counts(progress)
-    progress.count([{"status": "ok"}] * done)
+    progress.count(rows_of(done))
     rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
     assert rate == pytest.approx(done / elapsed_s)
     assert pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")
@@ -41,7 +46,7 @@ def test_rates_and_durations_are_told_in_the_unit_that_shows_their_digits(tell, 
 
 def test_a_session_that_is_complete_says_so_once(capsys):
     progress = RunProgress(total=1, before=0)
-    progress.count([{"status": "ok"}])
+    progress.count(rows_of(1))
     with watcher() as watch:
         watch(progress)
         watch(progress)

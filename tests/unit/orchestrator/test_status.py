@@ -14,7 +14,7 @@ from small_campaigns import planned_in
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.run_folder import prepare, session
-from toppling.orchestrator.status import shares_of, state_of, words_to_go_on
+from toppling.orchestrator.status import shares_of, state_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -46,15 +46,8 @@ def test_an_unfinished_run_says_first_how_many_jobs_have_not_run(planned, tmp_pa
     assert state_of(tmp_path / "run")["unfinished"] == "11 of 15 jobs have not run"
     said = CliRunner().invoke(cli, ["status", str(tmp_path / "run")]).output
     assert said.startswith(f"{tmp_path / 'run'}: interrupted: 11 of 15 jobs have not run\n")
-    # The same to who asks how long it takes to go on: by what the jobs cost that have run.
-    write_part(
-        tmp_path / "run", [row | {"wall_s": 30.0, "attempt": 2} for row in rows(planned, [("ok", "")] * 4)]
-    )
-    assert words_to_go_on(tmp_path / "run", 1).startswith(
-        "4 of 15 jobs have run; the other 11 jobs are expected to take 5 min 30 s of one worker"
-    )
     write_part(tmp_path / "run", [row | {"attempt": 3} for row in rows(planned, [("ok", "")] * 15)])
-    assert words_to_go_on(tmp_path / "run", 1) == state_of(tmp_path / "run")["unfinished"] == ""
+    assert state_of(tmp_path / "run")["unfinished"] == ""
 
 
 def test_another_campaign_is_refused_before_a_word_on_the_time_left(planned, tmp_path):

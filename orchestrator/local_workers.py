@@ -1,0 +1,163 @@
+"""Worker processes of this machine, as a Dask cluster of its own kind.
+
+Each is told its scheduler on standard input. It needs neither the calling program nor shared memory, so that a script
+needs no main guard, may come from standard input, and runs where /dev/shm cannot be written.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import dask
+import psutil
+from distributed import Scheduler, SpecCluster
+from distributed.deploy.spec import ProcessInterface
+from distributed.security import Security
+from distributed.system import MEMORY_LIMIT
+
+from toppling.orchestrator.journal import tell
+
+log = logging.getLogger(__name__)
+
+_DEATHS_AT_START = 2
+"""In a row: another process would end in the same way."""
+
+_MEMORY_SHARE, _LOOK_S, _CLOSE_LOOK_S = 0.95, 1.0, 0.02
+"""Of a worker's part of the machine's memory: one that holds more is ended before the machine has none left."""
+
+_OUT_OF_MEMORY = Path("/sys/fs/cgroup/memory.events")
+
+
+class LocalWorkers(SpecCluster):
+    """Worker processes on the loopback interface, of which at most so many share the memory of the machine."""
+
+    def __init__(self, scratch: str, security: Security, most: int) -> None:
+        self.deaths_at_start, self.why = 0, ""  # in a row; of the last
+        host = "127.0.0.1"
+        scheduler = {"host": host, "port": 0, "protocol": "tls://", "security": security,
+                     "dashboard": False, "dashboard_address": f"{host}:0"}  # fmt: skip
+        told = {"scratch": scratch, "config": dask.config.config,
+                "security": security.get_tls_config_for_role("worker")}  # fmt: skip
+        worker = {"session": self, "told": told, "memory": _MEMORY_SHARE * MEMORY_LIMIT / most}
+        parts = {
+            "scheduler": {"cls": Scheduler, "options": scheduler},
+            "worker": {"cls": _LocalWorker, "options": worker},
+        }
+        super().__init__(**parts, security=security)
+
+    @property
+    def fatal(self) -> str:
+        """Why no other process is started; empty as long as there is hope."""
+        return self.why if self.deaths_at_start >= _DEATHS_AT_START else ""
+
+    def died(self, worker: Any, joined: bool, why: str) -> None:
+        """Take note of a death."""
+        self.deaths_at_start, self.why = 0 if joined else self.deaths_at_start + 1, why
+        tell("worker process died", worker=worker, joined=joined, why=why)
+
+
+class _LocalWorker(ProcessInterface):
+    """A process that is started again when it dies; a thread sees to that."""
+
+    def __init__(
+        self, scheduler: str, name: Any, session: LocalWorkers, told: dict[str, Any], memory: float
+    ) -> None:
+        super().__init__()
+        self._told = json.dumps({**told, "scheduler": scheduler, "name": name}, default=str).encode() + b"\n"
+        self._name, self._session, self._memory = name, session, memory
+        self._errors = Path(told["scratch"]) / f"worker-{name}.log"
+        self._process: subprocess.Popen[bytes] | None = None
+        self._keeper = threading.Thread(target=self._keep, name=f"worker {name}", daemon=True)
+        self._closing = False
+
+    async def start(self) -> None:
+        """Begin; the process joins its scheduler in its own time."""
+        self._keeper.start()
+        await super().start()
+
+    async def close(self) -> None:
+        """End the process: it holds nothing."""
+        self._closing = True
+        while self._keeper.is_alive():
+            self.kill()
+            await asyncio.sleep(_CLOSE_LOOK_S)
+        await super().close()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        if self._process:
+            self._process.kill()
+
+    def _keep(self) -> None:
+        while not self._closing and not self._session.fatal:
+            try:
+                joined, why = self._live()
+            except Exception as error:  # of what starts it
+                joined, why = False, f"it cannot be started: {error}"
+            if not self._closing:
+                self._session.died(self._name, joined, why)
+
+    def _live(self) -> tuple[bool, str]:
+        """Start a process and wait for its end: whether it had joined, and what it died of."""
+        killed_before = _kills_for_memory()
+        chosen = dask.config.get("distributed.nanny.pre-spawn-environ")
+        environment = os.environ | {name: str(value) for name, value in chosen.items()}
+        command = [sys.executable, "-P", "-m", "toppling.orchestrator.worker_process"]
+        pipe = subprocess.PIPE
+        with (
+            self._errors.open("w+b") as errors,
+            subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, stderr=errors, env=environment, start_new_session=True
+            ) as process,
+        ):
+            self._process = process
+            assert process.stdin is not None
+            with contextlib.suppress(OSError):
+                process.stdin.write(self._told)
+                process.stdin.flush()
+            joined = bool(process.stdout and process.stdout.readline())
+            self._session.deaths_at_start *= not joined
+            why = self._until_the_end(process)
+            with contextlib.suppress(OSError):  # the rest of what was told, to one that has died
+                process.stdin.close()
+            errors.seek(0)
+            text = errors.read().decode(errors="replace")
+            return joined, why or _why(process.returncode, text, _kills_for_memory() > killed_before)
+
+    def _until_the_end(self, process: "subprocess.Popen[bytes]") -> str:
+        """Wait; end the process if it takes more memory than its share, and say so."""
+        why = ""
+        while True:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_LOOK_S)
+                return why
+            with contextlib.suppress(psutil.Error):
+                held = psutil.Process(process.pid).memory_info().rss
+                if held > self._memory:
+                    why = f"it held {held / 1e9:.1f} GB, more than its share of memory"
+                    process.kill()
+
+
+def _why(code: int, errors: str, out_of_memory: bool) -> str:
+    last = next((line.strip() for line in reversed(errors.splitlines()) if line.strip()), "")
+    if code < 0:
+        name = signal.Signals(-code).name
+        cause = ", as the system ran out of memory" if out_of_memory else ""
+        return f"it was ended by {name}{cause}{f' ({last})' if last and not cause else ''}"
+    return last or f"it ended with code {code}"
+
+
+def _kills_for_memory() -> int:
+    """Processes of this container that the kernel has killed for lack of memory; 0 where it does not say."""
+    with contextlib.suppress(OSError, ValueError):
+        counts = dict(line.split() for line in _OUT_OF_MEMORY.read_text().splitlines())
+        return int(counts.get("oom_kill", 0))
+    return 0

@@ -1,0 +1,50 @@
+"""A worker process of this machine: it is told its scheduler on standard input, and ends when that closes."""
+
+import asyncio
+import json
+import os
+import sys
+import threading
+from typing import Any
+
+import dask
+from distributed import Worker
+from distributed.security import Security
+
+import toppling.orchestrator.task  # noqa: F401  (what takes long, while the plan may still be checked)
+
+
+def main() -> None:
+    """Work until the scheduler, or the program that started this one, is gone."""
+    told = json.loads(sys.stdin.readline())
+    threading.Thread(target=_end_with_the_program, daemon=True).start()
+    dask.config.update(dask.config.config, told["config"])
+    asyncio.run(_work(told))
+
+
+def _end_with_the_program() -> None:
+    """A job may keep the other thread busy for minutes."""
+    sys.stdin.read()
+    os._exit(0)
+
+
+async def _work(told: dict[str, Any]) -> None:
+    key = told["security"]
+    security = Security(
+        tls_ca_file=key["ca_file"],
+        tls_worker_cert=key["cert"],
+        tls_worker_key=key["key"],
+        require_encryption=True,
+    )
+    worker = Worker(
+        told["scheduler"], name=told["name"], nthreads=1, host="127.0.0.1", local_directory=told["scratch"],
+        memory_limit=0, dashboard=False, dashboard_address="127.0.0.1:0", security=security,
+    )  # fmt: skip
+    async with worker:
+        os.write(1, b"joined\n")
+        os.dup2(2, 1)  # nobody reads standard output any more
+        await worker.finished()
+
+
+if __name__ == "__main__":
+    main()

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.pilot import Statics, statics_of
+from toppling.orchestrator.status import Share
 
 _LARGEST_FRICTION = 1.5
 """Of rock on rock; above it a coefficient is more likely an angle."""
@@ -160,20 +160,6 @@ def least_static(statics: Statics) -> str:
     """The least static toppling acceleration in words."""
     azimuth = statics.azimuth_deg
     return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
-
-
-@dataclass(frozen=True)
-class Share:
-    """Answered jobs of one level, and how many of them toppled."""
-
-    level_m_s2: float
-    jobs: int
-    toppled: int
-
-    @property
-    def share(self) -> float:
-        """Share that toppled."""
-        return self.toppled / self.jobs
 
 
 def suggestions(shares: Sequence[Share]) -> list[str]:

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from toppling.models.errors import InputError
 from toppling.models.files import digest
@@ -21,14 +21,12 @@ from toppling.models.files.run_document import check_run_document
 from toppling.models.files.stores import writer_of
 from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
-from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.recorded import FOLDER, ensembles_in
-from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_entries, settlings_of, site_in_run
-from toppling.orchestrator.site_table import sites_text
 from toppling.results import run_integrity
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE, write_part
 from toppling.results.weights import WEIGHTS_FILE
-from toppling.workers.engines import ENGINES
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.plan import Plan
 
 SCHEMA_VERSION = 1
 
@@ -45,7 +43,7 @@ _LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
-def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+def prepare(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
     """Make the folder of a run, or make sure that an existing one is of this plan.
 
     Jobs of rocks that do not stand have their rows from the beginning.
@@ -59,8 +57,18 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     _check(run, plan, versions)
 
 
-def begin(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
     """Make the folder of a run."""
+    from toppling.orchestrator.recorded import FOLDER, ensembles_in
+    from toppling.orchestrator.rocks_of_run import (
+        rows_without_stand,
+        scene_entries,
+        settlings_of,
+        site_in_run,
+    )
+    from toppling.orchestrator.site_table import sites_text
+    from toppling.workers.engines import ENGINES
+
     settlings = settlings_of(plan)
     entries, sites, without_stand = scene_entries(plan, settlings), "", []
     if plan.campaign.sites:
@@ -244,8 +252,10 @@ def _sweep(run: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
     content = describe(run)
+    from toppling.orchestrator.recorded import FOLDER
+
     folders = (FOLDER, run_integrity.SCENES)
     files = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", WEIGHTS_FILE)
     below = [path for name in folders for path in (run / name).rglob("*")]
@@ -296,7 +306,7 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
             shutil.copyfile(path, target / name)
 
 
-def _campaign_differs(run: Path, plan: Plan, described: Mapping[str, Any]) -> str:
+def _campaign_differs(run: Path, plan: "Plan", described: Mapping[str, Any]) -> str:
     """In what a campaign differs from the run's; empty where in nothing, or the run's cannot be read."""
     try:
         there = read_toml(run / "campaign.toml")

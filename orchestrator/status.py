@@ -1,5 +1,6 @@
 """The state of a run, read from its folder alone: works while it runs, after it, and on a copy."""
 
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from toppling.models.files.stores import writer_of
-from toppling.orchestrator.advice import Share
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
 from toppling.results.completeness import Completeness, rows_stored
@@ -20,6 +20,20 @@ from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, se
 _WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
+
+
+@dataclass(frozen=True)
+class Share:
+    """Answered jobs of one level, and how many of them toppled."""
+
+    level_m_s2: float
+    jobs: int
+    toppled: int
+
+    @property
+    def share(self) -> float:
+        """Share that toppled."""
+        return self.toppled / self.jobs
 
 
 def state_of(run: Path) -> dict[str, Any]:

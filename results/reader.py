@@ -1,10 +1,11 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
+from __future__ import annotations
+
 import contextlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -24,6 +25,9 @@ from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, che
 from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 from toppling.results.weights import Weights, weighed, weights_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _RUN_COLUMN = pa.field("run", pa.string(), metadata={"description": "name of the run's folder"})
 
@@ -63,7 +67,7 @@ class Run:
         check_audits(self.root)
 
     @property
-    def rocks(self) -> tuple["Run", ...]:
+    def rocks(self) -> tuple[Run, ...]:
         """Each rock of an atlas, to be read like a run of its own; none for a run of one rock."""
         if self.root != self.path:
             return ()
@@ -214,6 +218,8 @@ class Run:
         return None if weights is None else weights.table()
 
     def _by_records(self, frame: pd.DataFrame) -> pd.DataFrame:
+        import pandas as pd
+
         if self.rocks:
             of_rocks = dict(list(frame.groupby("rock")))
             parts = [one._by_records(of_rocks[one.rock]) for one in self.rocks if one.rock in of_rocks]
@@ -289,7 +295,11 @@ class Run:
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
         table = None if self.rocks else self.scene()
-        return None if table is None else pd.DataFrame(table.column("quasi_static_toppling")[0].as_py())
+        return (
+            None
+            if table is None
+            else pa.Table.from_pylist(table["quasi_static_toppling"][0].as_py()).to_pandas()
+        )
 
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""

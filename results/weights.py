@@ -10,10 +10,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 
 from toppling.models.arrays import Array
@@ -23,6 +22,9 @@ from toppling.models.files.tables import read_table, write_table
 from toppling.models.shares import effective_number
 from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 WEIGHTS_FILE = "weights.parquet"
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
@@ -151,7 +153,7 @@ def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
     Nothing is known of the base of the nominal scene (realisation 0), so that it has the mean weight. Where all weights
     are one, they tell nothing, and the frame stays as it is.
     """
-    factor = pd.Series(1.0, frame.index)
+    factor = frame[CONTACT[0]] * 0.0 + 1.0
     for contact, jobs in frame.groupby(CONTACT):
         drawn = jobs["base"].dropna().astype(int)
         if len(drawn):

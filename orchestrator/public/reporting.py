@@ -11,7 +11,7 @@ from toppling.models.errors import UsageError
 from toppling.models.files.folder import write_text
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
-from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.analysis import SAMPLES
 from toppling.results.queries import ask
 from toppling.results.reader import Run, open_run
 

@@ -4,10 +4,9 @@ import json
 from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -18,6 +17,9 @@ from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.reader import open_run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _SHOWN_ROWS = 60
 
@@ -79,7 +81,7 @@ def _say_unfinished(runs: Iterable[str]) -> None:
             click.echo(f"{run} is unfinished: {remark}", err=True)
 
 
-def _frame(table: pa.Table) -> pd.DataFrame:
+def _frame(table: pa.Table) -> "pd.DataFrame":
     """Rows as pandas prints them: whole numbers stay whole beside a null."""
     return table.to_pandas(integer_object_nulls=True)
 

@@ -16,15 +16,13 @@ from scipy.special import ndtri
 from scipy.stats import t
 
 from toppling.models.arrays import Array
+from toppling.results.analysis import SAMPLES
 from toppling.results.analysis.bases import base_spread
 from toppling.results.analysis.lognormal import Resampled
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, scored
 
 LEAST_RECORDS = 5
 """Fewer cannot be resampled: their resamples are too often the same few."""
-
-SAMPLES = 200
-"""Of resampled records, for intervals of 95 %."""
 
 _SUSPECT_SLOPE = 1.5
 """Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:

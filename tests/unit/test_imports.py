@@ -264,9 +264,12 @@ def test_records_know_nothing_of_clouds():
     assert not offences
 
 
-def test_a_scene_is_read_without_numba():
-    """It takes a second to load, which every verb would wait for."""
-    asked = "import sys, toppling.models.scene; sys.exit('numba' in sys.modules)"
+@pytest.mark.parametrize(("module", "unneeded"), [
+    ("models.scene", "numba"), ("orchestrator.status", "numba pandas scipy trimesh distributed"),
+    ("orchestrator.verbs.query", "numba scipy trimesh distributed"),
+])  # fmt: skip
+def test_what_takes_long_to_load_is_loaded_by_those_who_need_it(module, unneeded):
+    asked = f"import sys, toppling.{module}; sys.exit(bool(set({unneeded.split()}) & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
 
 

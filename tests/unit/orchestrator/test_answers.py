@@ -42,8 +42,8 @@ def planned(tmp_path_factory):
     ensemble = Ensemble.write(folder / "ensemble", records)
     scene.save(folder / "scene")
     (folder / "campaign.toml").write_text(
-        'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = [1.0, 9.0]\nazimuth_deg = [0, 45, 90, 135]\nfriction = [0.9]\n'
-        'realisations = 3\npreset = "fast"\n'
+        'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = [1.0, 9.0]\nazimuth_deg = [0, 45, 90, 135]\n'
+        'friction = [0.9]\nrealisations = 3\npreset = "fast"\n'
     )
     plan = plan_of(Campaign.read(folder / "campaign.toml"))
     rows = [run_job(plan.spec(row), Assets(scene, ensemble)) | OF_WORKER for row in range(len(plan))]

@@ -29,7 +29,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
-OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over")
+OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over", "no_estimate")
 """Options that a resuming call does not repeat."""
 
 

@@ -33,7 +33,12 @@ class InputError(ValueError):
         self.where = _shortened(where)
         self.expected = expected
         self.remedy = remedy
-        super().__init__(f"{self.where}: {self.what} [{code}]\n  expected: {expected}\n  remedy:   {remedy}")
+        super().__init__(f"{self.where}: {self.brief}\n  expected: {expected}\n  remedy:   {remedy}")
+
+    @property
+    def brief(self) -> str:
+        """What is wrong, with its code."""
+        return f"{self.what} [{self.code}]"
 
     def __reduce__(self) -> tuple:
         # Those of files need their names alone.

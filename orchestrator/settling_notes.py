@@ -109,7 +109,7 @@ def settling_notes(scene: Scene) -> list[str]:
     try:
         return Settled.of(scene).sentences
     except InputError as error:
-        return [f"warning: {error.what}; no campaign can be run with this scene: {error.remedy}"]
+        return [f"warning: {error.brief}; no campaign can be run with this scene: {error.remedy}"]
 
 
 def draw_settling(scene: Scene, path: Path) -> bool:

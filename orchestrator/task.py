@@ -143,7 +143,7 @@ def _tried(what: str, load: Callable[[Path], Any], content_id: str, folder: Path
     try:
         found = load(folder)
     except (InputError, OSError) as error:
-        why = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error)
+        why = f"{error.where}: {error.brief}" if isinstance(error, InputError) else str(error)
         return None, f"cannot read the run's {what}: {why}"
     if found.id != content_id:
         return None, f"{folder} holds {what} {found.id}, not {content_id}"

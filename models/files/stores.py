@@ -165,7 +165,9 @@ class Copy:
                     self.push()
                 except InputError as error:
                     if self._claim.loss is None:
-                        log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
+                        log.warning(
+                            "%s; what is done stays in %s, and is tried again", error.brief, self.path
+                        )
 
         thread = threading.Thread(target=keep_up, daemon=True)
         thread.start()

@@ -260,7 +260,7 @@ def _noting(subject: str, outcome: Import) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        _log.info("left out %s: %s", subject, error.what)
+        _log.info("left out %s: %s", subject, error.brief)
         outcome.refusals.append(Refusal(subject, error))
 
 

@@ -99,7 +99,7 @@ def _write_reports(rocks: list[Run], samples: int) -> None:
                 if not target.exists():
                     write_text(report_page(Content(rock, samples)), target)
             except InputError as error:
-                click.echo(f"{rock.rock} has no report: {error.what}", err=True)
+                click.echo(f"{rock.rock} has no report: {error.brief}", err=True)
             advance()
 
 

@@ -103,7 +103,7 @@ def _each_rock(atlas: Run, out: Path | None) -> None:
             assert fragility.callback is not None
             fragility.callback(**given)
         except InputError as error:
-            click.echo(f"{rock.rock}: {error.what}", err=True)
+            click.echo(f"{rock.rock}: {error.brief}", err=True)
 
 
 def _files(folder: Path, written: list[Path]) -> str:

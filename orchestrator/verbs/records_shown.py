@@ -106,9 +106,7 @@ def show_refusals(refusals: "list[Refusal]") -> None:
 
     by_reason: dict[tuple[str, str], list[Refusal]] = {}
     for refusal in refusals:
-        by_reason.setdefault(
-            (f"{refusal.reason.what} [{refusal.reason.code}]", refusal.reason.remedy), []
-        ).append(refusal)
+        by_reason.setdefault((refusal.reason.brief, refusal.reason.remedy), []).append(refusal)
     table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
     for head in ("left out", "why, and what to do"):
         table.add_column(head, overflow="fold", ratio=1)

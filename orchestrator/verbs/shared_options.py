@@ -41,7 +41,7 @@ class _Azimuth(click.ParamType):
         try:
             return azimuth_of(str(value))
         except InputError as error:
-            self.fail(f"{error.what}; expected: {error.expected}.", param, ctx)
+            self.fail(f"{error.brief}; expected: {error.expected}.", param, ctx)
 
 
 AZIMUTH = _Azimuth()

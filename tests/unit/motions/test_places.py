@@ -113,17 +113,9 @@ def test_a_kik_net_borehole_without_its_surface_is_left_out_all_the_same(tmp_pat
     left_out(found, "record.not_free_field", BOREHOLE)
 
 
-@pytest.mark.parametrize(
-    ("integers", "what"),
-    [
-        ({18: 1, 24: 12}, "sensor on floor 12 of a building"),
-        ({18: 1, 24: 0}, "sensor in the basement of a building"),
-        ({18: 1, 24: 1}, "sensor on floor 1 of a building"), ({18: 1}, "sensor in a building"),
-        ({18: 2, 26: 3}, "sensor on a bridge"), ({18: 3, 27: 2}, "sensor on a dam"),
-        ({18: 4}, "sensor on a structure"), ({18: 3, 27: 0}, None), ({18: 2, 26: 0}, None), ({}, None),
-    ],
-)  # fmt: skip
-def test_smc_states_a_structure_and_the_place_in_it_by_integers(tmp_path, integers, what):
+def of_smc(integers):
+    """Integers of the header, by their number."""
+
     def stated(text):
         lines = text.split("\n")
         for place, value in integers.items():
@@ -131,25 +123,12 @@ def test_smc_states_a_structure_and_the_place_in_it_by_integers(tmp_path, intege
             lines[row] = f"{lines[row][:column]}{value:10d}{lines[row][column + 10 :]}"
         return "\n".join(lines)
 
-    found = imported(edited(tmp_path, "smc", stated))
-    left_out_at(found, what)
+    return "smc", stated
 
 
-@pytest.mark.parametrize(
-    ("kind", "location", "what"),
-    [
-        (4, "Basement NW corner", "sensor in the basement of a building"),
-        (5, "", None),
-        (10, "", "sensor in a building"),
-        (10, "Ground level", None),
-        (12, "Crest, center", "sensor on or in a dam"),
-        (50, "Downhole, 30 m", "30 m below the surface"),
-        (50, "Surface", None),
-        (50, "", str(BOREHOLE)),
-        (-999, "", None),
-    ],
-)
-def test_cosmos_states_the_sensors_location_and_else_the_type_of_its_station(tmp_path, kind, location, what):
+def of_cosmos(kind, location):
+    """The type of the station, and the sensor's location."""
+
     def stated(text):
         lines = text.split("\n")
         for n, line in enumerate(lines):
@@ -159,40 +138,48 @@ def test_cosmos_states_the_sensors_location_and_else_the_type_of_its_station(tmp
                 lines[n + 2] = f"{lines[n + 2][:64]}{kind:8d}{lines[n + 2][72:]}"
         return "\n".join(lines)
 
-    found = imported(edited(tmp_path, "cosmos_v2", stated))
-    left_out_at(found, what)
+    return "cosmos_v2", stated
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new", "what"),
-    [
-        ("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 46.0\nDATA_TYPE", "46 m below the surface"),
-        ("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 0.0\nDATA_TYPE", None),
-        ("geonet_v2a", "\nFarm\n", "\nBNZ Harbour Quays, Level 5\n", "sensor on floor 5 of a building"),
-        ("geonet_v2a", "\nFarm\n", "\nRoofing Road\n", None),
-        ("columns", "", "Sensor location: roof\nunits: m/s2\n", "sensor on the roof of a building"),
-        ("columns", "", "Sensor depth: 30 m\nunits: m/s2\n", "30 m below the surface"),
-        ("columns", "", "Hypocentre depth: 12 km\nunits: m/s2\n", None),
-    ],
-)
-def test_other_formats_state_a_place_in_their_own_words(tmp_path, name, old, new, what):
-    found = imported(edited(tmp_path, name, lambda text: text.replace(old, new) if old else new + text))
-    left_out_at(found, what)
+def of_csmip(behind):
+    """What stands behind the direction of a channel."""
+    return "csmip_v1", lambda text: "\n".join(
+        line.split("(")[0].rstrip() + behind if line.lower().startswith("chan") else line
+        for line in text.split("\n")
+    )
 
 
-@pytest.mark.parametrize(
-    "behind", ["     Location: Roof", "  (Sta Chn:  3)      Location: Roof", "              Roof"]
-)
-def test_csmip_states_the_sensors_location_behind_its_direction(tmp_path, behind):
-    def stated(text):
-        lines = text.split("\n")
-        return "\n".join(
-            line.split("(")[0].rstrip() + behind if line.lower().startswith("chan") else line
-            for line in lines
-        )
+def instead(name, old, new):
+    return name, lambda text: text.replace(old, new) if old else new + text
 
-    found = imported(edited(tmp_path, "csmip_v1", stated))
-    left_out(found, "record.not_free_field", "sensor on the roof of a building")
+
+ROOF, FLOOR_5 = "sensor on the roof of a building", "sensor on floor 5 of a building"
+STATED = [
+    (of_smc({18: 1, 24: 12}), "sensor on floor 12 of a building"), (of_smc({18: 4}), "sensor on a structure"),
+    (of_smc({18: 1, 24: 0}), "sensor in the basement of a building"), (of_smc({18: 1}), "sensor in a building"),
+    (of_smc({18: 1, 24: 1}), "sensor on floor 1 of a building"), (of_smc({18: 2, 26: 3}), "sensor on a bridge"),
+    (of_smc({18: 3, 27: 2}), "sensor on a dam"), (of_smc({18: 3, 27: 0}), None), (of_smc({18: 2, 26: 0}), None),
+    (of_smc({}), None), (of_cosmos(4, "Basement NW corner"), "sensor in the basement of a building"),
+    (of_cosmos(5, ""), None), (of_cosmos(10, ""), "sensor in a building"), (of_cosmos(10, "Ground level"), None),
+    (of_cosmos(12, "Crest, center"), "sensor on or in a dam"), (of_cosmos(50, "Surface"), None),
+    (of_cosmos(50, "Downhole, 30 m"), "30 m below the surface"), (of_cosmos(50, ""), str(BOREHOLE)),
+    (of_cosmos(-999, ""), None), (of_csmip("     Location: Roof"), ROOF), (of_csmip("              Roof"), ROOF),
+    (of_csmip("  (Sta Chn:  3)      Location: Roof"), ROOF),
+    (instead("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 46.0\nDATA_TYPE"), "46 m below the surface"),
+    (instead("esm", "DATA_TYPE", "SENSOR_DEPTH_M: 0.0\nDATA_TYPE"), None),
+    (instead("geonet_v2a", "\nFarm\n", "\nBNZ Harbour Quays, Level 5\n"), FLOOR_5),
+    (instead("geonet_v2a", "\nFarm\n", "\nRoofing Road\n"), None),
+    (instead("columns", "", "Sensor location: roof\nunits: m/s2\n"), ROOF),
+    (instead("columns", "", "Sensor depth: 30 m\nunits: m/s2\n"), "30 m below the surface"),
+    (instead("columns", "", "Hypocentre depth: 12 km\nunits: m/s2\n"), None),
+]  # fmt: skip
+"""What each format says of its sensor's place in its own way, and what is understood; None of the free field."""
+
+
+@pytest.mark.parametrize(("said", "what"), STATED)
+def test_a_place_that_a_header_states_is_left_out_unless_any_is_asked_for(said, what, tmp_path):
+    edited(tmp_path, *said)
+    left_out_at(imported(tmp_path), what)
     (record,) = imported(tmp_path, place="any").records
     assert record.north_known
 

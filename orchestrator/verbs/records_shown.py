@@ -20,15 +20,9 @@ _MOST_NOTES = 20
 
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
     """Print what was read and left out as JSON."""
+    told = ("code", "what", "where", "remedy")
     left_out = [
-        {
-            "subject": r.subject,
-            "code": r.reason.code,
-            "what": r.reason.what,
-            "where": r.reason.where,
-            "remedy": r.reason.remedy,
-        }
-        for r in outcome.refusals
+        {"subject": r.subject} | {name: getattr(r.reason, name) for name in told} for r in outcome.refusals
     ]
     document = {
         "ensemble": str(ensemble.folder),

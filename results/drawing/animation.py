@@ -84,7 +84,7 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
     frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
 
 
-def speed_words(speed: float) -> str:
+def _speed_words(speed: float) -> str:
     """Say how much faster or slower than the shake the picture moves."""
     if abs(speed - 1.0) < 0.05:
         return "real time"
@@ -167,7 +167,7 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 
 def _heading(title: str, speed: float) -> Image.Image:
-    lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
+    lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
     image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):

@@ -138,7 +138,7 @@ def _varying(statement: dict[str, Any]) -> str:
 
 def all_words(statement: dict[str, Any]) -> str:
     """Everything that is said, a line a sentence."""
-    lines = [*answer(statement), *rock_lines(statement)]
+    lines = [*answer(statement), *_rock_lines(statement)]
     if "hazard" in statement and statement["hazard_ratio"] == 1.0:
         component = statement["hazard"]["component"]
         stated = f", though its files say {component}" if component else ""
@@ -175,7 +175,7 @@ def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
     return each if len(each) <= LETTERS_PER_IN * width_in else f"{len(ages)} rocks, each with its age"
 
 
-def rock_lines(statement: dict[str, Any]) -> list[str]:
+def _rock_lines(statement: dict[str, Any]) -> list[str]:
     """The rocks, what they say about a single event, and what that rests on."""
     lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
     if "unexceeded" in statement:

@@ -52,7 +52,7 @@ def events(tmp_path):
 
 
 def two_branches(place):
-    """Two branches of 100 years at two sites: the second branch's motions are twice the first's."""
+    """Two branches of 1000 years at two sites: the second branch's motions are twice the first's."""
     folder = place / "calculation"
     folder.mkdir()
     random = np.random.default_rng(0)
@@ -62,7 +62,7 @@ def two_branches(place):
         for site in ("aa", "bb"):
             fields.append(f"{event},{0.12 * (1 + event % 2) * random.lognormal(0, 0.7):.5E},{site}")
     line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=7{}\"\n"
-    times = ", investigation_time=50.0, ses_per_logic_tree_path=2"
+    times = ", investigation_time=50.0, ses_per_logic_tree_path=20"
     texts = {
         "gmf-data_1.csv": line.format("") + "\n".join(fields),
         "events_1.csv": line.format("") + "\n".join(catalogue),
@@ -141,9 +141,9 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
 
 
 def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_interval(rocks, events):
-    given = (*rocks, "--hazard", events, "--site", "aa", "--age", "100000")
+    given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
     told = told_by(*given)
-    assert [branch["survival"] for branch in told["branches"]] == [0.0, 0.0]
+    assert [branch["survival"] for branch in told["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
     for one in (told["mean"], *told["branches"]):
         assert 0.0 < one["rate_factor_low"] < one["rate_factor"] < one["rate_factor_high"]
     said = constrain(*given)
@@ -155,7 +155,7 @@ def test_a_rock_that_no_event_can_topple_keeps_every_branch(events, tmp_path):
     rock = write_curves(tmp_path / "rock.json", [Lognormal("pga_m_s2", 1e4, 0.3)])
     done = constrain(rock, "--hazard", events, "--site", "aa", "--age", "100000")
     assert done.exit_code == 0, done.output
-    assert "none of them is rejected" in done.stdout
+    assert "none of them is inconsistent" in done.stdout
 
 
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
@@ -299,9 +299,15 @@ def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events
     again = told_by(rocks[0], "--hazard", out / "openquake", *asked)
     for row, before in zip(again["branches"], told["branches"], strict=True):
         assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
-    rates = [row["rate_posterior_mean"] for row in told["updated"]]
-    found = [row["rate_prior_mean"] for row in again["updated"]]
-    # At .3 a year, the mean of probabilities in a year is not that of rates.
+    rates, found = (
+        [
+            row[name]
+            for row, full in zip(one["updated"], told["updated"], strict=True)
+            if full["rate_posterior_mean"]
+        ]
+        for one, name in ((told, "rate_posterior_mean"), (again, "rate_prior_mean"))
+    )
+    assert len(rates) > 10
     assert found == pytest.approx(rates, rel=0.05)
 
 

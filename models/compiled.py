@@ -37,11 +37,8 @@ _COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models
 """Whose code is compiled: what changes in them makes all of it anew."""
 
 
-PLANE, SURFACE, ROLLING = "plane", "surface", "rolling"
-"""What a rock is shaken on: a plane, a surface, a plane on which it rolls on a rounded base."""
-
-COMPLETE = {PLANE: "complete", SURFACE: "complete-surface", ROLLING: "complete-rolling"}
-"""Files that stand in a folder of compiled code when all that such a shake needs is there."""
+COMPLETE = "complete"
+"""File that stands in a folder of compiled code when all that a shake needs is there."""
 
 
 def _hash() -> str:
@@ -76,18 +73,16 @@ def _only_writable_by(folder: Path, *users: int) -> bool:
 def _take_shipped(folder: Path) -> None:
     """Copy what an image ships for this program and processor, unless it has been; only what root or we made."""
     shipped = os.environ.get(_SHIPPED_VARIABLE)
-    if not shipped or (folder / COMPLETE[PLANE]).exists():
+    if not shipped or (folder / COMPLETE).exists():
         return
     source = Path(shipped) / folder.name
-    if (source / COMPLETE[PLANE]).exists() and all(
+    if (source / COMPLETE).exists() and all(
         _only_writable_by(each, 0, os.getuid()) for each in (source.parent, source)
     ):
-        ignored = shutil.ignore_patterns(*COMPLETE.values(), "lock")
+        ignored = shutil.ignore_patterns(COMPLETE, "lock")
         shutil.copytree(source, folder, ignore=ignored, copy_function=_copy_whole, dirs_exist_ok=True)
         folder.chmod(0o700)
-        for marker in COMPLETE.values():
-            if (source / marker).exists():
-                (folder / marker).touch()
+        (folder / COMPLETE).touch()
 
 
 def _copy_whole(source: str, target: str) -> None:

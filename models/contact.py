@@ -20,7 +20,7 @@ class ContactProperties:
     # Coulomb's coefficients, not negative, the kinetic one not above the static one.
     friction_static: float = 0.8
     friction_kinetic: float = 0.8
-    restitution: float = 0.0  # Newton's coefficient of restitution, 0 to 1
+    restitution: float = 0.0  # 0 to 1: what brings the rock to rest in an impact acts so often again
 
     def __post_init__(self) -> None:
         for name, low, high in (

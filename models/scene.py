@@ -31,7 +31,7 @@ from toppling.models.statics import quasi_static_toppling_m_s2
 
 if TYPE_CHECKING:
     from toppling.models.ground.body import GroundedBody
-    from toppling.models.ground.kind import GroundKind
+    from toppling.models.ground.plane import GroundKind
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
@@ -97,7 +97,7 @@ class Scene:
         friction : float or pair of float
             Coulomb coefficient, or (static, kinetic).
         restitution : float
-            Newton's coefficient, 0 to 1.
+            0 to 1: what brings the rock to rest in an impact acts so many times again.
         gravity : float
             m/s2.
         """
@@ -199,14 +199,14 @@ class Scene:
 
     @cached_property
     def ground(self) -> "GroundKind":
-        """Whether contacts in one plane are enough for this rock, or it needs its pedestal's surface, and why."""
-        from toppling.models.ground.kind import GroundKind, kind_of
+        """Whether the rock stands where its pedestal is the interface plane, or on another surface, and why."""
+        from toppling.models.ground.plane import GroundKind, kind_where_it_stands
 
         if self.pedestal.is_plane:
             return GroundKind(True, "the pedestal is an endless plane")
         if self.is_drawn_over_plane:
             return GroundKind(True, "its base is drawn over the interface plane")
-        return kind_of(self._grounded(smooth=False), self.rock.height_m)
+        return kind_where_it_stands(self.rock, self.pedestal)
 
     @property
     def is_drawn_over_plane(self) -> bool:
@@ -216,12 +216,10 @@ class Scene:
     @cached_property
     def grounded(self) -> "GroundedBody":
         """The rock on its pedestal's surface, prepared for contacts that have normals of their own."""
-        return self._grounded(smooth=self.rounded_base is not None and self.rounded_base.rolls)
-
-    def _grounded(self, *, smooth: bool) -> "GroundedBody":
         from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
+        smooth = self.rounded_base is not None and self.rounded_base.rolls
         return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, smooth)
 
     def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:

@@ -49,7 +49,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("azimuth_deg", _REAL, _MUST, _ANGLE, "deg", "where the stronger recorded component was turned to"),
         ("friction_static", _REAL, _MUST, _SIZE, "1", "Coulomb's static coefficient"),
         ("friction_kinetic", _REAL, _MUST, _SIZE, "1", "Coulomb's kinetic coefficient"),
-        ("restitution", _REAL, _MUST, _SHARE, "1", "Newton's coefficient of restitution"),
+        ("restitution", _REAL, _MUST, _SHARE, "1", "coefficient of restitution"),
         ("realisation", _NUMBER, _MUST, _INDEX, "1", "number of the random realisation; 0 is the nominal scene"),
         ("preset", _TEXT, _MUST, _LINE, "", "settings of the engine, by name"),
         ("engine", _TEXT, _MUST, _LINE, "", "physics engine that stepped the rock"),
@@ -71,7 +71,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("residual_yaw_deg", _REAL, _MAY, _ANGLE, "deg", "turn about the interface's normal, at the end"),
         ("slip_m", _REAL, _MAY, _SIZE, "m", "distance of the first contact's centroid from its start, at the end"),
         ("penetration_m", _REAL, _MAY, _SIZE, "m", "deepest overlap of rock and pedestal on the way"),
-        ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, slid_off, left_ground, rest ..."),
+        ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, tilted, left_ground, rest ..."),
         ("message", _TEXT, _MAY, _PAGE, "", "why, where status is not ok"),
     ],
     "cost": [

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
+from toppling.models.ground.points import ContactModel, contact_of
 from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
-from toppling.workers.contact.contact_points import ContactModel, contact_of
 
 _AXES_STEP_DEG = 2.0
 """Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""

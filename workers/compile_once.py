@@ -9,29 +9,29 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 
-from toppling.models.compiled import COMPLETE, FOLDER, PLANE
+from toppling.models.compiled import COMPLETE, FOLDER
 
-_ENSURED: set[str] = set()
+_ENSURED: list[bool] = []
 
 
-def ensure_compiled(use_everything: Callable[[], object], ground: str = PLANE) -> None:
+def ensure_compiled(use_everything: Callable[[], object]) -> None:
     """Compile by using everything once, unless that was done before; of several processes one does it.
 
     Without a folder that is a process's own matter and happens when it first shakes.
     """
-    if ground in _ENSURED:
+    if _ENSURED:
         return
-    _ENSURED.add(ground)
-    if FOLDER is None or _is_compiled(ground):
+    _ENSURED.append(True)
+    if FOLDER is None or _is_compiled():
         return
     with (FOLDER / "lock").open("w") as lock:
         with contextlib.suppress(OSError):  # a file system without locks: two processes may do it twice
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if not _is_compiled(ground):
+        if not _is_compiled():
             sys.stderr.write("compiling for this machine, once: about half a minute\n")
             with _rare_collections():
                 use_everything()
-            (FOLDER / COMPLETE[ground]).touch()
+            (FOLDER / COMPLETE).touch()
 
 
 @contextlib.contextmanager
@@ -47,9 +47,9 @@ def _rare_collections() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _is_compiled(ground: str = PLANE) -> bool:
-    """Whether the next process finds compiled what a shake on this kind of ground needs."""
-    return FOLDER is not None and (FOLDER / COMPLETE[ground]).exists()
+def _is_compiled() -> bool:
+    """Whether the next process finds compiled what a shake needs."""
+    return FOLDER is not None and (FOLDER / COMPLETE).exists()
 
 
 def compile_apart() -> None:

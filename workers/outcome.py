@@ -9,11 +9,11 @@ import numpy as np
 
 from toppling.models.compiled import Array
 from toppling.models.frames import azimuth_deg
+from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
-from toppling.workers.contact.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
-from toppling.workers.observation import Displacement
+from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced
 
@@ -48,7 +48,7 @@ class ShakeResult:
     topple_time_s, topple_azimuth_deg : float or None
         When the rock crossed its point of no return, from the start of the motion: its centre of mass was last highest,
         or, where it never rose, began to sink; and where it was then, seen from its start, or at the end, where it
-        started past that point. Where it left the pedestal standing: when it passed the end.
+        started past that point.
     max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
         Largest and last angle between the interface's normal and where the rock has carried it, since it was seated,
         or, where its start was given, from its pose in the scene; last turn about it, since the start.
@@ -87,7 +87,7 @@ class ShakeResult:
 
 def result_of(
     ended_by: str,
-    seen: Displacement,
+    seen: Observation,
     problem: Problem,
     time_s: Array,
     pose: Array,
@@ -134,14 +134,12 @@ def _trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Traject
 def _point_of_no_return(
     ended_by: str, contact: ContactModel, com_m: Array, tilt_deg: Array, *, lodged: bool
 ) -> int:
-    """Index of the pose in which the final fall began, or the end of the pedestal was passed.
+    """Index of the pose in which the final fall began.
 
     That in which the centre of mass was last highest, along the plumb line, but not of a later rise: between two looks
     a rock that fell lands on its next face, and one that came to rest on another face is rocked there by the rest of
     the motion. One that lodges swings against what holds it: of such a rock the highest moment counts.
     """
-    if ended_by == "slid_off":
-        return len(com_m) - 1
     if lodged:
         still = int(np.argmax(com_m @ contact.scene_from_support[2]))
     elif ended_by in dict(FALLS):

@@ -7,16 +7,22 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from toppling.models.compiled import Flags
+from toppling.models.ground.body import RESTING_SHARE
+from toppling.models.ground.points import ContactModel, contact_of
 from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
+from toppling.models.relief import height_below
 from toppling.models.scene import Scene
-from toppling.workers.contact.contact_points import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
-from toppling.workers.start import Array, State, start_of
+from toppling.workers.start import Array, State, given_state, start_of
 
 _AZIMUTH_STEP_DEG = 10.0
+
+_END_WITHIN_HEIGHTS = 0.5
+"""A mesh that ends so near beside the rock ends with the ground."""
 
 _LOOKED_AT = 1024
 """Samples of the motion at a time."""
@@ -48,13 +54,57 @@ class Problem:
 
         Raises InputError if the start is given too deep inside the ground.
         """
-        return start_of(self.contact, self.start)
+        if self.scene.ground.is_plane:
+            return start_of(self.contact, self.start)
+        if self.start is not None:
+            return given_state(self.contact, self.start)
+        return self.scene.grounded.resting_pose, np.zeros(6)
 
     @property
     def rolls(self) -> bool:
         """Whether the rock rolls on a rounded base: nothing brakes it, and it swings on after the motion."""
         base = self.scene.rounded_base
         return base is not None and base.rolls
+
+    @cached_property
+    def farthest_m(self) -> float:
+        """From the centre of mass to what of the rock is farthest from it."""
+        rock, base = self.scene.rock, self.scene.rounded_base
+        places = rock.hull_vertices_m if base is None or not self.rolls else base.patches.vertices_m
+        farthest_m = float(np.linalg.norm(places - rock.com_m, axis=1).max())
+        return max(farthest_m, float(np.linalg.norm(self.contact.points_body_m, axis=1).max()))
+
+    @cached_property
+    def stood_m(self) -> float:
+        """Height of the centre of mass over the ground at the start, along the plumb line."""
+        contact, pose = self.contact, self.initial[0]
+        up = contact.scene_from_support[2]
+        if self.scene.ground.is_plane:
+            return float(contact.com_m[2] / up[2])
+        near = self.scene.grounded.contacts(pose, RESTING_SHARE * contact.half_diagonal_m)
+        return float(-(near["arm_m"].mean(axis=0) @ up)) if len(near) else 0.0
+
+    def height_over_ground_m(self, pose: Array) -> float:
+        """Height of the centre of mass over the pedestal's surface in a pose (7,), along the plumb line; NaN off it."""
+        contact, pedestal = self.contact, self.scene.pedestal
+        assert pedestal.vertices_m is not None
+        assert pedestal.faces is not None
+        com = contact.scene_from_support @ pose[:3] + contact.origin_m
+        return float(
+            com[2] - height_below(com[None, :2], pedestal.vertices_m, pedestal.faces, highest=True)[0]
+        )
+
+    def is_beyond_scan(self, pose: Array) -> bool:
+        """Whether the centre of mass is plumb over where the scan ends, and with it not the ground.
+
+        A mesh that goes on for more of the rock's height beside it ends with the scan: a scanned pedestal keeps .6 of
+        it.
+        """
+        contact = self.contact
+        com = (contact.scene_from_support @ pose[:3] + contact.origin_m)[:2]
+        lines, is_near = _ends_of_pedestal(self.scene)
+        beyond = lines[:, :2] @ com + lines[:, 2] > 0.0
+        return bool(beyond.any() and not (beyond & is_near).any())
 
     @property
     def rest_speed_m_s(self) -> float:
@@ -108,6 +158,15 @@ class Problem:
         force = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ self.contact.scene_from_support
         grips = np.hypot(force[:, 0], force[:, 1]) < -scene.contact.friction_kinetic * force[:, 2]
         return np.asarray(holds & grips)
+
+
+@kept
+def _ends_of_pedestal(scene: Scene) -> tuple[Array, Flags]:
+    """Lines (n, 3) in plan where a pedestal's mesh ends, a x + b y + c > 0 beyond, and which are near the rock."""
+    assert scene.pedestal.vertices_m is not None  # an endless plane ends nowhere
+    lines = ConvexHull(scene.pedestal.vertices_m[:, :2]).equations
+    room_m = -(scene.rock.vertices_m[:, :2] @ lines[:, :2].T + lines[:, 2]).max(axis=0)
+    return lines, room_m < _END_WITHIN_HEIGHTS * scene.rock.height_m
 
 
 @kept

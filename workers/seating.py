@@ -7,27 +7,27 @@ import dataclasses
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.ground.points import contact_of
 from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import (
     CONTACT_SHARE_OF_HEIGHT,
     TOPPLED_TILT_DEG,
+    at_rest,
     equilibrium_possible,
     holds_still,
     polygon,
 )
-from toppling.workers import quaternion as quat
-from toppling.workers.contact.contact_points import contact_of
-from toppling.workers.engines import DEFAULT, ENGINES, Pool
-from toppling.workers.options import PRESETS
 from toppling.workers.termination import friction_that_stops
 
 _PASSES = 3
 
-OPTIONS = PRESETS["standard"]
+_RESTING_SHARE = 1e-5
+"""Of R: a rock whose lowest point is so near its plane is on it."""
 
 
-def settled(scene: Scene, pool: Pool | None = None) -> Scene:
+@kept
+def settled(scene: Scene) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
 
     Raises
@@ -35,11 +35,6 @@ def settled(scene: Scene, pool: Pool | None = None) -> Scene:
     InputError
         If the rock does not come to rest, or only far from the pose of the scene, or slides for ever once it slips.
     """
-    return _settled(scene, pool or ENGINES[DEFAULT].process_pool())
-
-
-@kept
-def _settled(scene: Scene, pool: Pool) -> Scene:
     kinetic, least = scene.contact.friction_kinetic, friction_that_stops(scene)
     if kinetic < min(scene.contact.friction_static, least):
         raise InputError("contact.slides_forever",
@@ -59,7 +54,9 @@ def _settled(scene: Scene, pool: Pool) -> Scene:
             seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
         )[0]:
             break
-        seated = _let_down(seated, pool)
+        seated = _let_down(seated)
+    if scene.contact.friction_static < least:
+        raise _falls(scene, f"it slides, as its friction is less than tan(slope), {least:.3f}")
     way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
     if way_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
@@ -96,25 +93,20 @@ def _on_its_pedestal(scene: Scene) -> Scene:
     """The scene with its rock shifted along the normal to where its lowest foot touches."""
     contact = contact_of(scene)
     lowest_m = float(contact.gaps_m(contact.start_pose).min())
-    if abs(lowest_m) <= OPTIONS.contact.resting_share * contact.half_diagonal_m:
+    if abs(lowest_m) <= _RESTING_SHARE * contact.half_diagonal_m:
         return scene
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
 
 
-def _let_down(scene: Scene, pool: Pool) -> Scene:
-    """The scene with its rock where it comes to rest when all speed is taken from it again and again."""
-    contact = contact_of(scene)
-    turn = contact.scene_from_support
-    pose, still = ENGINES[DEFAULT].let_down(scene, pool)
-    relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
-    rotation = turn @ relative @ turn.T
-    tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
+def _let_down(scene: Scene) -> Scene:
+    """The scene with its rock rolled, without gathering speed, to where a facet of its hull carries it."""
+    rest = at_rest(scene.rock, scene.pedestal, scene.gravity_m_s2)
+    if rest is None:
+        raise _falls(scene, "it falls over")
+    tilt = np.rad2deg(np.arccos(np.clip(rest[0][2, 2], -1.0, 1.0)))
     if tilt > TOPPLED_TILT_DEG:
         raise _falls(scene, f"it tilts by {tilt:.1f} degrees")
-    if still > 0.0:
-        raise _falls(scene, f"it still moves at {still:.1g} m/s, tilted by {tilt:.1f} degrees")
-    com = pose[:3] @ turn.T + contact.origin_m
-    return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
+    return dataclasses.replace(scene, rock=scene.rock.moved(*rest))
 
 
 def _falls(scene: Scene, what: str) -> InputError:

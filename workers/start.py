@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
+from toppling.models.ground.points import ContactModel
 from toppling.workers import quaternion as quat
-from toppling.workers.contact.contact_points import ContactModel
 
 _SUNK_SHARE = 1e-4
 """A start whose points are deeper than this share of R is raised; what is less the engine lets out gently."""

@@ -23,7 +23,7 @@ class Unmeasured:
     friction : (float, float) or None
         Friction is as likely anywhere between these; None leaves the job's, which varies by some per cent.
     restitution : (float, float) or None
-        The same of Newton's coefficient.
+        The same of the coefficient of restitution.
     yaw_deg : float
         The motion is turned about the vertical by at most so much, either way.
     either_sense : bool

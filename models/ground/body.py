@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array, Flags
@@ -27,6 +29,7 @@ from toppling.models.ground.facets import (
 )
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
 from toppling.models.ground.pairs import Lists, empty_lists
+from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.ground.touching import DisagreementError
@@ -203,8 +206,8 @@ class GroundedBody:
     def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            self.rock, self.ground, NO_ROLLING, curved, self.facets, self.empty_lists(),
-            np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(7, np.int64), self.inertia_m2, self.size_m,
+            NO_POINTS, NO_ROLLING, self.rock, self.ground, curved, self.facets, self.empty_lists(),
+            np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(8, np.int64), self.inertia_m2, self.size_m,
             (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
             np.array([pose]), np.zeros((1, 6)),
             work_room(),
@@ -327,9 +330,13 @@ class GroundedBody:
         assert pedestal.faces is not None
         turn = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
         moments, axes = rock.principal_axes(turn)
-        com = (rock.com_m - pedestal.point_m) @ turn
+        com, size = (rock.com_m - pedestal.point_m) @ turn, rock.half_diagonal_m
+        if rock.feet_m is not None:  # drawn over the plane: on the mesh it stands on the hull of its feet
+            hull = trimesh.convex.convex_hull(np.vstack([rock.vertices_m, rock.feet_m]))
+            rock = dataclasses.replace(
+                rock, vertices_m=np.array(hull.vertices), faces=np.array(hull.faces, np.int64)
+            )
         body_m = (rock.vertices_m - rock.com_m) @ turn @ axes
-        size = rock.half_diagonal_m
         reach, far = FOUND_WITHIN * size, _GROUND_REACH * size
         ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
         around = com + _OFTEN * (body_m @ axes.T).min(axis=0), com + _OFTEN * (body_m @ axes.T).max(axis=0)

@@ -33,7 +33,7 @@ _RAISED, _RAISED_AFTER_FAILURE, _LOWERED = 10.0, 2.0, 0.1
 
 _ROUNDS, _BEGINS_ANEW = 400, 80
 """With a stiffness each; after so many that found nothing, all contacts are pressed: those of a wedged rock press each
-other. From then on static friction is kinetic friction: with more there need not be a solution."""
+other."""
 
 _NEWTON_STEPS, _HALVINGS = 15, 7
 """At most with one stiffness; of one step."""
@@ -43,29 +43,54 @@ _OPEN, _STICKS, _SLIPS = 0, 1, 2
 
 @inner
 def solve_cones(at: Touching) -> bool:
-    """Change the velocity by the impulses of contacts; those that these have are applied first. Whether all agree."""
+    """Change the velocity by the impulses of contacts; those that these have are applied first. Whether all agree.
+
+    Static friction holds contacts that can all stick with it, however they share their load; else friction is kinetic
+    in all of them. With a state of its own in each, those of a pair that carry the same might differ.
+    """
     copy(at.velocity, at.room.free)
     for i in range(at.number):
         push(at, i, 1.0, at.contacts[i].impulse, at.velocity)
     if at.number == 0 or stick_at_once(at):
         return True
-    fastest_m_s, (static, kinetic) = _fastest_m_s(at), at.friction
+    static, kinetic = at.friction
+    if static > kinetic and _solve_with(at, static) and not _slips(at):
+        return True
+    return _solve_with(at, kinetic)
+
+
+@inner
+def _solve_with(at: Touching, friction: float) -> bool:
+    """The same from the present impulses and velocity, with one coefficient of friction."""
+    fastest_m_s = _fastest_m_s(at)
     within, stiffness, raised = _PRECISION * fastest_m_s, _STIFFNESS, _RAISED
     enough = within
     for count in range(1, _ROUNDS):
         if count % _BEGINS_ANEW == 0:
             _press(at, fastest_m_s * (count // _BEGINS_ANEW))
-            static, stiffness, raised = kinetic, _STIFFNESS, _RAISED
+            stiffness, raised = _STIFFNESS, _RAISED
         _stiffen(at, stiffness)
         copy(at.velocity, at.room.start)
-        if _find_velocity(at, static, within):
-            if _take_impulses(at, static) <= enough:
+        if _find_velocity(at, friction, within):
+            if _take_impulses(at, friction) <= enough:
                 return True
             enough = min(2.0 * enough, max(at.enough_m_s, within))
             stiffness = min(raised * stiffness, _STIFFEST)
         else:
             copy(at.room.start, at.velocity)
             stiffness, raised = _LOWERED * stiffness, _RAISED_AFTER_FAILURE
+    return False
+
+
+@inner
+def _slips(at: Touching) -> bool:
+    """Whether a contact that carries moves along the ground."""
+    for i in range(at.number):
+        one = at.contacts[i]
+        if dot(one.impulse, one.normal) > 0.0:
+            moves = velocity_of(one.arm_m, at.velocity)
+            if square(plus(moves, -dot(moves, one.normal), one.normal)) > at.enough_m_s**2:
+                return True
     return False
 
 
@@ -100,7 +125,7 @@ def _stiffen(at: Touching, share: float) -> None:
 
 
 @inner
-def _answer(at: Touching, i: int, static: float, velocity: Array) -> tuple[int, Vector, Vector, float]:
+def _answer(at: Touching, i: int, friction: float, velocity: Array) -> tuple[int, Vector, Vector, float]:
     """State of a contact at a velocity (6,), and its impulse; direction of its friction, and what turns that.
 
     The last is the change of friction across itself over the change of the impulse that is projected.
@@ -108,26 +133,29 @@ def _answer(at: Touching, i: int, static: float, velocity: Array) -> tuple[int, 
     one, stiffness = at.contacts[i], at.room.stiffness[i]
     n, tried = one.normal, plus(one.impulse, -stiffness, velocity_of(one.arm_m, velocity))
     along = dot(tried, n)
-    pressed, friction = along + stiffness * one.floor_m_s, plus(tried, -along, n)
+    pressed, across = along + stiffness * one.floor_m_s, plus(tried, -along, n)
     if pressed <= 0.0:
-        return _OPEN, (0.0, 0.0, 0.0), friction, 0.0
-    size, limit = math.sqrt(square(friction)), at.friction[1] * pressed
-    if size <= static * pressed and static > 0.0:
-        return _STICKS, plus(friction, pressed, n), friction, 1.0
+        return _OPEN, (0.0, 0.0, 0.0), across, 0.0
+    size, limit = math.sqrt(square(across)), friction * pressed
+    if size <= limit and friction > 0.0:
+        return _STICKS, plus(across, pressed, n), across, 1.0
     scale = 1.0 / size if size > 0.0 else 0.0
-    toward = (scale * friction[0], scale * friction[1], scale * friction[2])
+    toward = (scale * across[0], scale * across[1], scale * across[2])
     impulse = plus((pressed * n[0], pressed * n[1], pressed * n[2]), limit, toward)
     return _SLIPS, impulse, toward, scale * limit
 
 
 @inner
-def _look(at: Touching, static: float, velocity: Array) -> float:
-    """By how much a velocity is not what the contacts' impulses make of the free one; its size."""
-    off = at.room.off
+def _look(at: Touching, friction: float, velocity: Array) -> float:
+    """By how much a velocity is not what the contacts' impulses make of the free one; its size. Notes their states."""
+    room, off = at.room, at.room.off
     for k in range(6):
-        off[k] = velocity[k] - at.room.free[k]
+        off[k] = velocity[k] - room.free[k]
     for i in range(at.number):
-        state, impulse, _, _ = _answer(at, i, static, velocity)
+        state, impulse, toward, turning = _answer(at, i, friction, velocity)
+        room.states[i], room.toward[i, 3] = state, turning
+        for k in range(3):
+            room.toward[i, k] = toward[k]
         if state != _OPEN:
             push(at, i, -1.0, impulse, off)
     m = at.inverse_inertia
@@ -136,14 +164,14 @@ def _look(at: Touching, static: float, velocity: Array) -> float:
 
 
 @inner
-def _find_velocity(at: Touching, static: float, within: float) -> bool:
+def _find_velocity(at: Touching, friction: float, within: float) -> bool:
     """Change the velocity to one that fits the impulses with which the contacts answer it; whether one is near."""
     room, velocity = at.room, at.velocity
-    size = _look(at, static, velocity)
+    size = _look(at, friction, velocity)
     for _ in range(_NEWTON_STEPS):
         if size <= within:
             return True
-        _differentiate(at, static)
+        _differentiate(at, friction)
         if not _solve(room.matrix, room.off):
             return False
         share, before = 1.0, size
@@ -152,7 +180,7 @@ def _find_velocity(at: Touching, static: float, within: float) -> bool:
         for _ in range(_HALVINGS):
             for k in range(6):
                 velocity[k] -= share * room.trial[k]
-            size = _look(at, static, velocity)
+            size = _look(at, friction, velocity)
             if size <= max((1.0 - 1e-4 * share) * before, within):
                 break
             for k in range(6):
@@ -164,23 +192,47 @@ def _find_velocity(at: Touching, static: float, within: float) -> bool:
 
 
 @inner
-def _differentiate(at: Touching, static: float) -> None:
-    """The derivative of what :func:`_look` finds, at the present velocity."""
-    room, kinetic = at.room, at.friction[1]
+def _differentiate(at: Touching, friction: float) -> None:
+    """The derivative of what :func:`_look` found, at the velocity that it looked at."""
+    room = at.room
     for k in range(6):
         for m in range(6):
             room.matrix[k, m] = 1.0 if k == m else 0.0
     for i in range(at.number):
-        state, _, toward, turning = _answer(at, i, static, at.velocity)
-        n, stiffness = at.contacts[i].normal, at.room.stiffness[i]
-        if state == _STICKS:
-            for axis in range(3):
-                way = (1.0 * (axis == 0), 1.0 * (axis == 1), 1.0 * (axis == 2))
-                _add(at, i, stiffness, way, way)
-        elif state == _SLIPS:
-            _add(at, i, stiffness, plus(n, kinetic, toward), n)
+        n, stiffness = at.contacts[i].normal, room.stiffness[i]
+        if room.states[i] == _STICKS:
+            _add_sticking(at, i, stiffness)
+        elif room.states[i] == _SLIPS:
+            toward = (room.toward[i, 0], room.toward[i, 1], room.toward[i, 2])
+            _add(at, i, stiffness, plus(n, friction, toward), n)
             across = cross(n, toward)
-            _add(at, i, stiffness * turning, across, across)
+            _add(at, i, stiffness * room.toward[i, 3], across, across)
+
+
+@inner
+def _add_sticking(at: Touching, i: int, stiffness: float) -> None:
+    """Add to the derivative that a contact is pushed against its motion in all directions alike."""
+    x, y, z = at.contacts[i].arm_m
+    x, y, z, matrix, m = stiffness * x, stiffness * y, stiffness * z, at.room.matrix, at.inverse_inertia
+    for k in range(3):
+        matrix[k, k] += stiffness
+    matrix[0, 4] += z
+    matrix[0, 5] -= y
+    matrix[1, 3] -= z
+    matrix[1, 5] += x
+    matrix[2, 3] += y
+    matrix[2, 4] -= x
+    arm = at.contacts[i].arm_m
+    xx, yy, zz = x * arm[0], y * arm[1], z * arm[2]
+    xy, xz, yz = x * arm[1], x * arm[2], y * arm[2]
+    for k in range(3):
+        a, b, c = m[k, 0], m[k, 1], m[k, 2]
+        matrix[3 + k, 0] += b * z - c * y
+        matrix[3 + k, 1] += c * x - a * z
+        matrix[3 + k, 2] += a * y - b * x
+        matrix[3 + k, 3] += a * (yy + zz) - b * xy - c * xz
+        matrix[3 + k, 4] += b * (xx + zz) - a * xy - c * yz
+        matrix[3 + k, 5] += c * (xx + yy) - a * xz - b * yz
 
 
 @inner
@@ -222,12 +274,12 @@ def _solve(matrix: Array, right: Array) -> bool:
 
 
 @inner
-def _take_impulses(at: Touching, static: float) -> float:
+def _take_impulses(at: Touching, friction: float) -> float:
     """Give the contacts the impulses with which they answer the velocity; the largest velocity that was off."""
     off_m_s = 0.0
     for i in range(at.number):
         one = at.contacts[i]
-        _, impulse, _, _ = _answer(at, i, static, at.velocity)
+        _, impulse, _, _ = _answer(at, i, friction, at.velocity)
         for k in range(3):
             off_m_s = max(off_m_s, abs(impulse[k] - one.impulse[k]) / at.room.stiffness[i])
             one.impulse[k] = impulse[k]  # of an open one zero to the bit: it tells which contacts carry

@@ -44,16 +44,19 @@ _ON_CORNER, _END = 1e-9, 1e-12
 at each corner; of an edge's length: nearer to its end edges do not cross. The two overlap."""
 
 CONTACT = np.dtype(
-    [
-        ("key", "i8"),  # of the two features, the same from step to step
-        ("gap_m", "f8"),
-        ("normal", "f8", 3),  # from the ground to the rock
-        ("place_m", "f8", 3),  # of the rock's material point
-        ("arm_m", "f8", 3),  # from the centre of mass
-        ("impulse", "f8", 3),  # over the rock's mass, m/s
-        ("floor_m_s", "f8"),  # least normal velocity
-        ("lands", "i8"),
-    ]
+    (
+        np.record,
+        [
+            ("key", "i8"),  # of the two features, the same from step to step
+            ("gap_m", "f8"),
+            ("normal", "f8", 3),  # from the ground to the rock
+            ("place_m", "f8", 3),  # of the rock's material point
+            ("arm_m", "f8", 3),  # from the centre of mass
+            ("impulse", "f8", 3),  # over the rock's mass, m/s
+            ("floor_m_s", "f8"),  # least normal velocity
+            ("lands", "i8"),
+        ],
+    )
 )
 
 

@@ -155,7 +155,7 @@ def only_rolls(on: CurvedGround, contacts: Any, count: int) -> bool:
     """Whether a rock touches with no corner, and with nothing but its base."""
     rolls = count > 0
     for k in range(count):
-        rolls = rolls and contacts[k].key >= FIRST_KEY + len(on.corners)
+        rolls = rolls and len(on.corners) <= contacts[k].key - FIRST_KEY <= 2 * len(on.corners)
     return rolls
 
 

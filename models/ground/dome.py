@@ -23,7 +23,7 @@ _OFF_SHARE, _OFF_DEG = 1e-4, 2.0
 """Of the rock's size, and of angles: by which triangles may be off the fitted surface."""
 
 _LEAST_TURN_DEG = 2.5
-"""By which the surface turns within its reach: one that turns less below the base is a plane (:mod:`ground.kind`)."""
+"""By which the surface turns within its reach: one that turns less below the base is a plane (:mod:`ground.plane`)."""
 
 _HOLLOW = 0.02
 """Share of the largest curvature by which the surface may be hollow in the other direction: that of a cylinder."""

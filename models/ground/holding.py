@@ -8,7 +8,7 @@ from typing import Any
 from toppling.models.compiled import Array, inner
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.rigid import invert, square
-from toppling.models.ground.stepping import SECTORS, TOUCHING_SHARE, Grounded, enough_in_step_m_s, touching
+from toppling.models.ground.stepping import SECTORS, Grounded, enough_in_step_m_s, touching, touching_m
 from toppling.models.ground.vectors import rotation_of
 
 STILL = 1e-9
@@ -56,12 +56,12 @@ def held_until(sim: Grounded, first: int) -> int:
 @inner
 def _is_held(sim: Grounded, load_m_s2: Any) -> bool:
     """Whether the contacts of the latest substep keep a rock at rest under a load, in one step."""
-    count, velocity, touching_m = sim.counts[0], sim.work.free, TOUCHING_SHARE * sim.size_m
+    count, velocity, near_m = sim.counts[0], sim.work.free, touching_m(sim)
     for k in range(3):
         velocity[k], velocity[3 + k] = load_m_s2[k] * sim.step_s, 0.0
     for k in range(count):
         sim.trial[k] = sim.contacts[k]
-        sim.trial[k].floor_m_s = -2.0 * max(sim.contacts[k].gap_m - touching_m, 0.0) / sim.step_s
+        sim.trial[k].floor_m_s = -2.0 * max(sim.contacts[k].gap_m - near_m, 0.0) / sim.step_s
     solve_cones(touching(sim, count, velocity, enough_in_step_m_s(sim)))
     return is_still(sim, velocity)
 

@@ -46,6 +46,13 @@ def spin(turn: Array, inertia_m2: Array, spin: Array, out: Array) -> None:
 
 
 @inner
+def times(matrix: Array, vector: Array, out: Array) -> None:
+    """Product (3,) of a matrix (3, 3) and a vector."""
+    for k in range(3):
+        out[k] = matrix[k, 0] * vector[0] + matrix[k, 1] * vector[1] + matrix[k, 2] * vector[2]
+
+
+@inner
 def invert(turn: Array, inertia_m2: Array, out: Array) -> None:
     """Inverse (3, 3) of the inertia over mass, in the axes of the support frame."""
     for i in range(3):

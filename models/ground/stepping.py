@@ -22,7 +22,8 @@ from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pair_search import find
 from toppling.models.ground.pairs import RADIUS, Lists
-from toppling.models.ground.rigid import invert, move, spin, square
+from toppling.models.ground.plane import PlanePoints, is_over_plane, plane_contacts
+from toppling.models.ground.rigid import invert, move, spin, square, times
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 from toppling.models.ground.touching import SolverRoom, Touching, solver_room
 from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
@@ -33,13 +34,16 @@ _MOST_IMPACTS = 20
 TOUCHING_SHARE = 2e-6
 """Of R: a contact so near carries, and comes no nearer: small gaps that differ are none."""
 
+_TOUCHING_PLANE_SHARE = 1e-8
+"""The same of contacts with the plane, all of which have the same normal and gaps that are exact."""
+
 _MARGIN_SHARE = 1e-4
 """Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
 
 _ENOUGH, _ENOUGH_IN_IMPACT = 2e-6, 1e-9
 """Over the speed that gravity gives in a step, and over that of an impact: velocities of contacts that are let go."""
 
-_CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
+_CUT_TOO_EARLY = (1e-6, 1e-6, 1e-4, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
 
 _RETURNED = 0.2
@@ -76,16 +80,17 @@ def work_room() -> Work:
 class Grounded(NamedTuple):
     """A rock on its way through a motion, support frame; poses (7,), velocities (6,) as in the plane's kernel."""
 
-    rock: ContactMesh  # body axes
+    over: PlanePoints  # where the ground is the plane z = 0
+    rolling: RollingSurface  # with which a rounded base touches that plane
+    rock: ContactMesh  # body axes; none until the rock comes to where the ground is no plane
     ground: ContactMesh
-    rolling: RollingSurface  # of a rock on the plane z = 0: then the meshes are none
     curved: CurvedGround  # below a flat base
     facets: Facets  # below a rounded base: then no points and edges of it are in the rock's mesh
     lists: Lists
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
-    # (7,): contacts; poses after the first; steps; substeps; those whose impulses do not agree; steps of an engine;
-    # those taken at once beyond one
+    # (8,): contacts; poses after the first; steps; substeps; those whose impulses do not agree; steps of an engine;
+    # those taken at once beyond one; whether the latest contacts are those with the plane
     counts: Indices
     inertia_m2: Array
     size_m: float
@@ -118,9 +123,9 @@ def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
                 sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
             )
             cut = advance(sim, left, increment, pose, velocity, impact == _MOST_IMPACTS, early)
-            if cut >= left:
+            left, done = min(cut, left), not 0.0 < cut < left
+            if done:
                 break
-            left = cut
         gone += left
         sim.counts[3] += 1
         if cut < np.inf:
@@ -145,7 +150,8 @@ def advance(
 ) -> float:
     """Move for some time, unless a contact closes sooner: then nothing moves, and that time is returned.
 
-    Infinite where none closes; the time itself where one closes just at its end.
+    Infinite where none closes; the time itself where one closes just at its end; 0 where one that has come to touch
+    closes at the start.
     """
     middle, free, momentum = sim.work.middle, sim.work.free, sim.work.momentum
     turn, inverse = sim.work.turn, sim.work.inverse
@@ -155,11 +161,18 @@ def advance(
     move(middle, velocity, 0.5 * step_s)
     rotation_of(middle, turn)
     invert(turn, sim.inertia_m2, inverse)
+    times(inverse, momentum, free[3:])
+    # At the end of the step that momentum is one of another attitude.
+    turning = cross(momentum, free[3:])
     for k in range(3):
         free[k] = velocity[k] + increment[k]
-        free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
-    count = _contacts(sim, middle, _margin_m(sim, step_s, velocity, free))
-    count = _choose(sim, count, step_s, velocity, free, whole)
+        share = inverse[k, 0] * turning[0] + inverse[k, 1] * turning[1] + inverse[k, 2] * turning[2]
+        free[3 + k] += 0.5 * step_s * share
+    reach_m = step_s * _fastest_of_both_m_s(velocity, free, ((0.0, 0.0, 0.0), sim.lists.farthest_m))
+    count = _contacts(sim, middle, _margin_m(sim, step_s, reach_m, velocity, free))
+    count = _choose(sim, count, step_s, 0.5 * reach_m, velocity, whole)
+    if count < 0:
+        return 0.0
     _warm(sim, count, step_s)
     sim.counts[4] += 0 if solve_cones(touching(sim, count, free, enough_in_step_m_s(sim))) else 1
     closes, lands = np.inf, -1
@@ -171,7 +184,9 @@ def advance(
             rate = _rate(one, free)
             at_end = one.gap_m + 0.5 * step_s * rate
             if at_end < 0.0 and -rate > sim.resolved_m_s:
-                soon = max(step_s + at_end / -rate, 1e-6 * _step_s(sim))
+                soon = max(
+                    step_s - _since_closed_s(at_end, rate, _rate(one, velocity), step_s), 1e-6 * _step_s(sim)
+                )
                 if soon < closes:
                     closes, lands = soon, i
         if closes < (1.0 - early) * step_s:
@@ -187,21 +202,34 @@ def advance(
 
 
 @inner
-def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Array, whole: bool) -> int:
-    """Put contacts that carry in this step first, with their floors; those that may land after them, marked."""
-    touching, chosen = TOUCHING_SHARE * sim.size_m, 0
+def _since_closed_s(gap_m: float, rate: float, rate_before: float, step_s: float) -> float:
+    """How long ago a gap closed that is negative at the end of a step, of rates at its end and its start."""
+    more_m_s2 = (rate_before - rate) / step_s
+    return -2.0 * gap_m / (math.sqrt(max(rate * rate + 2.0 * more_m_s2 * gap_m, 0.0)) - rate)
+
+
+@inner
+def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: Array, whole: bool) -> int:
+    """Put contacts that may carry in this step first, with their floors; those that may land after them, marked.
+
+    All within reach may carry: what one contact gives the rock may close another. -1 where one has come to touch, and
+    still closes.
+    """
+    touching, chosen = touching_m(sim), 0
     for i in range(count):
         one = sim.trial[i]
-        rate = _rate(one, velocity)
-        at_start = one.gap_m - 0.5 * step_s * rate
-        closing = -_rate(one, free)
+        at_start = one.gap_m - 0.5 * step_s * _rate(one, velocity)
+        closing = -_rate(one, sim.work.free)
         carries = whole or at_start <= touching or closing <= sim.resolved_m_s
-        if not carries and _was_active(sim, one.key) and at_start < 20.0 * touching:
-            carries = True
+        if at_start < 20.0 * touching and not whole and (at_start <= touching or not carries):
+            known = _was_active(sim, one.key)
+            if at_start <= touching and not known and -_rate(one, velocity) > sim.resolved_m_s:
+                return -1
+            carries = carries or known
         one.lands = 0 if carries else 1
         if carries:
             one.floor_m_s = -2.0 * max(one.gap_m - touching, 0.0) / step_s
-            if one.gap_m < 0.5 * step_s * max(closing, 0.0) + touching:
+            if one.gap_m < reach_m + touching:
                 if i != chosen:
                     sim.work.spare[0] = sim.trial[chosen]
                     sim.trial[chosen] = sim.trial[i]
@@ -217,6 +245,12 @@ def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Arr
     if end < len(sim.trial):
         sim.trial[end].lands = 0
     return chosen
+
+
+@inner
+def touching_m(sim: Grounded) -> float:
+    """Gap up to which the latest contacts touch."""
+    return (_TOUCHING_PLANE_SHARE if sim.counts[7] == 1 else TOUCHING_SHARE) * sim.size_m
 
 
 @inner
@@ -248,8 +282,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
-    margin = 20.0 * TOUCHING_SHARE * sim.size_m
-    count = _contacts(sim, pose, margin)
+    count = _contacts(sim, pose, 20.0 * TOUCHING_SHARE * sim.size_m)
     enough_m_s = _ENOUGH_IN_IMPACT * _fastest_m_s(velocity, ((0.0, 0.0, 0.0), sim.size_m))
     sim.counts[4] += 0 if solve_cones(touching(sim, count, velocity, enough_m_s)) else 1
     for k in range(6):
@@ -273,16 +306,41 @@ def enough_in_step_m_s(sim: Grounded) -> float:
 
 
 @inner
-def _margin_m(sim: Grounded, step_s: float, velocity: Array, free: Array) -> float:
+def _margin_m(sim: Grounded, step_s: float, reach_m: float, velocity: Array, free: Array) -> float:
     """Gap up to which contacts are looked at in the pose of the middle of a step."""
-    near_m, whole = _MARGIN_SHARE * sim.size_m, ((0.0, 0.0, 0.0), sim.lists.farthest_m)
-    margin = near_m + step_s * max(_fastest_m_s(velocity, whole), _fastest_m_s(free, whole))
-    if len(sim.rolling.corners) > 0 or len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
+    near_m = _MARGIN_SHARE * sim.size_m
+    margin = near_m + reach_m
+    if _is_over_plane(sim, sim.work.middle, margin):
+        return margin
+    if len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
         return margin
     find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
     nearest = sim.lists.nearest
     ball = turned(sim.work.turn, nearest.middle_m[0]), nearest.lengths_m[RADIUS]
-    return min(margin, near_m + step_s * max(_fastest_m_s(velocity, ball), _fastest_m_s(free, ball)))
+    return min(margin, near_m + step_s * _fastest_of_both_m_s(velocity, free, ball))
+
+
+@inner
+def _is_over_plane(sim: Grounded, pose: Array, margin_m: float) -> bool:
+    """Whether the plane tells all contacts of a pose, whose rotation is known; it does while there is no mesh."""
+    return len(sim.rock.faces) == 0 or is_over_plane(
+        sim.over, pose, sim.work.turn, sim.lists.farthest_m, margin_m
+    )
+
+
+@inner
+def leaves_plane(sim: Grounded) -> bool:
+    """Whether the latest pose is one of which only the meshes tell the contacts."""
+    pose, velocity = sim.pose[sim.counts[1]], sim.velocity[sim.counts[1]]
+    rotation_of(pose, sim.work.turn)
+    whole = (0.0, 0.0, 0.0), sim.lists.farthest_m
+    margin_m = _MARGIN_SHARE * sim.size_m + sim.step_s * _fastest_m_s(velocity, whole)
+    return not is_over_plane(sim.over, pose, sim.work.turn, sim.lists.farthest_m, margin_m)
+
+
+@inner
+def _fastest_of_both_m_s(velocity: Array, free: Array, ball: tuple[Vector, float]) -> float:
+    return max(_fastest_m_s(velocity, ball), _fastest_m_s(free, ball))
 
 
 @inner
@@ -332,9 +390,13 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
 @inner
 def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
-    nearest = sim.lists.nearest
-    if len(sim.rolling.corners) > 0:
-        return rolling_contacts(sim.rolling, pose, margin, nearest.turn, sim.trial)
+    nearest, sim.counts[7] = sim.lists.nearest, 1
+    if _is_over_plane(sim, pose, margin):
+        if len(sim.rolling.corners) > 0:
+            return rolling_contacts(sim.rolling, pose, margin, nearest.turn, sim.trial)
+        lengths_m = sim.size_m, sim.lists.farthest_m
+        return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
+    sim.counts[7] = 0
     if len(sim.curved.coefficients) > 0:
         count = curved_contacts(sim.curved, pose, margin, nearest.turn, sim.trial)
         if count >= 0:

@@ -31,6 +31,8 @@ class SolverRoom(NamedTuple):
     matrix: Array  # (6, 6): the derivative of that by the velocity
     stiffness: Array  # (contacts,): impulse over velocity
     sticks: Indices  # (contacts,): those that are to stick
+    states: Indices  # (contacts,): open, sticks or slips, at the velocity that was looked at
+    toward: Array  # (contacts, 4): of one that slips, direction of its friction, and what turns that
 
 
 def solver_room(most: int) -> SolverRoom:
@@ -43,6 +45,8 @@ def solver_room(most: int) -> SolverRoom:
         np.zeros((6, 6)),
         np.zeros(most),
         np.zeros(most, np.int64),
+        np.zeros(most, np.int64),
+        np.zeros((most, 4)),
     )
 
 

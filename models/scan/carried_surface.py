@@ -23,7 +23,7 @@ _UPWARD = 0.3
 _LEAST_PATCHES, _LEAST_RIM = 60, 12
 """Of the ring, and of the rock's rim: four small feet show few."""
 _OFF_PER_HEIGHT, _ALIKE_DEG = 0.01, 2.0
-"""A surface so near to one plane below the rock, with normals so alike, is that plane, as for contacts (`ground.kind`)
+"""A surface so near to one plane below the rock, with normals so alike, is that plane, as for contacts (`ground.plane`)
 ..."""
 _NEAR_PER_HEIGHT = 0.003
 """... and at any normals one that is so near: less is not told from bumps."""

@@ -15,7 +15,6 @@ from toppling.orchestrator.public.hazard_question import Question, read_tree, sh
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import answered, basis_of
-from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name, within
@@ -62,10 +61,12 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     shared = measures_shared(question.paths)
     measures = asked.measures or (shared_measure(events.measures, shared, events.source),)
     if len(measures) > 1 and not events.correlated:
-        raise InputError("events.residuals_independent",
+        raise InputError(
+"events.residuals_independent",
             what="holds fields of OpenQuake, which draws the residuals of two measures independently",
             where=events.source, expected="motions of one measure, or of two that are correlated as in earthquakes",
-            remedy="give one --measure, or both hazard curves of which --correlation gives the joint rate")  # fmt: skip
+            remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate"
+        )  # fmt: skip
     return events, measures
 
 
@@ -111,10 +112,12 @@ def _placed(
     if not asked:
         if len(events.sites) > 1:
             known = ", ".join(site.name for site in events.sites[:12])
-            raise InputError("site.several",
+            raise InputError(
+"site.several",
                 what=f"has {len(events.sites)} sites: {known}", where=events.source,
                 expected="the site of each rock",
-                remedy="choose one with --site (LON LAT, or its name), or one for each rock in order")  # fmt: skip
+                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order"
+            )  # fmt: skip
         return [0] * len(names), [None] * len(names)
     if len(asked) not in (1, len(names)):
         raise InputError("site.count_differs", what=f"{len(asked)} sites for {len(names)} rocks",
@@ -129,9 +132,11 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
         return of_name([site.name for site in events.sites], asked, events.source)[0], None
     placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
     if not placed:
-        raise InputError("site.places_missing",
+        raise InputError(
+"site.places_missing",
             what="states no places of its sites", where=events.source, expected="a sitemesh file beside the fields",
-            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}")  # fmt: skip
+            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}"
+        )  # fmt: skip
     number, place = placed[nearest([place for _, place in placed], asked, events.source)]
     return number, float(distance_km(*place, asked))
 
@@ -150,10 +155,11 @@ def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | No
     if [branch.name for branch in first.branches] != [branch.name for branch in second.branches] and not (
         len(first.branches) == len(second.branches) == 1
     ):
-        raise InputError("hazard.branches_differ",
+        raise InputError(
+"hazard.branches_differ",
             what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
-            where="--hazard", expected="the same branches of both measures",
-            remedy="give the trees of one calculation")  # fmt: skip
+            where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation"
+        )  # fmt: skip
     scatter = SIGMA * math.sqrt(1.0 - rho**2)
     branches, misfit = _joint_branches(first, second, scatter)
     notes: tuple[str, ...] = (
@@ -228,18 +234,23 @@ def _summary(
 def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any]:
     site = events.sites[rock.site]
     measures, basis = rock.fragility.measures, rock.fragility.basis
-    if isinstance(rock.fragility, Lognormal):
-        numbers: dict[str, Any] = {
-            "median": rock.curve.median, "beta": rock.curve.beta,
-            "fragility": f"median {within(rock.curve.median, rock.curve.strongest_shaken)} {printed_unit(measures[0])} "
-            f"({short_name(measures[0])}), beta {rock.curve.beta:.2f}",
-        }  # fmt: skip
+    if len(measures) == 1:
+        curve = rock.fragility
+        median = within(curve.median, curve.strongest_shaken)  # type: ignore[union-attr]
+        words = (
+            f"median {median} {printed_unit(measures[0])} ({short_name(measures[0])}), "
+            f"beta {curve.beta:.2f}"  # type: ignore[union-attr]
+        )
+        numbers = {"median": curve.median, "beta": curve.beta}  # type: ignore[union-attr]
     else:
-        a, *slopes = rock.fragility.coefficients
-        terms = [f"{slope:+.2f} ln {short_name(one)}" for slope, one in zip(slopes, measures, strict=True)]
-        numbers = {"coefficients": [a, *slopes], "fragility": f"probit {a:.2f} {' '.join(terms)}"}
+        a, *slopes = rock.fragility.coefficients  # type: ignore[union-attr]
+        terms = " ".join(
+            f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)
+        )
+        words = f"probit {a:.2f} {terms}"
+        numbers = {"coefficients": [a, *slopes]}
     return {
-        "name": rock.name, "age": rock.age, **numbers, "site": site.name, "site_distance_km": away,
+        "name": rock.name, "age": rock.age, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
         "site_longitude_deg": site.place[0] if site.place else None,
         "site_latitude_deg": site.place[1] if site.place else None,
     } | (asdict(basis) if basis else {})  # fmt: skip

@@ -53,10 +53,10 @@ class HazardCurve:
         good = len(x) == len(rate) and np.isfinite(x).all() and np.isfinite(rate).all() and (x > 0).all()
         if not (good and (np.diff(x) > 0).all() and (rate > 0).all() and (np.diff(rate) <= 0).all()):
             raise InputError("hazard.levels_not_rising",
-                what="intensities must rise and rates fall, all of them positive",
-                where=self.source or self.name,
+                what="intensities must rise and rates fall, all of them positive", where=self.source or self.name,
                 expected="annual rates of exceedance that fall as the intensity rises, at two levels or more",
-                remedy="compute more levels, from where the rock hardly topples to where it always does")  # fmt: skip
+                remedy="compute the curve at more levels, from where the rock hardly topples to where it always does"
+            )  # fmt: skip
 
     def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Annual rate of exceedance at intensities within the curve, interpolated on logarithms."""

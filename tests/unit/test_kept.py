@@ -6,9 +6,9 @@ import weakref
 
 import numpy as np
 
+from toppling.models.ground.points import contact_of
 from toppling.models.kept import MOST, kept
 from toppling.models.scene import Scene
-from toppling.workers.contact.contact_points import contact_of
 
 
 @kept

@@ -108,29 +108,29 @@ def small_swing_errors(share, preset, swings=8):
 
 
 def rebound_error(alpha_deg, restitution, preset, share=0.5):
-    """Errors of the lean over alpha, twice after the first impact of a block released at `share` of alpha.
+    """Errors of what a block, released at `share` of alpha, does just after its first impact.
 
-    Third the relative error of the rise of its centre of mass as it hops just after that impact: once its hops have
-    died away, next to nothing of the restitution is left in its lean.
+    First its lean over alpha, then the relative error of the rise of its centre of mass: it flies, with the velocity
+    that an impact without restitution leaves and, times the restitution, the change to that.
     """
     scene, b, h = block(alpha_deg, 1.0, restitution=restitution)
     alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
-    hop_s, *times = np.array([1.02, 1.3, 1.8]) * exact.free_rocking_time_s(alpha, p, share)
-    start = leaning(b, h, share * alpha)
-    trajectory = let_go(scene, start, preset).trajectory
-    stepped = slide_and_rock(
-        PlaneBody.rectangle(b, h),
-        ContactProperties(GRIP, GRIP, restitution),
-        lambda _: (0.0, -G),
-        times[-1] + 0.01,
-        5e-5,
-        place=(start["position_m"][0], start["position_m"][2], share * alpha),
+    lands_s = exact.free_rocking_time_s(alpha, p, share)
+    way = let_go(scene, leaning(b, h, share * alpha), preset).trajectory
+    spin = -p * np.sqrt(2.0 * (np.cos(alpha * (1.0 - share)) - np.cos(alpha)))
+    # Up: about its right corner before, about its left one after an impact that takes what it can.
+    up = np.array([-b * spin, b * exact.impact_ratio(b, h) * spin])
+    spins = np.array([spin, exact.impact_ratio(b, h) * spin])
+    spin, up = (
+        (1.0 + restitution) * after - restitution * before for before, after in (spins, -up * [1.0, 1.0])
     )
-    leans = np.interp(times, trajectory.time_s, lean(trajectory))
-    rise_m = np.interp(hop_s, trajectory.time_s, trajectory.position_m[:, 2]) - h
-    exact_rise_m = np.interp(hop_s, stepped.time_s, stepped.place[:, 1]) - h
-    errors = (leans - np.interp(times, stepped.time_s, stepped.place[:, 2])) / alpha
-    return np.append(errors, rise_m / exact_rise_m - 1.0)
+    flight_s = way.time_s[np.searchsorted(way.time_s, 1.02 * lands_s)] - lands_s
+    at = int(np.searchsorted(way.time_s, 1.02 * lands_s))
+    rise_m = up * flight_s - 0.5 * G * flight_s**2
+    return (
+        (lean(way)[at] - spin * flight_s) / alpha,
+        (way.position_m[at, 2] - h) / rise_m - 1.0,
+    )
 
 
 def first_landing(time, angle):
@@ -553,8 +553,8 @@ def rattling_energy(sides, azimuth_deg, preset):
 def slipping_impulses(arms, inertia, velocity, friction, restitution):
     """Impulses over mass (n, 3) on feet that land at once and slip on, and the azimuths of their slips, rad.
 
-    Newton's law of restitution along the normal at each foot, and Coulomb's against the slip with which it leaves. The
-    rock does not turn before. None where a foot sticks or lifts off.
+    Those that take the normal velocity of each foot, with Coulomb's friction against the slip that is left, and the
+    restitution times these again. The rock does not turn before. None where a foot sticks or lifts off.
     """
     crossed = [np.cross(np.eye(3), arm) for arm in arms]
     mobility = [[np.eye(3) - a @ np.linalg.solve(inertia, b) for b in crossed] for a in crossed]
@@ -571,7 +571,7 @@ def slipping_impulses(arms, inertia, velocity, friction, restitution):
     def missed(unknown):
         azimuth, after = unknown[: len(arms)], leaving(unknown)
         across = after[:, 0] * np.sin(azimuth) - after[:, 1] * np.cos(azimuth)
-        return [*across, *(after[:, 2] + restitution * velocity[2])]
+        return [*across, *after[:, 2]]
 
     for guess in np.arange(0.0, 2.0 * np.pi, 0.3):
         found, _, solved, _ = fsolve(missed, [guess] * len(arms) + [0.5] * len(arms), full_output=True)
@@ -579,7 +579,7 @@ def slipping_impulses(arms, inertia, velocity, friction, restitution):
         slip = leaving(found)[:, :2]
         along = slip[:, 0] * np.cos(azimuth) + slip[:, 1] * np.sin(azimuth)
         if solved == 1 and normal.min() > 0.0 and along.min() > 0.05:
-            return of(found), azimuth
+            return (1.0 + restitution) * of(found), azimuth
     return None
 
 
@@ -604,8 +604,8 @@ def landing_error(half_sizes, turn, velocity, friction, restitution, preset):
         "velocity_m_s": np.array(velocity) - fall,
     }
     way = let_go(scene, start, preset).trajectory
-    touch = int(np.abs(way.time_s - flight_s).argmin())  # the impact has a short step of its own
-    left = (way.position_m[touch + 1] - way.position_m[touch]) / (way.time_s[touch + 1] - way.time_s[touch])
+    after = int(np.searchsorted(way.time_s, flight_s))
+    left = (way.position_m[after] - np.array([0.0, 0.0, -lowest])) / (way.time_s[after] - flight_s)
     exact_along, along = law[0].sum(axis=0)[:2], left[:2] - velocity[:2]
     ratio = complex(*along) / complex(*exact_along)
     turned = np.angle(np.exp(1j * (law[1] - np.arctan2(velocity[1], velocity[0]))))

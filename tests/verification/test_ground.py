@@ -17,7 +17,7 @@ from toppling.models.contact import ContactProperties
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
-from toppling.models.ground.kind import GroundKind
+from toppling.models.ground.plane import GroundKind
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
 from toppling.models.scan.survey import SeparatedMeshes
@@ -26,11 +26,11 @@ from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.public.making import scan
 from toppling.workers.engines import DEFAULT, engine_named
-from toppling.workers.ground.rest import holds, least_overturning_j_kg
-from toppling.workers.ground.shaking import GroundShaking
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.shake import shake
+from toppling.workers.shaking import Shaking
+from toppling.workers.standing import holds, least_overturning_j_kg
 from toppling.workers.start import State
 
 G = 9.81
@@ -260,7 +260,7 @@ def thrown(scene, random):
     options = PRESETS["fast"]
     step_s = options.time_step_s(scene.rock.half_diagonal_m, G)
     problem = Problem(scene, STILL, options, step_s, start, shortcuts=False)
-    return GroundShaking(problem, engine_named(DEFAULT).ground_steps(problem))
+    return Shaking(problem, engine_named(DEFAULT).steps(problem))
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
@@ -273,7 +273,10 @@ def test_a_rock_that_is_thrown_gains_no_energy_at_any_friction(left, right, rest
         shaking = thrown(as_surface(scene.with_contact(ContactProperties.of(friction, restitution))), random)
         assert shaking.run() in ("rest", "tilted", "fallen")
         sim, count = shaking.sim, shaking.last + 1
-        velocity, height_m = sim.velocity[:count], sim.pose[:count, :3] @ shaking.body.scene_from_support[2]
+        velocity, height_m = (
+            sim.velocity[:count],
+            sim.pose[:count, :3] @ shaking.problem.contact.scene_from_support[2],
+        )
         spin = Rotation.from_quat(sim.pose[:count, 3:]).inv().apply(velocity[:, 3:])
         kinetic = 0.5 * ((velocity[:, :3] ** 2).sum(axis=1) + spin**2 @ sim.inertia_m2)
         assert np.diff(kinetic + G * height_m).max() < (G * sim.step_s) ** 2

@@ -10,14 +10,14 @@ from test_ground import block_on
 from toppling.models.compiled import compiled
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.ground.holding import held_until
+from toppling.models.ground.points import contact_of
 from toppling.models.ground.stepping import TOUCHING_SHARE
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.contact.contact_points import contact_of
-from toppling.workers.ground.shaking import GroundShaking
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.shake import shake
+from toppling.workers.shaking import Shaking
 
 STEP_S = 0.01
 SURFACES = [(15, 15), (0, 15), (0, -15)]
@@ -117,7 +117,7 @@ def test_a_foot_that_hangs_over_its_facet_holds_nothing():
 def test_a_rock_that_rocks_slowly_on_two_of_its_feet_has_not_lodged():
     """At the end of a swing it is as slow as one at rest, but nothing holds it, below it or beside it."""
     scene, tilt = block_on(15, 15), Rotation.from_rotvec([0.0, -math.radians(3.0), 0.0])
-    shaking = GroundShaking(
+    shaking = Shaking(
         Problem(scene, Motion(np.zeros((2, 3)), STEP_S), PRESETS["fast"], 0.0027, None, True), None
     )
     feet = scene.grounded.contacts(scene.grounded.resting_pose, 1e-6)

@@ -1,4 +1,4 @@
-"""Physics engines: a registry of what each is called, which limits it has, and how it integrates a shake.
+"""Physics engines: a registry of what each is called, which limits it has, and how it steps a shake.
 
 An engine is described here by one entry, without importing it; its module is imported by what shakes.
 """
@@ -8,10 +8,10 @@ from __future__ import annotations
 from toppling.models.errors import InputError
 from toppling.workers.engines.bullet.description import BULLET
 from toppling.workers.engines.mujoco.description import MUJOCO
-from toppling.workers.engines.protocol import Engine, Integrator, Pool
+from toppling.workers.engines.protocol import Engine
 from toppling.workers.options import PRESETS, NumericalOptions
 
-__all__ = ["DEFAULT", "ENGINES", "Integrator", "Pool", "engine_named", "options_of", "protocol"]
+__all__ = ["DEFAULT", "ENGINES", "engine_named", "options_of", "protocol"]
 
 
 ENGINES: dict[str, Engine] = {one.name: one for one in (BULLET, MUJOCO)}

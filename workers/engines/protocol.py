@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -17,34 +17,16 @@ from toppling.workers.options import PRESETS, NumericalOptions
 
 if TYPE_CHECKING:
     from toppling.models.ground.stepping import Grounded
-    from toppling.models.scene import Scene
-    from toppling.workers.ground.stepping import GroundWatch
-    from toppling.workers.history import StateHistory
-    from toppling.workers.observation import Watch
     from toppling.workers.problem import Problem
+    from toppling.workers.stepping import Watch
 
 
-GroundSteps = Callable[["Grounded", int, "GroundWatch"], int]
-"""Takes blocks of so many steps of a rock on ground that is no plane, one or until a look is called for.
+Steps = Callable[["Grounded", int, "Watch"], int]
+"""Takes blocks of so many steps of a rock, one or until a look is called for.
 
-The trajectory's arrays have room for one. Returns the index of the pose in which the last block began.
+The trajectory's arrays have room for one. Returns the index of the pose in which the last block began; -1 where it
+needs the meshes of rock and ground, and has taken none.
 """
-
-
-class Integrator(Protocol):
-    """A rock on its way through one motion."""
-
-    history: StateHistory
-    """Its states so far; the integrator and the rules of rest write it, others read it."""
-
-    def advance(self, steps: int, watch: Watch | None = None) -> int:
-        """Go on by this many steps, or one more; again until a look is called for, where it is said what calls for one.
-
-        Returns the index of the pose in which the last of these blocks of steps began.
-        """
-
-    def restart(self) -> None:
-        """Forget what the engine keeps from step to step: the rock was set to rest where it is."""
 
 
 class StepCheckError(RuntimeError):
@@ -55,7 +37,7 @@ class StepCheckError(RuntimeError):
     time_s : float
         Of the shake.
     unlike : float
-        Largest difference of a pose, over R, or of a velocity, over sqrt(g R).
+        Largest difference of a pose, over R; infinite where they touch at other places.
     allowed : float
     """
 
@@ -66,19 +48,8 @@ class StepCheckError(RuntimeError):
     def __str__(self) -> str:
         return (
             f"at {self.time_s:.4f} s the engine repeats a step of the program's own and comes elsewhere: by "
-            f"{self.unlike:.1e} of the rock's size or speed, where {self.allowed:.0e} is rounding. Shake with preset "
-            "'standard', in which the engine takes every step, and report the job"
+            f"{self.unlike:.1e} of the rock's size, where {self.allowed:.0e} is rounding. Report the job"
         )
-
-
-class Pool(Protocol):
-    """What an engine keeps in a process between shakes."""
-
-    def forget(self) -> None:
-        """Make all of it anew: a rock in no finite state has spoilt it."""
-
-    def __hash__(self) -> int:
-        """Pools are told apart by identity."""
 
 
 @cache
@@ -100,8 +71,7 @@ class Engine:
     title, authors, reference : str
         How it is called and cited.
     module : str
-        Which module integrates with it: `integrator(problem, pool)`, `ground_steps(problem)`, `process_pool()`,
-        `let_down(scene, pool)`.
+        Which module has its `steps(problem)`.
     step_shares : mapping
         Time step over sqrt(R / g) of each preset, where it is not that of :data:`PRESETS`.
     restitution, kinetic_friction : bool
@@ -181,28 +151,16 @@ class Engine:
                 else "install toppling anew",
             )
 
-    def integrator(self, problem: Problem, pool: Pool | None = None) -> Integrator:
-        """The integrator of one shake.
+    def steps(self, problem: Problem) -> Steps:
+        """What takes the steps of one shake.
 
         Raises
         ------
         InputError
-            If the engine is not installed, or the scene's contact is beyond it.
+            If the engine is not installed, the scene's contact is beyond it, or it cannot represent the scene.
         """
         self._require_all(problem.scene.contact)
-        made: Integrator = self._module.integrator(problem, pool)
-        return made
-
-    def ground_steps(self, problem: Problem) -> GroundSteps:
-        """What steps one shake on ground that is no plane.
-
-        Raises
-        ------
-        InputError
-            As :meth:`integrator`, or if the engine cannot represent the scene.
-        """
-        self._require_all(problem.scene.contact)
-        made: GroundSteps = self._module.ground_steps(problem)
+        made: Steps = import_module(self.module).steps(problem)
         return made
 
     def _require_all(self, contact: ContactProperties) -> None:
@@ -212,17 +170,3 @@ class Engine:
             raise InputError("engine.contact_unknown", what, where=f"engine {self.name}",
                 expected="restitution 0 and one coefficient of friction",
                 remedy="shake with the default engine, or change the contact's properties")  # fmt: skip
-
-    def process_pool(self) -> Pool:
-        """What this process keeps of the engine."""
-        pool: Pool = self._module.process_pool()
-        return pool
-
-    def let_down(self, scene: Scene, pool: Pool) -> tuple[Any, float]:
-        """Pose (7,) where a rock comes to rest that swings without gathering speed, and how fast it still moves."""
-        pose, speed_m_s = self._module.let_down(scene, pool)
-        return pose, speed_m_s
-
-    @property
-    def _module(self) -> Any:
-        return import_module(self.module)

@@ -67,7 +67,7 @@ def _shaking(content: Content) -> str:
         f"Three-component records ({frame['record_id'].nunique():,}) were scaled to {levels.nunique()} levels of the "
         f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and rotated to "
         f"{frame['azimuth_deg'].nunique()} azimuths{several}. Contact followed Coulomb friction "
-        f"(coefficient {friction}) and Newtonian restitution ({restitution}).{_realisations(content)}"
+        f"(coefficient {friction}) and impacts a coefficient of restitution of {restitution}.{_realisations(content)}"
     )
 
 

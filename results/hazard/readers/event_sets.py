@@ -128,11 +128,14 @@ def _rates(
         option = "--event-rate, the annual rate of the scenario" if scenario else "--catalogue-years"
         if events is None:
             option += ", or --catalogue-years where they are a catalogue"
-        raise InputError("events.rate_missing",
+        raise InputError(
+"events.rate_missing",
             what="is a scenario, or states no time: its events have no rate" if scenario
-            else "no ruptures file states the time that the events were simulated for", where=str(table.path),
+            else "no ruptures file states the time that the events were simulated for",
+            where=str(table.path),
             expected="investigation_time and ses_per_logic_tree_path in the first line of the ruptures file",
-            remedy=f"put the ruptures file beside it, or give {option}")  # fmt: skip
+            remedy=f"put the ruptures file beside it, or give {option}"
+        )  # fmt: skip
     return catalogue, lambda _: 1.0 / catalogue
 
 

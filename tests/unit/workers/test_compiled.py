@@ -267,27 +267,26 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
 
 
-def test_each_kind_of_ground_is_compiled_once_and_told_apart(tmp_path, monkeypatch):
+def test_what_a_shake_needs_is_compiled_once(tmp_path, monkeypatch):
     from toppling.workers import compile_once as room
 
     monkeypatch.setattr(room, "FOLDER", tmp_path)
-    monkeypatch.setattr(room, "_ENSURED", set())
+    monkeypatch.setattr(room, "_ENSURED", [])
     used = []
     for _ in range(2):
-        for ground in (room.PLANE, "surface"):
-            room.ensure_compiled(lambda ground=ground: used.append(ground), ground)
-            assert room._is_compiled(ground)
+        room.ensure_compiled(lambda: used.append(1))
         room._ENSURED.clear()  # as in the next process
-    assert used == ["plane", "surface"]
+    assert used == [1]
 
 
 @pytest.mark.thorough
-def test_what_is_compiled_for_surfaces_lets_a_rock_down_on_them_too():
+def test_what_is_compiled_once_serves_every_shake_with_one_signature():
     program = (
         "from toppling.models.ground.creeping import settle\n"
-        "from toppling.workers.shake import _use_surfaces\n"
-        "_use_surfaces()\n"
-        "print(len(settle.signatures))\n"
+        "from toppling.workers.shake import _use_everything\n"
+        "from toppling.workers.stepping import take_steps\n"
+        "_use_everything()\n"
+        "print(len(settle.signatures), len(take_steps.signatures))\n"
     )
     ran = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
-    assert ran.stdout.split() == ["1"]
+    assert ran.stdout.split() == ["1", "1"]

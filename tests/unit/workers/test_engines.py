@@ -13,8 +13,6 @@ from refusals import refused
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers import engines
-from toppling.workers.engines.bullet import integrator as bullet
-from toppling.workers.engines.bullet import pool
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -73,27 +71,3 @@ def test_a_shake_writes_nothing_to_the_terminal():
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert told.stdout == ""
     assert "pybullet" not in told.stderr.casefold()
-
-
-def test_the_world_in_which_a_rock_was_let_down_is_made_the_first_in_which_it_is_shaken(monkeypatch):
-    connected = []
-    connect = pool._Bullet.connect
-
-    def counted():
-        connected.append(connect())
-        return connected[-1]
-
-    monkeypatch.setattr(pool._Bullet, "connect", counted)
-    own, scene = pool.EnginePool(), Scene.block(0.1, 0.1, 0.5)
-    bullet.let_down(scene, own)
-    assert len(connected) == 1
-    result = shake(scene, PUSH, "fast", pool=own)
-    assert len(connected) == len(own._worlds)
-    assert result.topple_time_s == shake(scene, PUSH, "fast", pool=pool.EnginePool()).topple_time_s
-
-
-def test_a_shake_takes_no_more_worlds_than_a_pool_keeps(monkeypatch):
-    """Else the least recently used one, which the shake may come back to, would hold other points."""
-    monkeypatch.setattr(bullet, "MOST_WORLDS", 0)
-    with pytest.raises(ValueError, match="sets of contact candidates: at most 0"):
-        shake(Scene.block(0.1, 0.1, 0.5), PUSH, "fast")

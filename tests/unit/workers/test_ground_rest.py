@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.workers.ground.rest import _outermost
+from toppling.workers.standing import _outermost
 
 RANDOM = np.random.default_rng(5)
 

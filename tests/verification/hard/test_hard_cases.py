@@ -18,9 +18,9 @@ from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.shake import Shaking, shake
+from toppling.workers.shake import shake
+from toppling.workers.shaking import Shaking
 from toppling.workers.start import State
-from toppling.workers.termination import FALLS, first_met
 
 G = case.G
 SINK = 1e-3  # of R: the contact tolerance
@@ -133,7 +133,8 @@ def test_a_dropped_block_leaves_with_newtons_share_of_its_speed(restitution):
         scene, case.STILL, trajectory=True, shortcuts=False, initial={"position_m": (0.0, 0.0, 0.7)}
     )
     above = result.trajectory.position_m[:, 2] - 0.2
-    peak = above[int(np.argmax(above < 2e-5)) :].max()
+    rises = np.flatnonzero(np.diff(above) > 1e-9)
+    peak = above[rises[0] :].max() if len(rises) else 0.0
     # The impact step carries half a step of gravity with it: 0.006 of the speed of the fall.
     assert np.sqrt(max(peak, 0.0) / 0.5) == pytest.approx(restitution, abs=0.007)
     assert result.status == "ok"
@@ -329,8 +330,7 @@ def test_a_start_deep_inside_the_ground_is_refused():
 
 
 def shaking_of(problem):
-    """In the worlds that any other shake of the process has."""
-    return Shaking(problem, engine_named(DEFAULT).integrator(problem))
+    return Shaking(problem, engine_named(DEFAULT).steps(problem))
 
 
 @pytest.mark.parametrize(
@@ -348,26 +348,11 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
     with monkeypatch.context() as patched:
         # Nothing that a caller may ask for makes the engine faster than its own.
         patched.setattr(Problem, "speed_limit_m_s", limit_m_s)
-        result = shaking.result(*shaking.run(), trajectory=False)
+        result = shaking.result(shaking.run(), trajectory=False)
     assert (result.status, result.toppled, result.outcome) == ("diverged", None, None)
     after = dropped()  # it fell through the ground of a world that had held a rock without a place
     assert after.outcome == before.outcome == "stands"
     np.testing.assert_array_equal(after.trajectory.position_m, before.trajectory.position_m)
-
-
-@pytest.mark.parametrize(("part_s", "rule"), [(1.8e-10, None), (1e-3, "speed_limit")])
-def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, rule):
-    # A step to a touch began with such a part, and 3e-8 m in it seemed to be 190 m/s.
-    scene, settings = Scene.block(0.2, 0.2, 0.6), PRESETS["fast"]
-    step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
-    shaking = shaking_of(Problem(scene, case.STILL, settings, step_s, State(), False))
-    shaking.integrator.advance(0)  # the engine has the rock
-    sim = shaking.integrator.history.sim
-    sim.state["last"] = 1
-    sim.pose[1] = sim.pose[0] + np.array([190.0 * part_s, 0, 0, 0, 0, 0, 0])
-    sim.time_s[1] = part_s
-    sim.velocity_time_s[1] = 0.0
-    assert first_met(FALLS, shaking.seen(0), shaking.problem) == rule
 
 
 @pytest.mark.slow

@@ -1,3 +1,3 @@
-"""PyBullet: its binding, a world, the pool of worlds, and the integrator that steps a rock with them."""
+"""PyBullet: its binding, its worlds, and the steps that it carries out and checks."""
 
 __all__ = ["description"]

@@ -34,12 +34,8 @@ def _compiled(name: str, result: Any, *arguments: Any) -> Any:
 
 submit = _compiled("b3SubmitClientCommandAndWaitStatus", _ADDRESS, _ADDRESS, _ADDRESS)
 parameters = _compiled("b3InitPhysicsParamCommand", _ADDRESS, _ADDRESS)
-set_gravity = _compiled("b3PhysicsParamSetGravity", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER)
 set_step = _compiled("b3PhysicsParamSetTimeStep", _INDEX, _ADDRESS, _NUMBER)
-set_iterations = _compiled("b3PhysicsParamSetNumSolverIterations", _INDEX, _ADDRESS, _INDEX)
 set_near = _compiled("b3PhysicsParamSetContactBreakingThreshold", _INDEX, _ADDRESS, _NUMBER)
-set_residual = _compiled("b3PhysicsParamSetSolverResidualThreshold", _INDEX, _ADDRESS, _NUMBER)
-set_rebound_from = _compiled("b3PhysicsParamSetRestitutionVelocityThreshold", _INDEX, _ADDRESS, _NUMBER)
 step_command = _compiled("b3InitStepSimulationCommand", _ADDRESS, _ADDRESS)
 request_state = _compiled("b3RequestActualStateCommandInit", _ADDRESS, _ADDRESS, _INDEX)
 get_state = _compiled("b3GetStatusActualState", _INDEX, _ADDRESS, *[_ADDRESS] * 7)
@@ -52,13 +48,6 @@ set_velocity = _compiled("b3CreatePoseCommandSetBaseLinearVelocity", _INDEX, _AD
 set_spin = _compiled("b3CreatePoseCommandSetBaseAngularVelocity", _INDEX, _ADDRESS, _ADDRESS)
 collision_filter = _compiled("b3CollisionFilterCommandInit", _ADDRESS, _ADDRESS)
 set_filter = _compiled("b3SetCollisionFilterGroupMask", _INDEX, _ADDRESS, _INDEX, _INDEX, _INDEX, _INDEX)
-dynamics = _compiled("b3InitChangeDynamicsInfo", _ADDRESS, _ADDRESS)
-change_friction = _compiled(
-    "b3ChangeDynamicsInfoSetLateralFriction", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
-)
-change_restitution = _compiled(
-    "b3ChangeDynamicsInfoSetRestitution", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
-)
 request_contacts = _compiled("b3InitRequestContactPointInformation", _ADDRESS, _ADDRESS)
 get_contacts = _compiled("b3GetContactPointInformation", types.void, _ADDRESS, _ADDRESS)
 

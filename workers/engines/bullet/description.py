@@ -10,7 +10,7 @@ BULLET = Engine(
         "Coumans, E., and Bai, Y. PyBullet, a Python module for physics simulation for games, robotics and machine "
         "learning."
     ),
-    module="toppling.workers.engines.bullet.integrator",
+    module="toppling.workers.engines.bullet.checked_steps",
     imports="pybullet",
     step_shares={},
 )

@@ -14,18 +14,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
+from toppling.models.ground.plane import FLAT_SHARE
+from toppling.models.ground.points import contact_of
+from toppling.models.ground.stepping import Grounded
 from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
-from toppling.workers.contact.contact_points import contact_of
 from toppling.workers.engines.mujoco.free_body import Stepper, forces_in, forces_m_s2, hull, touch, world
-from toppling.workers.engines.mujoco.surface import ground_steps
-from toppling.workers.history import ROOM, StateHistory
-from toppling.workers.observation import Watch, travel_m
+from toppling.workers.engines.mujoco.surface import surface_world
+from toppling.workers.engines.protocol import Steps
+from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
-
-__all__ = ["MujocoIntegrator", "ground_steps", "integrator"]
+from toppling.workers.stepping import Watch, take_steps
 
 _MARGIN_SHARE = 1e-6
 """Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
@@ -34,63 +35,61 @@ _SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
 
 
-class MujocoIntegrator:
-    """A rock on its way through a motion."""
+class MujocoSteps:
+    """Steps of one shake, with a look after each block."""
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self.history = StateHistory(problem)
-        motion, step_s, sim = problem.motion, problem.time_step_s, self.history.sim
-        self._stepper = Stepper(*_world(problem.scene, step_s))
-        self._seat = sim.pose[0].copy() if problem.start is None else None
-        self._gravity_m_s2 = sim.fixed["gravity_m_s2"][0]
-        self._forces = forces_m_s2(motion, step_s, self._gravity_m_s2, problem.contact.scene_from_support)
+        self._problem, scene, step_s = problem, problem.scene, problem.time_step_s
+        self._on_plane, contact = scene.ground.is_plane, problem.contact
+        self._stepper = Stepper(*(_world if self._on_plane else surface_world)(scene, step_s))
+        self._seat = problem.initial[0].copy() if problem.start is None and self._on_plane else None
+        self._gravity_m_s2 = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ contact.scene_from_support
+        self._forces = forces_m_s2(problem.motion, step_s, self._gravity_m_s2, contact.scene_from_support)
 
-    def advance(self, steps: int, watch: Watch | None = None) -> int:  # noqa: ARG002  (a look after each block)
+    def __call__(self, sim: Grounded, block: int, watch: Watch) -> int:
         """Go on by this many steps; the pose in which they began."""
-        history = self.history
-        history.make_room_for(max(ROOM, steps + 1))
-        first, grid, sim = history.last, history.grid, history.sim
-        step_s = self._problem.time_step_s
-        force_m_s2 = forces_in(self._forces, self._gravity_m_s2, grid, steps)
-        new = slice(first + 1, first + steps + 1)
-        sim.time_s[new] = (grid + 1 + np.arange(steps)) * step_s
-        sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * step_s
+        first, grid = int(sim.counts[1]), int(sim.counts[2])
+        new, scene = slice(first + 1, first + block + 1), self._problem.scene
+        force_m_s2 = forces_in(self._forces, self._gravity_m_s2, grid, block)
         sim.pose[new], sim.velocity[new] = self._stepper.states(
             sim.pose[first], sim.velocity[first], force_m_s2
         )
-        sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
-        sim.state["widest"] = len(sim.set_points) - 1
-        sim.state["steps"] += steps
-        sim.state["engine_steps"] += steps
-        if self._seat is not None and self._is_slow(first):
-            self._sit_down()
+        sim.time_s[new] = (grid + 1 + np.arange(block)) * sim.step_s
+        sim.counts[[1, 2, 3, 5]] += block
+        pose = sim.pose[sim.counts[1]]
+        if self._on_plane:
+            deepest_m = -self._problem.contact.gaps_m(pose).min()
+        else:
+            near = scene.grounded.contacts(pose, FLAT_SHARE * scene.grounded.size_m)
+            deepest_m = -near["gap_m"].min(initial=0.0)
+        watch.deepest_m[0] = max(watch.deepest_m[0], deepest_m)
+        if self._seat is not None and self._is_slow(sim, first) and self._sits_down(sim):
+            take_steps(sim, block, watch._replace(moves=False))
+            self._stepper.restart()
         return first
 
-    def restart(self) -> None:
-        """What comes after a rest depends on the rock's pose alone."""
-        self._stepper.restart()
-
-    def _is_slow(self, since: int) -> bool:
+    def _is_slow(self, sim: Grounded, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
-        sim, last = self.history.sim, self.history.last
-        way_m = travel_m(sim.pose[since], sim.pose[last], self._problem.contact.half_diagonal_m)
-        speed_m_s = np.linalg.norm(sim.velocity[last, :3])
-        speed_m_s += self._problem.contact.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
+        last = sim.counts[1]
+        way_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+        speed_m_s = np.linalg.norm(sim.velocity[last, :3]) + sim.size_m * np.linalg.norm(
+            sim.velocity[last, 3:]
+        )
         slow = self._problem.rest_speed_m_s
         return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
 
-    def _sit_down(self) -> None:
-        """Take a rock at rest back to its seat, turned and shifted along the plane: it carries on the seat's points."""
-        assert self._seat is not None  # as :meth:`advance` has made sure
-        sim, last = self.history.sim, self.history.last
-        pose, seat = sim.pose[last], self._seat
+    def _sits_down(self, sim: Grounded) -> bool:
+        """Take a rock at rest back to its seat, turned and shifted along the plane, if it is nearly there."""
+        assert self._seat is not None  # as :meth:`__call__` has made sure
+        pose, seat = sim.pose[sim.counts[1]], self._seat
         yaw = quat.yaw_between(seat, pose)
         turned = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
         between = quat.matrix(quat.product(pose[3:], quat.inverse(turned)))
-        if between[2, 2] > math.cos(math.radians(_SEATED_WITHIN_DEG)):
-            pose[2], pose[3:] = seat[2], turned
-            sim.velocity[last] = 0.0
+        if not between[2, 2] > math.cos(math.radians(_SEATED_WITHIN_DEG)):
+            return False
+        pose[2], pose[3:] = seat[2], turned
+        sim.velocity[sim.counts[1]] = 0.0
+        return True
 
 
 @kept
@@ -146,6 +145,6 @@ def _box_axes(points_m: Array) -> Array | None:
     return axes if np.allclose(out_m, out_m[0]) else None
 
 
-def integrator(problem: Problem, pool: object = None) -> MujocoIntegrator:  # noqa: ARG001  (the seam's signature)
-    """The integrator of one shake; MuJoCo keeps nothing between shakes but models of scenes."""
-    return MujocoIntegrator(problem)
+def steps(problem: Problem) -> Steps:
+    """What takes the steps of one shake; MuJoCo keeps nothing between shakes but models of scenes."""
+    return MujocoSteps(problem)

@@ -4,54 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from toppling.models.errors import InputError
-from toppling.models.ground.kind import FLAT_SHARE
-from toppling.models.ground.stepping import Grounded
+from toppling.models.ground.plane import FLAT_SHARE
 from toppling.models.kept import kept
 from toppling.models.scene import Scene
-from toppling.workers.engines.mujoco.free_body import Stepper, forces_in, forces_m_s2, hull, touch, world
+from toppling.workers.engines.mujoco.free_body import hull, touch, world
 from toppling.workers.engines.mujoco.pieces import ground_pieces, hollow_m, rock_pieces
-from toppling.workers.engines.protocol import GroundSteps
-from toppling.workers.ground.stepping import GroundWatch
-from toppling.workers.problem import Problem
 
 _MOST_PIECES = {"rock": 100, "ground": 3000}
 """Of what is to be collided: more take minutes to prepare, and seconds a step."""
 
 
-def ground_steps(problem: Problem) -> GroundSteps:
-    """What steps a rock on a surface.
+@kept
+def surface_world(scene: Scene, step_s: float) -> tuple[Any, Any]:
+    """A scene on its surface as MuJoCo's model and data: support frame, body axes.
 
     Raises
     ------
     InputError
         If the rock or its ground is not of convex pieces, or of too many.
     """
-    scene, step_s = problem.scene, problem.time_step_s
-    stepper = Stepper(*_world(scene, step_s))
-    gravity_m_s2 = scene.grounded.load_m_s2()
-    forces = forces_m_s2(problem.motion, step_s, gravity_m_s2, problem.contact.scene_from_support)
-
-    def take_steps(sim: Grounded, steps: int, watch: GroundWatch) -> int:  # a look after each block
-        last, grid = sim.counts[1], sim.counts[2]
-        new = slice(last + 1, last + steps + 1)
-        sim.pose[new], sim.velocity[new] = stepper.states(
-            sim.pose[last], sim.velocity[last], forces_in(forces, gravity_m_s2, grid, steps)
-        )
-        sim.time_s[new] = (grid + 1 + np.arange(steps)) * step_s
-        sim.counts[[1, 2, 3, 5]] += steps
-        near = scene.grounded.contacts(sim.pose[sim.counts[1]], FLAT_SHARE * scene.grounded.size_m)
-        watch.deepest_m[0] = max(watch.deepest_m[0], -near["gap_m"].min(initial=0.0))
-        return int(last)
-
-    return take_steps
-
-
-@kept
-def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
-    """A scene as MuJoCo's model and data: support frame, body axes."""
     import mujoco
 
     grounded = scene.grounded

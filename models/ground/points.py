@@ -4,19 +4,17 @@ The support frame has its origin in the interface plane and z along the plane's 
 origin at the rock's centre of mass and the axes of its principal inertia.
 
 On a plane only vertices of the rock's convex hull can touch, so these points represent the rock exactly. An uneven
-pedestal, and one that ends under the rock, is taken into the points (:mod:`models.relief`). Every contact is then one
-of a point with a plane, for which the engine's geometry is exact and free of the kicks that sliding over the internal
-edges of triangle meshes gives.
+pedestal, and one that ends under the rock, is taken into the points (:mod:`models.relief`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
@@ -24,20 +22,12 @@ from toppling.models.frames import plane_axes
 from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
-from toppling.workers import quaternion
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
 
-REACH_DEG = (1.0, 3.0, 8.0, 25.0, LARGEST_OPEN_TILT_DEG)
-"""Tilts up to which sets of points serve: a rock that rattles needs twenty points, one that falls hundreds."""
-
-
 _AT_A_TIME = 1024
 """Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""
-
-_POINT_RADIUS_SHARE = 1e-5
-"""Radius of a contact point over R: a fillet."""
 
 _NEIGHBOURS, _NEIGHBOURS_LOOKED_AT = 12, 40
 """Of a corner that is compared with the facets around it, and of those that may be none by then."""
@@ -53,7 +43,7 @@ enough that the hull stays within the larger share: of a scanned rock a hundred 
 
 @dataclass(frozen=True, eq=False)
 class ContactModel:
-    """The geometry that a shake needs, in the engine's frames.
+    """The geometry that a shake needs, in the support's and the body's frames.
 
     Parameters
     ----------
@@ -84,41 +74,15 @@ class ContactModel:
     onset_deg: Array
     half_diagonal_m: float
 
-    @cached_property
-    def radius_m(self) -> float:
-        """Radius of the contact points' spheres."""
-        return _POINT_RADIUS_SHARE * self.half_diagonal_m
-
-    @cached_property
-    def centres_body_m(self) -> Array:
-        """Centres (n, 3) of the contact points' spheres, whose lowest points are the contact points at the start."""
-        return self.points_body_m + self.radius_m * self.support_from_body[2]
-
-    @cached_property
-    def mobilities_m2(self) -> Array:
-        """What turning adds to the mobility of each contact point over 1 / mass, (n, 6): body axes.
-
-        It is arm x (inertia / mass)^-1 x arm, a symmetric tensor, as xx, yy, zz, xy, xz, yz.
-        """
-        x, y, z = self.centres_body_m.T
-        none = np.zeros_like(x)
-        crossed = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
-        mobility = np.einsum("kin,k,kjn->nij", crossed, 1.0 / self.principal_inertia_m2, crossed)
-        return np.asarray(mobility[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-
-    @cached_property
+    @property
     def start_quaternion_xyzw(self) -> Array:
         """Attitude of the body frame in the pose of the scene."""
-        return quaternion.from_matrix(self.support_from_body)
+        return np.asarray(Rotation.from_matrix(self.support_from_body).as_quat())
 
-    @cached_property
+    @property
     def start_pose(self) -> Array:
         """The pose (7,) of the scene: centre of mass, support frame, and attitude of the body frame."""
         return np.concatenate([self.com_m, self.start_quaternion_xyzw])
-
-    def points_within(self, tilt_deg: float) -> int:
-        """Number of the points that can touch up to a tilt; they come first."""
-        return int(np.searchsorted(self.onset_deg, tilt_deg, side="right"))
 
     def tilts_deg(self, quaternions_xyzw: Array) -> Array:
         """Angle (m,) between the interface's normal and where the rock has carried it, for attitudes (m, 4)."""
@@ -126,9 +90,8 @@ class ContactModel:
         return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def gaps_m(self, pose: Array) -> Array:
-        """Clearance (n,) of the contact points' spheres in a pose (7,), negative where one has sunk in."""
-        above_centre_m = pose[2] + _normals_body(pose[None, 3:]).T @ self.centres_body_m.T
-        return np.asarray(above_centre_m[0] - self.radius_m)
+        """Clearance (n,) of the contact points over the plane in a pose (7,), negative where one has sunk in."""
+        return np.asarray(pose[2] + self.points_body_m @ _normals_body(pose[3:]))
 
     def touching(self, pose: Array) -> Array:
         """A pose (7,) shifted along the interface's normal to where its lowest point touches."""

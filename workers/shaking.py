@@ -1,0 +1,305 @@
+"""One shake under way: a rock is stepped through a motion until a rule says that its answer is certain."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from toppling.models.compiled import Array
+from toppling.models.ground.body import GroundedBody
+from toppling.models.ground.contacts import CONTACT, MOST
+from toppling.models.ground.curved import NO_CURVED
+from toppling.models.ground.excitation import excitation
+from toppling.models.ground.facets import NO_FACETS
+from toppling.models.ground.mesh import NO_MESH
+from toppling.models.ground.pairs import empty_lists
+from toppling.models.ground.plane import (
+    FLAT_SHARE,
+    NO_POINTS,
+    PlanePoints,
+    flat_part_of,
+    not_listed,
+    plane_points,
+)
+from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, contact_of
+from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_surface
+from toppling.models.ground.stepping import Grounded, work_room
+from toppling.models.kept import kept
+from toppling.models.scene import Scene
+from toppling.models.statics import TOPPLED_FALL
+from toppling.workers import quaternion as quat
+from toppling.workers.engines.protocol import Steps
+from toppling.workers.observation import Body, Observation, observe
+from toppling.workers.outcome import ShakeResult, result_of
+from toppling.workers.problem import Problem
+from toppling.workers.standing import TOUCHING_SHARE, let_down
+from toppling.workers.stepping import Watch, steps_at_once, take_steps
+from toppling.workers.termination import Seen, fallen_below_m, first_met
+
+_STEEP = 0.5
+"""Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
+
+_LOOKS_AFTER = 10.0
+"""Of sqrt(R / g): between two looks at the energy of a rock that is off its plane."""
+
+_ROOM = 4096
+"""Poses that the trajectory's arrays have room for at first."""
+
+
+class Shaking:
+    """A shake under way.
+
+    Parameters
+    ----------
+    problem : Problem
+    take_steps : Steps
+        Of an engine.
+    """
+
+    def __init__(self, problem: Problem, take_steps: Steps) -> None:
+        self.problem, self._take_steps = problem, take_steps
+        contact, motion, properties = problem.contact, problem.motion, problem.scene.contact
+        gravity = np.array([0.0, 0.0, -problem.scene.gravity_m_s2]) @ contact.scene_from_support
+        self.sim = Grounded(
+            over=not_listed(_plane_points(problem.scene)),
+            rolling=_rolling(problem),
+            rock=NO_MESH,
+            ground=NO_MESH,
+            curved=NO_CURVED,
+            facets=NO_FACETS,
+            lists=empty_lists(contact.half_diagonal_m, problem.farthest_m, room=1),
+            contacts=np.zeros(MOST, CONTACT),
+            trial=np.zeros(MOST, CONTACT),
+            counts=np.zeros(8, np.int64),
+            inertia_m2=contact.principal_inertia_m2,
+            size_m=contact.half_diagonal_m,
+            friction=(properties.friction_static, properties.friction_kinetic),
+            restitution=properties.restitution,
+            resolved_m_s=problem.options.resolved_impact * problem.speed_m_s,
+            gravity_m_s2=gravity,
+            excitation=excitation(motion.acceleration_m_s2 @ contact.scene_from_support, motion.time_step_s),
+            sample_s=motion.time_step_s,
+            step_s=problem.time_step_s,
+            at_once=steps_at_once(problem),
+            time_s=np.zeros(_ROOM),
+            pose=np.zeros((_ROOM, 7)),
+            velocity=np.zeros((_ROOM, 6)),
+            work=work_room(),
+        )
+        if not problem.scene.ground.is_plane:
+            self._meet_meshes()
+        self.sim.pose[0], self.sim.velocity[0] = problem.initial
+        self._body = Body.of(problem)
+        self._rest_s, self._deepest_m = np.full(3, -1.0), np.zeros(1)
+        self._rest_s[0] = 0.0
+        self._next_look_s = 0.0
+
+    @property
+    def last(self) -> int:
+        """Index of the latest pose."""
+        return int(self.sim.counts[1])
+
+    @property
+    def time_s(self) -> float:
+        """Time of the latest pose."""
+        return float(self.sim.time_s[self.last])
+
+    def time_and_pose(self) -> tuple[Array, Array]:
+        """Times (n,) and poses (n, 7) so far."""
+        return self.sim.time_s[: self.last + 1], self.sim.pose[: self.last + 1]
+
+    def run(self) -> str:
+        """Step until the answer is certain; the rule that says so."""
+        problem, block = self.problem, self.problem.options.termination.block
+        if problem.start is None and problem.shortcuts:
+            take_steps(self.sim, block, self._watch()._replace(moves=False))
+            if ended_by := first_met(self.seen(0)):
+                return ended_by
+        while True:
+            self._make_room(block)
+            since = self._take_steps(self.sim, block, self._watch())
+            if since < 0:
+                self._meet_meshes()
+                continue
+            seen = self.seen(since)
+            if ended_by := first_met(seen):
+                return ended_by
+            self._next_look_s = self.time_s + (0.0 if seen.now.over_plane else _LOOKS_AFTER * problem.unit_s)
+
+    def seen(self, since: int = 0) -> Seen:
+        """What the rules are asked about, after the steps since a pose."""
+        sim, last = self.sim, self.last
+        now: Observation = observe(sim, self._body, since)
+        return Seen(
+            now=now,
+            pose=sim.pose[last],
+            velocity=sim.velocity[last],
+            agrees=sim.counts[4] == 0,
+            moved=self.problem.start is not None or sim.counts[3] > 0,
+            stands=bool(self._rest_s[1] == now.time_s),
+            held_until_s=float(self._rest_s[2]),
+            problem=self.problem,
+        )
+
+    def _watch(self) -> Watch:
+        """What calls for the next look."""
+        problem, contact = self.problem, self.problem.contact
+        up, upright, over_s = (
+            contact.scene_from_support[2],
+            contact.support_from_body[2],
+            problem.motion.duration_s,
+        )
+        starts_on_plane = len(self.sim.over.points) > 0
+        first_s = min(over_s, problem.weak_from_s) if problem.shortcuts and starts_on_plane else over_s
+        return Watch(
+            up=(up[0], up[1], up[2]),
+            upright=(upright[0], upright[1], upright[2]),
+            fastest_m_s=problem.speed_limit_m_s,
+            fallen_m=TOPPLED_FALL * problem.stood_m,
+            lowest_m=fallen_below_m(problem),
+            least_cosine=math.cos(math.radians(LARGEST_OPEN_TILT_DEG)),
+            until_s=max(self._next_look_s, first_s),
+            over_s=over_s,
+            deepest_m=self._deepest_m,
+            skips=problem.shortcuts,
+            rest_s=self._rest_s,
+            moves=True,
+        )
+
+    def _meet_meshes(self) -> None:
+        """Let the rock's mesh and that of its ground answer where there is no plane."""
+        body = self.problem.scene.grounded
+        self.sim = self.sim._replace(
+            rock=body.rock,
+            ground=body.ground,
+            curved=body.curved,
+            facets=body.facets,
+            lists=body.empty_lists(),
+        )
+
+    def _lodged(self, ended_by: str) -> bool:
+        """Whether the rock rests only with the help of what stands beside it, and did not so at the start."""
+        if ended_by not in ("rest", "rest_certain") or len(self.sim.rock.faces) == 0:
+            return False
+        start, last, body = self.sim.pose[0], self.sim.pose[self.last], self.problem.scene.grounded
+        if ended_by == "rest_certain" and self._rest_s[1] != self.time_s:
+            rest = let_down(body, last)
+            last = last if rest is None else rest
+        near, load = body.near_contacts(last, TOUCHING_SHARE * body.size_m), body.load_m_s2()
+        if not body.hold(near, load[None])[0]:  # slow, and held by nothing: it still rocks
+            return False
+        return not self._held_from_below(last) and self._held_from_below(start)
+
+    def _held_from_below(self, pose: Array) -> bool:
+        """Whether a rock at rest is held by contacts below it and by parts of it that carried it at the start.
+
+        Below are those that are not steep, and not far up a rock that lies against them.
+        """
+        body = self.problem.scene.grounded
+        near, on_rock_m = self._touching(pose)
+        at_first, first_m = self._touching(self.sim.pose[0])
+        up = body.scene_from_support[2]
+        flat, flat_at_first = near["normal"] @ up > _STEEP, at_first["normal"] @ up > _STEEP
+        if not flat.any() or not flat_at_first.any():
+            return False
+        at_first, first_m = at_first[flat_at_first], first_m[flat_at_first]
+        load, reach_m = body.load_m_s2()[None], TOPPLED_FALL * self.problem.stood_m
+        again = cKDTree(first_m).query(on_rock_m)[0] < reach_m
+        if body.hold(near[again], load)[0]:
+            return True
+        low = flat & (on_rock_m[:, 2] < _lowest_that_hold_m(body, at_first, first_m[:, 2]) + reach_m)
+        return bool(body.hold(near[low | again], load)[0])
+
+    def _touching(self, pose: Array) -> tuple[np.ndarray, Array]:
+        """Contacts, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
+        body = self.problem.scene.grounded
+        near = body.near_contacts(pose, TOUCHING_SHARE * body.size_m)
+        turned = body.scene_from_support @ quat.matrix(self.sim.pose[0, 3:]) @ quat.matrix(pose[3:]).T
+        return near, near["arm_m"] @ turned.T
+
+    def _make_room(self, steps: int) -> None:
+        if self.last + steps + 2 < len(self.sim.time_s):
+            return
+        sim = self.sim
+        self.sim = sim._replace(
+            time_s=np.concatenate([sim.time_s, np.zeros_like(sim.time_s)]),
+            pose=np.concatenate([sim.pose, np.zeros_like(sim.pose)]),
+            velocity=np.concatenate([sim.velocity, np.zeros_like(sim.velocity)]),
+        )
+
+    def result(self, ended_by: str, *, trajectory: bool) -> ShakeResult:
+        """What happened."""
+        sim, problem = self.sim, self.problem
+        time_s, pose = self.time_and_pose()
+        if (
+            ended_by == "rest_certain"
+            and problem.rolls
+            and self._rest_s[1] != self.time_s
+            and len(sim.rock.faces) == 0
+        ):
+            rest = _rolled_back(problem.contact.start_pose, pose[-1])
+            time_s, pose = np.append(time_s, time_s[-1]), np.vstack([pose, rest])
+        certain = ended_by in ("never_moved", "rest_certain")
+        left_s = max(problem.motion.duration_s - self.time_s, 0.0) if certain else 0.0
+        skipped_s = float(self._rest_s[0])
+        return result_of(
+            ended_by,
+            self.seen().now,
+            problem,
+            time_s,
+            pose,
+            trajectory=trajectory,
+            lodged=self._lodged(ended_by),
+            penetration_m=float(self._deepest_m[0]),
+            steps=int(sim.counts[3]),
+            engine_steps=int(sim.counts[5]),
+            simulated_s=self.time_s - skipped_s,
+            skipped_s=skipped_s + left_s,
+            wall_s=0.0,
+            time_step_s=sim.step_s,
+        )
+
+
+@kept
+def _plane_points(scene: Scene) -> PlanePoints:
+    """What touches the interface plane, as long as the ground is that plane where the rock is."""
+    if not scene.ground.is_plane:
+        return NO_POINTS
+    contact = contact_of(scene)
+    points, as_drawn = contact.points_body_m, scene.is_drawn_over_plane
+    gaps = contact.gaps_m(contact.start_pose)
+    is_base = (
+        gaps <= gaps.min() + FLAT_SHARE * scene.rock.height_m if as_drawn else np.ones(len(points), bool)
+    )
+    places = contact.com_m + points @ contact.support_from_body.T
+    part = flat_part_of(scene.pedestal, scene.rock, places[is_base, :2] if as_drawn else None)
+    return plane_points(points, is_base, part, as_drawn=as_drawn)
+
+
+def _rolling(problem: Problem) -> RollingSurface:
+    """The smooth surface with which a rounded base touches its plane."""
+    contact, base, com_m = problem.contact, problem.scene.rounded_base, problem.scene.rock.com_m
+    if not problem.rolls or base is None or not problem.scene.ground.is_plane:
+        return NO_ROLLING
+    return rolling_surface(base.patches, com_m, contact.scene_from_support @ contact.support_from_body)
+
+
+def _rolled_back(seat: Array, pose: Array) -> Array:
+    """The pose (7,) in which a rock comes to rest where it is, with its turn about the normal since its seat."""
+    yaw = quat.yaw_between(seat, pose)
+    attitude = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
+    return np.concatenate([pose[:2], seat[2:3], attitude])
+
+
+def _lowest_that_hold_m(body: GroundedBody, contacts: np.ndarray, height_m: Array) -> float:
+    """Height of the highest of those contacts that alone, without any above them, hold a rock at rest."""
+    levels_m = np.unique(height_m)
+    enough = bisect_left(
+        levels_m,
+        True,
+        key=lambda level_m: body.hold(contacts[height_m <= level_m], body.load_m_s2()[None])[0],
+    )
+    return float(levels_m[enough]) if enough < len(levels_m) else np.inf

@@ -28,10 +28,7 @@ BACK_WITHIN_S = 120.0
 """A scheduler of somebody else that is gone has this long to be started again."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_LOOK_S = 0.1
-_WAIT_S = 1.0
-
-_SAID_AFTER_S = 60.0
+_LOOK_S, _WAIT_S, _SAID_AFTER_S = 0.1, 1.0, 60.0
 
 
 class Absence:

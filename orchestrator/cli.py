@@ -145,10 +145,18 @@ def _told(error: OSError) -> str:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         written = error.filename2 or error.filename  # a copy names its source first
         of = f" of {_asked_for(written)}" if written else ""
-        return f"the disk{of} is full: make room{note or ', then give the same command again; what is stored stays'}"
+        full = f"the disk{of} is full{_left(written or '.')}"
+        return f"{full}: make room{note or ', then give the same command again; what is stored stays'}"
     where = f"{_asked_for(error.filename)}: " if error.filename else ""
     elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
     return f"{where}{error.strerror or error}{elsewhere}{note}"  # Arrow's errors have a message only
+
+
+def _left(path: Any) -> str:
+    """What the disk of a path has room for: a disk may be full of files (inodes) while most of its bytes are free."""
+    disk = os.statvfs(next(one for one in Path(path).absolute().parents if one.exists()))
+    files = f"{disk.f_favail:,} of {disk.f_files:,} files (inodes)"
+    return f", with {disk.f_bavail * disk.f_frsize / 1e6:.0f} MB and {files} free"
 
 
 def _asked_for(path: Any) -> Path:

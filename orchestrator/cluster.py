@@ -14,6 +14,7 @@ import dask
 from distributed import Client, Status, performance_report
 from distributed.security import Security
 
+from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.admission import BACK_WITHIN_S
 from toppling.orchestrator.cluster_supervisor import let_resize
@@ -74,6 +75,10 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
 def _local_client(workers: int, most: int) -> Iterator[Client]:
     safe_for_children()
     compile_apart()
+    if FOLDER is None:
+        log.warning(
+            "compiled code cannot be kept: each worker compiles first. TOPPLING_CACHE names a folder for it"
+        )
     load_defaults()
     with Uninterrupted(_local_session(most)) as client:
         let_resize(client.cluster, workers, most)

@@ -70,10 +70,8 @@ class ClusterSupervisor:
         self._all_there = time.monotonic()
 
     def look(self, work_left_s: float, at_hand: int) -> None:
-        """See to the size, and to batch jobs that have ended.
+        """See to the size, by the work that is left of one process and the batches in flight, and to what has ended.
 
-        work_left_s: of one process.
-        at_hand: batches in flight.
         Raises RunError if local workers die whenever they start, or batch jobs end before a worker comes.
         """
         if isinstance(self._cluster, LocalWorkers) and (why := self._cluster.fatal):

@@ -29,8 +29,7 @@ class DaskCluster(ClusterSupervisor):
 
     def submit(self, task: Callable[..., Any], calls: Mapping[str, Sequence[Any]]) -> None:
         """Hand out calls of a task, each with its arguments, by keys that have never been used before."""
-        # A tuple's first word names the group of tasks, whose mean duration Dask knows. In one graph: Dask takes tasks
-        # for one group only if it sees them together.
+        # In one graph, or Dask would not take them for one group, which a key's first word names.
         futures = self._client.map(
             task, *zip(*calls.values(), strict=True), key=[("shake", key) for key in calls], pure=False
         )

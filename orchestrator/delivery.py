@@ -41,10 +41,9 @@ class NotKeptError(RuntimeError):
 
 
 def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders: Mapping[str, Path]) -> None:
-    """Send folders of few files to one worker of each host that lacks them.
+    """Send folders of few files, by the ids of their contents, to one worker of each host that lacks them.
 
     call: calls a function with arguments on the worker of an address, and raises what it raises there.
-    folders: folder by the id of its content.
     """
     for worker in {one.host: one.worker for one in lacking}.values():
         for name, folder in folders.items():
@@ -57,12 +56,9 @@ def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders
 
 
 def delivered(name: str, worker: str | None = None) -> Path:
-    """Folder in which this host keeps what it was sent.
+    """Folder in which this host keeps what it was sent, by the id of its content, for the worker of an address.
 
-    name: id of its content.
-    worker: address of the worker that asks, where it is known.
-    Raises NotDeliveredError if it is not there.
-    Raises NotKeptError if no place here can be written.
+    Raises NotDeliveredError if it is not there, and NotKeptError if no place here can be written.
     """
     if not _ID.fullmatch(name):
         raise NotKeptError(f"{name!r} is no id of a content")

@@ -218,7 +218,6 @@ class Execution:
             self._give_up(lost, batch)
 
     def _dismiss(self, worker: str, why: object) -> None:
-        """Send an unfit worker away."""
         log.warning("%s; it is sent away", why)
         if worker:
             self.cluster.dismiss(worker)
@@ -262,7 +261,6 @@ class Execution:
             self.cluster.replace(hanging)
 
     def _keep(self, rows: pa.Table, attempt: int) -> None:
-        """Take rows of one scene for stored later."""
         self.progress.count(rows)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
         redo = self.work.redo

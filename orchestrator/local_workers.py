@@ -58,11 +58,6 @@ class LocalWorkers(SpecCluster):
         """Why no other process is started; empty as long as there is hope."""
         return self.why if self.deaths_at_start >= _DEATHS_AT_START else ""
 
-    def died(self, worker: Any, joined: bool, why: str) -> None:
-        """Take note of a death."""
-        self.deaths_at_start, self.why = 0 if joined else self.deaths_at_start + 1, why
-        tell("worker process died", worker=worker, joined=joined, why=why)
-
 
 class _LocalWorker(ProcessInterface):
     """A process that is started again when it dies; a thread sees to that."""
@@ -103,7 +98,9 @@ class _LocalWorker(ProcessInterface):
             except Exception as error:  # of what starts it
                 joined, why = False, f"it cannot be started: {error}"
             if not self._closing:
-                self._session.died(self._name, joined, why)
+                self._session.why = why
+                self._session.deaths_at_start = 0 if joined else self._session.deaths_at_start + 1
+                tell("worker process died", worker=self._name, joined=joined, why=why)
 
     def _live(self) -> tuple[bool, str]:
         """Start a process and wait for its end: whether it had joined, and what it died of."""

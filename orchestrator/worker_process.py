@@ -8,10 +8,15 @@ import threading
 from typing import Any
 
 import dask
+import numpy as np
 from distributed import Worker
 from distributed.security import Security
 
-import toppling.orchestrator.task  # noqa: F401  (what takes long, while the plan may still be checked)
+import toppling.orchestrator.task  # noqa: F401  (what takes long, before a job needs it)
+from toppling.models.compiled import FOLDER
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.shake import shake
 
 
 def main() -> None:
@@ -19,6 +24,8 @@ def main() -> None:
     told = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_the_program, daemon=True).start()
     dask.config.update(dask.config.config, told["config"])
+    if FOLDER is None:  # before it joins, or what it compiles would count as a job that hangs
+        shake(Scene.block(0.2, 0.2, 0.6), Motion(np.sin(np.mgrid[0:99, 0:3][0]), 0.01))
     asyncio.run(_work(told))
 
 

@@ -157,12 +157,12 @@ def test_a_writer_that_was_taken_over_from_finds_it_before_the_next_object(machi
     writing = former.kept_up()
     writing.__enter__()
     write(former, a="old", b="old", c="old")
-    with refused("store.taken_over", successor.writer()):
+    with refused("store.taken_over") as stopped:
         former.push()
     with refused("store.taken_over"):
         writing.__exit__(None, None, None)
-    assert sent == ["a", "b"]
-    assert there(address) == {"a": "old"}
+    assert (sent, there(address)) == (["a", "b"], {"a": "old"})
+    assert successor.writer() in str(stopped.value)
     assert successor.writer() == former.writer()  # what is another's is not released
 
 

@@ -192,7 +192,7 @@ def queue(
         except (RuntimeError, OSError) as error:
             for job in cluster.workers.values():  # else Dask could not close the cluster
                 job.status = Status.failed
-            raise InputError("cluster.job_not_submitted", _in_one_line(error), where=f"--queue {kind}",
+            raise InputError("cluster.job_not_submitted", " ".join(str(error).split()), where=f"--queue {kind}",
                 expected="a batch system that takes the job", remedy=_remedy(error)) from None  # fmt: skip
         yield client
 
@@ -268,13 +268,9 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
                 **given,
             )
     except (ValueError, KeyError, RuntimeError, TypeError) as error:
-        raise InputError("cluster.queue_unconfigured", _in_one_line(error), where=f"--queue {kind}",
+        raise InputError("cluster.queue_unconfigured", " ".join(str(error).split()), where=f"--queue {kind}",
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
             remedy=_remedy(error)) from None  # fmt: skip
-
-
-def _in_one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def _remedy(error: Exception) -> str:

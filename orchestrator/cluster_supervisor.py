@@ -128,10 +128,7 @@ class ClusterSupervisor:
             self._ended = {name for name, number in waiting.items() if number and number not in there}
 
     def resubmit(self) -> None:
-        """Submit batch jobs in place of those that have ended: Dask submits none again that has reached its time.
-
-        Raises RunError if they end again and again before a worker comes.
-        """
+        """Submit batch jobs in place of those that have ended, which Dask does not; RunError if they do so in vain."""
         cluster: Any = self._cluster
         gone = self.gone()
         wanted = len(cluster.worker_spec)

@@ -159,7 +159,11 @@ def pretended_rows(asked: Asked, jobs: NDArray[np.int64], wall_s: float = 0.0) -
     )
     fallen = {
         name: np.where(toppled, value, np.nan)
-        for name, value in (("topple_time_s", 1.0), ("topple_azimuth_deg", 2.0))
+        for name, value in (
+            ("topple_time_s", 1.0),
+            ("falls_toward_deg", 2.0),
+            ("falls_toward_bearing_deg", 88.0),
+        )
     }
     columns = known | fallen | dict.fromkeys(numbers, known["level_pga_m_s2"] + 0.1) | {
         "toppled": toppled, "outcome": np.where(toppled, "toppled", "stands"),

@@ -186,7 +186,7 @@ def _contradictions(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
     meant = _objects([_OUTCOMES.get(one) for one in outcome.tolist()])
     none = _nulls(answer, "toppled")
     yield "outcome", np.where(ok, none | (meant != toppled), ~none | ~_nulls(answer, "outcome"))
-    for name in ("topple_time_s", "topple_azimuth_deg"):
+    for name in ("topple_time_s", "falls_toward_deg", "falls_toward_bearing_deg"):
         yield name, _nulls(answer, name) == (toppled == True)  # noqa: E712  (by element)
     shaken = ok | (status == "undecided")
     for name in _ANSWER:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from toppling.models.bearings import azimuth_of
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, read_toml, shown
@@ -138,6 +139,16 @@ def _files(given: Any, place: Place) -> tuple[Path, ...]:
     return tuple(place.folder / local(name) for name in (texts(given, place) if given != [] else ()))
 
 
+def _azimuths(given: Any, place: Place) -> tuple[float, ...]:
+    """Azimuths, some of which may be bearings in words."""
+    try:
+        if isinstance(given, list):
+            given = [azimuth_of(one) if isinstance(one, str) else one for one in given]
+    except InputError as error:
+        raise place.wrong("campaign.value_unusable", error.what) from None
+    return axis(lambda azimuth: 0 <= azimuth < 360, _AS_RECORDED)(given, place)
+
+
 def _count(least: int, most: int = 2**31 - 1) -> Any:
     return number(lambda one: least <= one <= most, int)
 
@@ -165,8 +176,9 @@ KEYS = (
         f"above 0, up to {LARGEST_PGA_M_S2:g}; a list, or {{ start, stop, step }} with the stop included; or "
         f'"{_AS_RECORDED}", each record as strong as it is',
         "levels that the PGA (of the horizontal vector) of each record is scaled to, m/s2"),
-    Key("azimuth_deg", axis(lambda azimuth: 0 <= azimuth < 360, _AS_RECORDED),
-        f'0 to below 360; a list or a table as above; or "{_AS_RECORDED}", each record\'s components as they pointed',
+    Key("azimuth_deg", _azimuths,
+        '0 to below 360, or bearings such as "N40E"; a list or a table as above; or '
+        f'"{_AS_RECORDED}", each record\'s components as they pointed',
         "azimuths that the stronger horizontal component is turned to, degrees counter-clockwise from east"),
     Key("friction", _friction, "a list of numbers, or of [static, kinetic]",
         "coefficients of friction, of rock on rock 0.6 to 1.0"),

@@ -58,9 +58,7 @@ def few_draws():
 def no_pictures():
     """A scene's picture is an empty file: for laws about the other files."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(
-            "toppling.results.drawing.scene_figures.draw_scene", lambda scene, path, notes=(): path.touch()
-        )
+        patched.setattr("toppling.results.drawing.scene_figures.draw_scene", lambda scene, path: path.touch())
         yield
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.frames import compass_deg
 from toppling.models.kept import kept
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
@@ -188,5 +189,8 @@ def outcome_of(result: ShakeResult) -> dict[str, Any]:
     """Columns of a row that the shake fills: what happened and what it cost."""
     columns = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
     del columns["trajectory"]
+    toward = columns.pop("topple_azimuth_deg")
+    columns["falls_toward_deg"] = toward
+    columns["falls_toward_bearing_deg"] = None if toward is None else float(compass_deg(toward))
     message = None if result.status == "ok" else f"{result.status}: ended by {result.ended_by}"
     return {**columns, "message": message}

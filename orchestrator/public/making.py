@@ -258,7 +258,7 @@ def _pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:
     notes = settling_notes(scene) + base_sentences(scene.report)
 
     def draw(folder: Path) -> None:
-        draw_scene(scene, folder / "scene.png", notes)
+        draw_scene(scene, folder / "scene.png")
         draw_settling(scene, folder / "settling.png")
 
     return draw, [*notes]

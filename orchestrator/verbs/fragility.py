@@ -31,7 +31,7 @@ from toppling.results.weights import sentences
 @shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
 @of(draw, "--directions", type=click.IntRange(1, 72))
-@of(draw, "--sector", type=float, nargs=2, metavar="FROM TO")
+@of(draw, "--sector", type=(shared.AZIMUTH, shared.AZIMUTH), metavar="FROM TO")
 @of(draw, "--fit")
 @of(draw, "--reference")
 @shared.samples_option(SAMPLES)

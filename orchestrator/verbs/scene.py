@@ -50,7 +50,7 @@ def show(folder: Path, out: Path | None) -> None:
         target.mkdir(parents=True, exist_ok=True)
         notes = settling_notes(loaded) + base_sentences(loaded.report)
         advance(3, "scene.png")
-        draw_scene(loaded, target / "scene.png", notes)
+        draw_scene(loaded, target / "scene.png")
         advance(5, "scene.html")
         write_text(scene_page(loaded, rock_name(folder), notes), target / "scene.html")
         drawn = [target / name for name in ("scene.png", "scene.html")]

@@ -113,8 +113,8 @@ def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """The topplings that were stored last, newest first."""
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
     newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(_LATEST)
-    names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "topple_azimuth_deg", "topple_time_s"]
-    rounded = newest[names].round({"topple_azimuth_deg": 0, "topple_time_s": 2})
+    names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "falls_toward_deg", "topple_time_s"]
+    rounded = newest[names].round({"falls_toward_deg": 0, "topple_time_s": 2})
     return json.loads(rounded.to_json(orient="records"))
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 
+from toppling.models.frames import compass_deg
+
 _HALF_SECTOR_DEG = 17.5
 """The study counts topplings in a sector of 35 degrees around its rock's overhang."""
 
@@ -31,20 +33,28 @@ def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
     return float(least["azimuth_deg"]), float(least["value"])
 
 
+def named(name: str, azimuth_deg: float | None) -> dict[str, float | None]:
+    """An azimuth under its name, `falls_toward` or `ground_accelerates_toward`, with the bearing beside it."""
+    bearing = None if azimuth_deg is None else float(compass_deg(azimuth_deg))
+    return {f"{name}_deg": azimuth_deg, f"{name}_bearing_deg": bearing}
+
+
 def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
     """Count the toppled jobs by the azimuth they toppled toward.
 
     frame: rows of results.
     petal_deg: width of a petal; the first is centred on azimuth 0.
-    Returns DataFrame: one row a petal: azimuth_deg (its centre), toppled, share_of_toppled.
+    Returns DataFrame: one row a petal: falls_toward_deg (its centre), falls_toward_bearing_deg, toppled,
+    share_of_toppled.
     """
     petals = round(360.0 / petal_deg)
-    azimuth = frame.loc[_toppled(frame), "topple_azimuth_deg"].dropna().to_numpy(float)
+    azimuth = frame.loc[_toppled(frame), "falls_toward_deg"].dropna().to_numpy(float)
     index = np.floor((azimuth / 360.0 * petals) + 0.5).astype(int) % petals
     counts = np.bincount(index, minlength=petals)
-    share = counts / max(1, counts.sum())
+    centre, share = np.arange(petals) * 360.0 / petals, counts / max(1, counts.sum())
     return pd.DataFrame({
-        "azimuth_deg": np.arange(petals) * 360.0 / petals, "toppled": counts, "share_of_toppled": share,
+        "falls_toward_deg": centre, "falls_toward_bearing_deg": compass_deg(centre), "toppled": counts,
+        "share_of_toppled": share,
     })  # fmt: skip
 
 
@@ -55,7 +65,7 @@ def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[s
     """
     width = (high_deg - low_deg) % 360.0 or (360.0 if high_deg != low_deg else 0.0)
     toppled = _toppled(frame)
-    off = (frame["topple_azimuth_deg"].to_numpy(float) - low_deg) % 360.0
+    off = (frame["falls_toward_deg"].to_numpy(float) - low_deg) % 360.0
     within = int((toppled & (off <= width)).sum())
     jobs, all_toppled = int(frame["toppled"].notna().sum()), int(toppled.sum())
     return {

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.frames import compass_deg, horizontal_unit_vector
-from toppling.results.analysis.directions import topple_rose, weakest
+from toppling.models.frames import horizontal_unit_vector
+from toppling.results.analysis.directions import named, topple_rose, weakest
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
 from toppling.results.analysis.fragility import chief, contact_words
 from toppling.results.analysis.lognormal import Lognormal
@@ -63,8 +63,8 @@ class Beside:
             "median_base": parts.get("base"),
             "beta": curve.beta if curve else None,
             "least_quasi_static_m_s2": self.least_m_s2,
-            "weakest_azimuth_deg": weakest,
-            "weakest_compass_deg": None if weakest is None else float(compass_deg(weakest)),
+            **named("ground_accelerates_toward", weakest),
+            **named("falls_toward", None if weakest is None else (weakest + 180.0) % 360.0),
             "contact": self.contact,
             "jobs": len(known),
             "toppled": int(known["toppled"].sum()),
@@ -229,14 +229,13 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
             rock.run,
             ARROW_M
             * rose["share_of_toppled"].to_numpy()[:, None]
-            * horizontal_unit_vector(rose["azimuth_deg"])[:, :2],
+            * horizontal_unit_vector(rose["falls_toward_deg"])[:, :2],
         )
         for row, end in zip(rose.to_dict("records"), ends if ends is not None else (), strict=False):
             properties = {
                 "rock": rock.name,
                 **row,
                 "toppled": int(row["toppled"]),
-                "compass_deg": float(compass_deg(row["azimuth_deg"])),
                 "length_m": ARROW_M * row["share_of_toppled"],
             }
             found.append(_feature("LineString", [rock.place, end], properties))

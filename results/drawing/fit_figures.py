@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.special import ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.lognormal import Lognormal, Surface
@@ -79,10 +80,7 @@ def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
     intensity = np.geomspace(
         min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
     )
-    resampled = curve.resampled
-    if resampled is not None and len(resampled.coefficients):
-        drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
-        axes.fill_between(intensity, *resampled.interval(drawn), color=MAIN_COLOUR, alpha=0.3, lw=0)
+    draw_band(axes, curve, intensity, MAIN_COLOUR)
     axes.plot(intensity, curve.probability(intensity), color=MAIN_COLOUR, lw=1.2)
     draw_shares(axes, observed, "value", "probability", fmt=".", ms=4, lw=0.6, color="0.2", clip_on=False)
     axes.set(
@@ -90,6 +88,14 @@ def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
         ylabel="toppling probability",
     )  # fmt: skip
     plain_log(axes.xaxis)
+
+
+def draw_band(axes: Axes, curve: Lognormal, intensity: Array, colour: Any) -> None:
+    """Between what 95 % of other records and bases give at each intensity."""
+    resampled = curve.resampled
+    if resampled is not None and len(resampled.coefficients):
+        drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
+        axes.fill_between(intensity, *resampled.interval(drawn), color=colour, alpha=0.3, lw=0)
 
 
 def draw_shares(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:

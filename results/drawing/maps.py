@@ -1,6 +1,6 @@
 """Maps: toppling probability in the cells of a plane, over all directions and by direction of the shaking.
 
-Empty cells stay empty, thin ones carry a dot, and a cell is as wide as its share of the jobs: the caption says so.
+Empty cells stay empty, thin ones are pale, and a cell is as wide as its share of the jobs: the caption says so.
 """
 
 from textwrap import wrap
@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Array
 from toppling.results.analysis.fragility import (
     THIN_RECORDS,
     Axis,
@@ -39,8 +38,8 @@ _FULL_SHARE = 0.4
 _LEAST_WIDTH = 1 / 3
 """Of its bin, that a cell of however few jobs has: thinner, the eye tells no colour."""
 
-_DOT_PT, _DOT_IN_CELL = 1.6, 0.6
-"""Size of a dot, and of how much of its cell's shorter side it takes at most: it must not hide the colour."""
+_THIN_ALPHA = 0.45
+"""Opacity of a cell of few records: its colour is still told, and a map of few records is no field of marks."""
 
 _LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
@@ -179,27 +178,8 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float
         linewidths=0.15,
     )
     bars.set_array(table["probability"].to_numpy(float))
+    bars.set_alpha(np.where(table["thin"], _THIN_ALPHA, 1.0).tolist())
     axes.add_collection(bars)
-    thin = table["thin"].to_numpy()
-    wide_pt, high_pt = _points_of(axes, 2 * half, top - bottom)
-    dot_pt = np.minimum(_DOT_PT, _DOT_IN_CELL * np.minimum(wide_pt, high_pt))[thin]
-    # Bright with a dark rim: seen on every colour.
-    axes.scatter(
-        middle[thin], ((bottom + top) / 2)[thin], s=dot_pt**2, facecolors="white", edgecolors="0.2",
-        linewidths=0.2 * dot_pt, clip_on=False, zorder=3,
-    )  # fmt: skip
-
-
-def _points_of(axes: Axes, width: Array, height: Array) -> tuple[Array, Array]:
-    """Sizes on paper, in points, of widths and heights in the units of framed axes."""
-    figure = axes.figure
-    assert isinstance(figure, Figure)
-    box, (across_in, up_in) = axes.get_position(), figure.get_size_inches()
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    return (
-        72.0 * across_in * box.width * width / (right - left),
-        72.0 * up_in * box.height * height / (top - bottom),
-    )
 
 
 def _left_out(plane: Plane, missing: int, outside: int) -> list[str]:
@@ -245,7 +225,7 @@ def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
     pool = "all jobs" if plane.share_within is None else "its level's jobs"
     return [
         f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %, never below a third.",
-        f"Dot: fewer than {THIN_RECORDS} records.",
+        f"Pale: fewer than {THIN_RECORDS} records.",
     ]
 
 

@@ -19,8 +19,8 @@ from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
-_WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
-"""Azimuths are counter-clockwise from east; the four winds stand where a map has them."""
+_WINDS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")
+"""As a map has them: azimuths are counter-clockwise from east."""
 
 
 def rose_figure(
@@ -48,13 +48,13 @@ def rose_figure(
             f"\n{sector['low_deg']:g}° to {sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of "
             f"{sector['jobs']:,} jobs,\n{100 * sector['share_of_toppled']:.0f} % of the toppled"
         )  # fmt: skip
-        left.set_title(f"toppled toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
+        left.set_title(f"falls toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
         if quasi_static is not None and len(quasi_static):
             _draw_round(
                 right, quasi_static["azimuth_deg"].to_numpy(float), quasi_static["value"].to_numpy(float)
             )
             right.set_title(
-                "quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration:\n"
+                "quasi-static toppling acceleration (m/s²)\nby where the ground accelerates toward:\n"
                 "the rock falls the opposite way"
             )
         else:
@@ -66,10 +66,10 @@ def _draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
     """Shares of the topplings by the azimuth they went to, the scale where the fewest went."""
     width = 2 * np.pi / len(rose)
     axes.bar(
-        np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR, **look
+        np.deg2rad(rose["falls_toward_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR, **look
     )
     nearby = rose["toppled"].rolling(3, center=True, min_periods=1).sum()
-    mark_winds(axes, float(rose["azimuth_deg"].iloc[int(nearby.argmin())]))
+    mark_winds(axes, float(rose["falls_toward_deg"].iloc[int(nearby.argmin())]))
 
 
 def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray) -> None:
@@ -103,7 +103,7 @@ def direction_words(direction_deg: float, bins: int) -> str:
 
 
 def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
-    """Name the winds and azimuths round a polar plot; the radial scale stands at an azimuth."""
+    """Name the winds round a polar plot; the radial scale stands at an azimuth."""
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), _WINDS)
     axes.tick_params(labelsize=7, pad=0)
     axes.grid(linewidth=0.4)
@@ -165,5 +165,5 @@ def _roses(axes: Axes, rose_scanned: _Rose, rose_stands: _Rose) -> None:
         scale_deg = emptiest_deg(azimuth, value)
         axes.plot(np.deg2rad(azimuth), value, dashes, color=colour, label=f"topples {name}")
     axes.set_ylim(0.0, 1.05 * reach)
-    axes.set_title("quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration")
+    axes.set_title("quasi-static toppling acceleration (m/s²)\nby where the ground accelerates toward")
     mark_winds(axes, scale_deg)

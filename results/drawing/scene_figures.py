@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import wrap
 from typing import Any, cast
 
 import numpy as np
@@ -24,11 +23,8 @@ VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of the eye."""
 _VIEW_REACH = 0.66
 """From the middle of the rock to the edge of a view, as share of the rock's largest side."""
-_STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
+_STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by where\nthe ground accelerates toward"
 BAND_TITLE = "brown band: one standard deviation"
-_LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
-_PRINTED_WIDTH = 45
-"""Letters in a line of a third of a printed page."""
 _SHADOW_COLOUR = "#f0dcc0"
 """Of the rock in plan."""
 _ON_SURFACE = 0.03
@@ -36,32 +32,27 @@ _ON_SURFACE = 0.03
 _POINTS_ON_LINE = 160
 
 
-def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
-    """Write a PNG: three views, the plan of the interface, the statics by azimuth, and numbers with notes below."""
-    figure = scene_picture(scene, notes)
+def draw_scene(scene: Scene, path: Path) -> None:
+    """Write a PNG: three views, the plan of the interface, the statics by azimuth."""
+    figure = scene_picture(scene)
     with style():
         figure.savefig(path, format="png")
 
 
-def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Three views, the plan of the interface, the statics by azimuth, and numbers with notes.
+def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
+    """Three views, the plan of the interface, and the statics by azimuth.
 
-    notes: sentences below the numbers.
     width_in: three panels a row on a page's width, one on less.
     """
-    printed: list[str] = []
-    for sentence in [*numbers_of(scene, notes), _LEGEND]:
-        printed += wrap(sentence, _PRINTED_WIDTH, subsequent_indent="   ") or [""]
     with style():
         if width_in >= FULL_WIDTH_IN:
-            lines_in = 0.13 * len(printed)
-            figure = Figure(figsize=(width_in, 2.75 + max(2.9, lines_in + 0.2)), layout="constrained")
-            grid = figure.add_gridspec(2, 3, height_ratios=(2.6, max(2.9, lines_in + 0.2)))
+            figure = Figure(figsize=(width_in, 5.4), layout="constrained")
+            grid = figure.add_gridspec(2, 6)
+            places = [*(grid[0, 2 * k : 2 * k + 2] for k in range(3)), grid[1, :3], grid[1, 3:]]
         else:
-            heights = (3.4, 3.4, 3.4, 3.2, 3.4, 0.14 * len(printed) + 0.1)
-            figure = Figure(figsize=(width_in, sum(heights) + 0.4), layout="constrained")
-            grid = figure.add_gridspec(6, 1, height_ratios=heights)
-        places = [grid[k] for k in range(6)]
+            figure = Figure(figsize=(width_in, 17.0), layout="constrained")
+            grid = figure.add_gridspec(5, 1)
+            places = [grid[k] for k in range(5)]
         FigureCanvasAgg(figure)
         for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
@@ -69,17 +60,12 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
             compass = float(compass_deg(azimuth))
             axes.set_title(
                 f"looking {wind_of(azimuth + 180.0)}, {elevation:.0f}° down\n"
-                f"(eye at azimuth {azimuth:.0f}°, compass {compass:.0f}°)", size=7,
+                f"(eye at azimuth {azimuth:.0f}°, bearing {compass:.0f}°)", size=7,
             )  # fmt: skip
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)  # as asked for
         draw_statics(polar, scene)
-        axes = figure.add_subplot(places[5])
-        axes.axis("off")
-        axes.text(
-            0.0, 1.0, "\n".join(printed), va="top", size=6.5, linespacing=1.35, transform=axes.transAxes
-        )
     return figure
 
 

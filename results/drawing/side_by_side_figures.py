@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from toppling.models.scene import Scene
 from toppling.models.spelling import counted
 from toppling.results.analysis.side_by_side import Beside
+from toppling.results.drawing.fit_figures import draw_band
 from toppling.results.drawing.scene_figures import draw_view
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -26,6 +27,9 @@ from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
 """Rocks beyond which a row each would not be read."""
+
+_MOST_BANDS = 6
+"""Curves whose bands can be told apart."""
 
 _NAME_LETTERS = 24
 _ELEVATION_DEG = 15.0
@@ -57,7 +61,8 @@ def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = 
 
 
 def _colours(count: int) -> list[tuple[float, float, float, float]]:
-    return [COLOURS(share) for share in np.linspace(0.05, 0.9, count)]
+    """Told from each other and from the paper: the yellow end of the map is left out."""
+    return [COLOURS(share) for share in np.linspace(0.0, 0.75, count)]
 
 
 def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
@@ -66,6 +71,8 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     high = max(curve.intensity(0.99) for curve in curves)
     intensity = np.geomspace(low, high, 200)
     for curve, colour in zip(curves, _colours(len(curves)), strict=True):
+        if len(curves) <= _MOST_BANDS:
+            draw_band(axes, curve, intensity, colour)
         axes.plot(intensity, curve.probability(intensity), color=colour, lw=1.0)
     axes.set(
         xscale="log", xlim=(low, high), ylim=(0, 1), xlabel=measure_label(measure), ylabel="toppling probability",

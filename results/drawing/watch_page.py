@@ -116,13 +116,13 @@ const show = (state) => {
     return [name, map(one)];
   }));
   at("toppled").hidden = !state.latest.length;
-  at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "toppled toward (°)", "after (s)", ""],
+  at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "falls toward (°)", "after (s)", ""],
     true),
     ...state.latest.map((one) => {
       const button = document.createElement("button");
       button.textContent = "replay";
       button.onclick = () => replay(one);
-      return row([one.record_id, one.level_pga_m_s2, one.azimuth_deg, one.topple_azimuth_deg, one.topple_time_s,
+      return row([one.record_id, one.level_pga_m_s2, one.azimuth_deg, one.falls_toward_deg, one.topple_time_s,
         button]);
     }));
 };

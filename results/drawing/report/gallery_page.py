@@ -1,8 +1,9 @@
 """The page of an atlas: a card a rock, fragilities beside each other, where the rocks stand, what they share."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
@@ -26,7 +27,8 @@ _COLUMNS = {
     "median_high": "to",
     "beta": "beta",
     "least_quasi_static_m_s2": "least static (m/s²)",
-    "weakest_azimuth_deg": "azimuth (°)",
+    "falls_toward_deg": "falls toward (azimuth, °)",
+    "falls_toward_bearing_deg": "(bearing, °)",
     "records": "records",
     "jobs": "jobs",
     "toppled": "toppled",
@@ -108,9 +110,9 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         median += interval_words(rock.curve)
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
-        toward = (rock.weakest_azimuth_deg + 180.0) % 360.0
         weakest = (
-            f"weakest toward {wind_of(toward)} (azimuth {toward:.0f}°), static {rock.least_m_s2:.2g} m/s²"
+            f"falls most easily toward {_toward(row, 'falls_toward')}, as the ground accelerates toward "
+            f"{_toward(row, 'ground_accelerates_toward')}: static {rock.least_m_s2:.2g} m/s²"
         )
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
@@ -130,6 +132,11 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         )
     lines_shown = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
     return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{lines_shown}</ul>{link}</div>'
+
+
+def _toward(row: Mapping[str, Any], name: str) -> str:
+    azimuth, bearing = row[f"{name}_deg"], row[f"{name}_bearing_deg"]
+    return f"{wind_of(azimuth)} (azimuth {azimuth:.0f}°, bearing {bearing:.0f}°)"
 
 
 def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, lead: str) -> str:

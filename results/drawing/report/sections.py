@@ -8,7 +8,7 @@ import pandas as pd
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.spelling import counted
 from toppling.results.analysis import fits, ranking, resampling
-from toppling.results.analysis.audit_statistics import Audit, audits_of
+from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import (
     PLANES,
@@ -39,7 +39,7 @@ from toppling.results.drawing.style import (
 from toppling.results.reader import Run
 from toppling.results.weights import records_weight, sentences
 
-_MOST_RECORDS = 150
+_MOST_RECORDS = 12
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
 
 
@@ -49,12 +49,12 @@ def _scene_section(content: Content, document: Document) -> str:
         return "<p>The run holds no scene.</p>"
     settling = (content.run.provenance().get("settling") or {}).get("sentence")
     if content.scene is not None:
-        scene, notes = content.scene, [settling] if settling else []
+        scene = content.scene
         caption = (
-            f"The rock {content.run.rock} on its pedestal, from three sides and from above; least constant ground "
-            "acceleration that topples it, by azimuth (degrees counter-clockwise from east)."
+            f"The rock {content.run.rock} on its pedestal, from three sides and from above (blue: contact outline; "
+            "black: cliff edge; dotted where hidden), and the least constant ground acceleration that topples it."
         )
-        parts.append(document.figure(lambda width: scene_picture(scene, notes, width), caption))
+        parts.append(document.figure(lambda width: scene_picture(scene, width), caption))
         parts += map(sentence, base_sentences(content.run.scene_report()))
     if weights := content.run.weights():
         parts += map(sentence, sentences(weights.summary(content.frame)))
@@ -264,7 +264,7 @@ SECTIONS: dict[str, Callable[[Content, Document], str]] = {
     "Fits": _fits_section,
     "Constraint": _constraint_section,
     "Failures": _failures_section,
-    "Accuracy": lambda content, document: _accuracy_section(content.run, content.frame, document),
+    "Accuracy": lambda content, _: _accuracy_section(content.run, content.frame),
     "Methods": methods_section,
 }
 """By title, in the page's order: HTML of a part of the report; empty omits it."""
@@ -274,7 +274,7 @@ def _unit(unit: str) -> str:
     return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
 
 
-def _accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
+def _accuracy_section(run: Run, frame: pd.DataFrame) -> str:
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.
     steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
@@ -288,23 +288,4 @@ def _accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
             "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> repeats a sample of its jobs "
             "and states how far its answers may be off.</p>"
         )
-    else:
-        caption = "Repeated jobs: differences of the run, with 95 % intervals."
-        lines.append(document.table(pd.DataFrame(map(_audit_row, audits.values())), caption))
-        lines.append(
-            "<p>Near a threshold the answer to a single job is chaotic, whatever the settings; only the share of many "
-            "jobs is meaningful.</p>"
-        )
     return "".join(lines)
-
-
-def _audit_row(audit: Audit) -> dict[str, object]:
-    """An audit as the page shows it; its other numbers are in `audit.csv`."""
-    return {
-        "again with": audit.by,
-        "jobs": audit.jobs,
-        "topple in the run only": audit.flips_to_toppled,
-        "again only": audit.flips_to_standing,
-        "median PGA, %": audit.median_shift_percent.text("{:+.1f}"),
-        "share toppled": audit.share_shift.text("{:+.3f}"),
-    }

@@ -31,7 +31,7 @@ OF_WORKER = {
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """Two records at two levels on two realisations of a rock whose base is drawn, with their genuine rows."""
+    """Two records at two levels and azimuths on three realisations each of a drawn base, with their genuine rows."""
     folder = tmp_path_factory.mktemp("answers")
     corners_m = np.array([[x, y, 0.0] for x in (-0.15, 0.15) for y in (-0.2, 0.2)])
     unseen = UnseenBase(0.1, tuple(BaseDraw(corners_m * share) for share in (0.9, 0.8)))
@@ -81,9 +81,9 @@ def test_genuine_rows_stay_as_they_are(planned):
 
 def test_a_tilt_that_is_not_a_number_is_null_where_the_shake_diverged(planned):
     _, row, _ = pair(planned)
-    change = dict.fromkeys(("toppled", "outcome", "topple_time_s", "topple_azimuth_deg")) | {
-        "max_tilt_deg": math.nan
-    }
+    change = dict.fromkeys(
+        ("toppled", "outcome", "topple_time_s", "falls_toward_deg", "falls_toward_bearing_deg")
+    ) | {"max_tilt_deg": math.nan}
     assert problem(planned, row | change | {"status": "diverged"}) == ""
     assert problem(planned, row | change | {"status": "undecided"}).startswith("max_tilt_deg is ")
 
@@ -127,9 +127,9 @@ def test_a_table_with_other_columns_or_types_is_no_answer(planned):
 
 
 UNKNOWABLE = {
-    "topple_time_s", "topple_azimuth_deg", "max_tilt_deg", "residual_tilt_deg", "residual_yaw_deg", "slip_m",
-    "penetration_m", "ended_by", "message", "steps", "engine_steps", "simulated_s", "skipped_s", "wall_s",
-    "time_step_s", "worker", "cpu", "kernels", "finished_at",
+    "topple_time_s", "falls_toward_deg", "falls_toward_bearing_deg", "max_tilt_deg", "residual_tilt_deg",
+    "residual_yaw_deg", "slip_m", "penetration_m", "ended_by", "message", "steps", "engine_steps", "simulated_s",
+    "skipped_s", "wall_s", "time_step_s", "worker", "cpu", "kernels", "finished_at",
 }  # fmt: skip
 """Columns that the worker alone can fill: within their limits the client believes them."""
 
@@ -165,7 +165,7 @@ def test_what_only_the_worker_knows_is_believed_within_its_limits(planned, name)
     [
         {"toppled": None}, {"outcome": None}, {"outcome": "stands"}, {"outcome": "fallen"}, {"toppled": False},
         {"toppled": False, "outcome": "stands"}, {"toppled": None, "outcome": None},
-        {"toppled": None, "outcome": None, "topple_time_s": None, "topple_azimuth_deg": None}, {"status": "diverged"},
+        {"toppled": None, "outcome": None, "topple_time_s": None, "falls_toward_deg": None}, {"status": "diverged"},
         {"status": "crashed"}, {"status": "fine"}, {"topple_time_s": None}, {"steps": None},
         {"slip_m": None},
     ], ids=str,

@@ -183,6 +183,10 @@ def in_docs(key):
     return textwrap.fill(text, 118, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
+def test_a_bearing_is_an_azimuth_of_a_campaign():
+    assert campaign(azimuth_deg=["N", "N40E", 180, "compass:180"]).azimuth_deg == (90.0, 50.0, 180.0, 270.0)
+
+
 def test_every_key_is_a_field_with_its_default_and_stands_in_the_documentation_as_declared():
     fields = {field.name: field.default for field in dataclasses.fields(Campaign)}
     assert {key.name for key in KEYS} == {*fields, "scenes"}

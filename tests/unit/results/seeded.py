@@ -37,7 +37,7 @@ def rows(records=20, levels=range(1, 20), azimuths=(0.0, 90.0), seed=7, friction
                         friction_kinetic=friction,
                         toppled=toppled,
                         outcome="toppled" if toppled else "stands",
-                        topple_azimuth_deg=random.normal(135.0, 15.0) % 360.0 if toppled else None,
+                        falls_toward_deg=random.normal(135.0, 15.0) % 360.0 if toppled else None,
                     )
                 )
     return table

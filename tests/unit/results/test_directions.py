@@ -24,10 +24,10 @@ def four():
     azimuths = [122.5, 157.5, 359.0, None]
     return frame_of(
         [
-            row(str(number), toppled=azimuth is not None, topple_azimuth_deg=azimuth)
+            row(str(number), toppled=azimuth is not None, falls_toward_deg=azimuth)
             for number, azimuth in enumerate(azimuths)
         ]
-        + [row("crashed", status="crashed", toppled=None, topple_azimuth_deg=None)]
+        + [row("crashed", status="crashed", toppled=None, falls_toward_deg=None)]
     )
 
 
@@ -70,7 +70,7 @@ def test_no_rock_is_given_the_sector_of_the_studys_rock(drawn_alone, tmp_path, h
 
 
 def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
-    rose = topple_rose(four, petal_deg=45.0).set_index("azimuth_deg")["toppled"]
+    rose = topple_rose(four, petal_deg=45.0).set_index("falls_toward_deg")["toppled"]
     assert rose.to_dict() == {0.0: 1, 45.0: 0, 90.0: 0, 135.0: 1, 180.0: 1, 225.0: 0, 270.0: 0, 315.0: 0}
 
 

@@ -183,7 +183,7 @@ def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared
 
 def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_state(compared):
     toward = np.random.default_rng(5).uniform(0.0, 360.0, 200)
-    jobs = pd.DataFrame({"toppled": True, "topple_azimuth_deg": toward})
+    jobs = pd.DataFrame({"toppled": True, "falls_toward_deg": toward})
     lines = directions_geojson([replace(rock, jobs=jobs) for rock in compared[0]])["features"]
     assert {one["properties"]["rock"] for one in lines} == {"firm", "weak"}
     for name in ("firm", "weak"):
@@ -196,9 +196,16 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
             told["length_m"], rel=0.01
         )  # seven digits of a degree are a centimetre
         # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
-        off = (forward - told["compass_deg"] + 180.0) % 360.0 - 180.0
+        off = (forward - told["falls_toward_bearing_deg"] + 180.0) % 360.0 - 180.0
         assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)
         assert away_m <= ARROW_M * 1.01
+
+
+def test_one_rock_has_one_direction_of_fall_opposite_to_that_of_the_ground(compared):
+    for row in (rock.row for rock in compared[0] if rock.weakest_azimuth_deg is not None):
+        assert (row["falls_toward_deg"] - row["ground_accelerates_toward_deg"]) % 360.0 == 180.0
+        for name in ("falls_toward", "ground_accelerates_toward"):
+            assert (row[f"{name}_deg"] + row[f"{name}_bearing_deg"]) % 360.0 == 90.0
 
 
 def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(compared, monkeypatch):

@@ -133,7 +133,7 @@ def weighted_run(tmp_path):
     for number, job in enumerate(jobs):
         job["base"] = number % 2
         if number % 2:
-            job |= {"toppled": True, "outcome": "toppled", "topple_azimuth_deg": 90.0}
+            job |= {"toppled": True, "outcome": "toppled", "falls_toward_deg": 90.0}
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", jobs)
     (tmp_path / "run" / "stood").mkdir()

@@ -62,8 +62,7 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
     cores, most = os.cpu_count() or 1, max(workers, most or 0)
     bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
     if most > bound:  # at once, before anything is written
-        raise UsageError(
-"cluster.too_many_workers",
+        raise UsageError("cluster.too_many_workers",
             f"{most} local workers, and this machine has {cores} cores",
             where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
             remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)"

@@ -61,8 +61,7 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     shared = measures_shared(question.paths)
     measures = asked.measures or (shared_measure(events.measures, shared, events.source),)
     if len(measures) > 1 and not events.correlated:
-        raise InputError(
-"events.residuals_independent",
+        raise InputError("events.residuals_independent",
             what="holds fields of OpenQuake, which draws the residuals of two measures independently",
             where=events.source, expected="motions of one measure, or of two that are correlated as in earthquakes",
             remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate"
@@ -112,8 +111,7 @@ def _placed(
     if not asked:
         if len(events.sites) > 1:
             known = ", ".join(site.name for site in events.sites[:12])
-            raise InputError(
-"site.several",
+            raise InputError("site.several",
                 what=f"has {len(events.sites)} sites: {known}", where=events.source,
                 expected="the site of each rock",
                 remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order"
@@ -132,8 +130,7 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
         return of_name([site.name for site in events.sites], asked, events.source)[0], None
     placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
     if not placed:
-        raise InputError(
-"site.places_missing",
+        raise InputError("site.places_missing",
             what="states no places of its sites", where=events.source, expected="a sitemesh file beside the fields",
             remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}"
         )  # fmt: skip
@@ -155,8 +152,7 @@ def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | No
     if [branch.name for branch in first.branches] != [branch.name for branch in second.branches] and not (
         len(first.branches) == len(second.branches) == 1
     ):
-        raise InputError(
-"hazard.branches_differ",
+        raise InputError("hazard.branches_differ",
             what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
             where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation"
         )  # fmt: skip

@@ -128,8 +128,7 @@ def _rates(
         option = "--event-rate, the annual rate of the scenario" if scenario else "--catalogue-years"
         if events is None:
             option += ", or --catalogue-years where they are a catalogue"
-        raise InputError(
-"events.rate_missing",
+        raise InputError("events.rate_missing",
             what="is a scenario, or states no time: its events have no rate" if scenario
             else "no ruptures file states the time that the events were simulated for",
             where=str(table.path),

@@ -94,7 +94,7 @@ def _survey(truth: virtual.Truth, random: np.random.Generator) -> list[virtual.S
         up = max(1.6, 0.35 * rock.height_m) - target[2] + rock.vertices_m[:, 2].min()
         position = target + random.uniform(2.2, 3.4) * size * way + [0.0, 0.0, up]
         step = np.rad2deg(
-            random.uniform(0.005, 0.008) * rock.height_m / float(np.linalg.norm(target - position))
+            random.uniform(0.007, 0.01) * rock.height_m / float(np.linalg.norm(target - position))
         )
         seen = virtual.scan_from(truth.bodies, position, target, 1.5 * size, step, noise_m, random)
         points, label = seen.points_m, seen.label
@@ -138,7 +138,7 @@ def _waves(points: Array, number: float, random: np.random.Generator) -> Array:
 
 
 def _ball() -> _Mesh:
-    ball = trimesh.creation.icosphere(subdivisions=5)
+    ball = trimesh.creation.icosphere(subdivisions=4)
     return np.asarray(ball.vertices, float), np.asarray(ball.faces, np.int64)
 
 
@@ -199,16 +199,16 @@ def _dents(random: np.random.Generator) -> _Mesh:
 def _blobs(random: np.random.Generator) -> _Mesh:
     body = manifold3d.Manifold()
     for number in range(3):
-        ball = manifold3d.Manifold.sphere(1.0, 96).scale(tuple(random.uniform(0.25, 0.4, 3)))
+        ball = manifold3d.Manifold.sphere(1.0, 48).scale(tuple(random.uniform(0.25, 0.4, 3)))
         body += ball.translate((*random.uniform(-0.15, 0.15, 2), 0.3 * (number - 1)))
-    mesh = body.refine_to_length(0.03).to_mesh64()
+    mesh = body.refine_to_length(0.06).to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], float)
     points *= 1.0 + random.uniform(0.005, 0.02) * _waves(points, 5.0, random)[:, None]
     return points, np.array(mesh.tri_verts, np.int64)
 
 
 def _mushroom(random: np.random.Generator) -> _Mesh:
-    share = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 61)))
+    share = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 41)))
     stem, neck = random.uniform(0.3, 0.55), random.uniform(0.25, 0.45)
     cap = np.sqrt(np.maximum(1.0 - ((share - neck - 0.15) / (0.85 - neck)) ** 2, 0.0))
     radius = np.where(share < neck, stem + 0.15 * (share / neck) ** 2, np.maximum(cap, 0.0))
@@ -217,14 +217,14 @@ def _mushroom(random: np.random.Generator) -> _Mesh:
         0.005,
     )
     radius[-1] = 0.005
-    sides = 96
+    sides = 60
     angle = 2.0 * np.pi * np.arange(sides) / sides
     around = (
         1.0
         + 0.06 * np.cos(2.0 * angle + random.uniform(0.0, 6.0))
         + 0.05 * np.cos(3.0 * angle + random.uniform(0.0, 6.0))
     )
-    points, faces = virtual.lathe(radius[:, None] * around, share, np.zeros((61, 2)), sides)
+    points, faces = virtual.lathe(radius[:, None] * around, share, np.zeros((41, 2)), sides)
     points += random.uniform(0.005, 0.015) * np.column_stack([_waves(points, 6.0, random) for _ in range(3)])
     return points, faces
 

@@ -52,8 +52,6 @@ MORE_ROUNDS, ENOUGH = 3, 16.0
 if they are too few still, the pulls count less."""
 LEVEL = 0.9
 """Of the intervals that are stated."""
-HINTED_ERRORS_SHARE = 0.06
-"""`OTHER_ERRORS_SHARE` with touches or pulls, which narrow the draws but not what no draw shows."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 _FITTING_SHARE = 1.0 / 3.0
 """Of the draws over a surface whose base fits it, at least: friction acts on contacts that three points do not have."""
@@ -74,7 +72,6 @@ class DrawnBases:
     lift_off_m_s2: Array | None = None
     # How likely each kind of base is by the rim, before any pull.
     kind_weights: dict[str, float] = field(default_factory=dict)
-    hinted: bool = False  # whether touches or pulls are known
 
     @property
     def kinds(self) -> dict[str, int]:
@@ -88,11 +85,11 @@ class DrawnBases:
 
     def interval_m_s2(self) -> tuple[Array, Array, Array]:
         """Low, median and high (azimuths,) of the toppling acceleration, other errors included."""
-        return interval_of(self.toppling_m_s2, self.hinted)
+        return interval_of(self.toppling_m_s2)
 
     def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
         """The same of the acceleration at which contacts begin to open."""
-        return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2, self.hinted)
+        return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2)
 
     def apart(self, toppling_m_s2: Array) -> Array:
         """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
@@ -112,13 +109,13 @@ class DrawnBases:
         return np.array([low, median, high]).T
 
 
-def interval_of(acceleration_m_s2: Array, hinted: bool) -> tuple[Array, Array, Array]:
-    """Low, median and high of draws (n, azimuths), with what no draw shows; hinted: whether touches narrow them."""
+def interval_of(acceleration_m_s2: Array) -> tuple[Array, Array, Array]:
+    """Low, median and high of draws (n, azimuths), with what no draw shows."""
     tail = 0.5 * (1.0 - LEVEL)
     median = np.median(acceleration_m_s2, axis=0)
     low, high = np.quantile(acceleration_m_s2, [tail, 1.0 - tail], axis=0)
     # What the draws do not show is joined in quadrature, on each side.
-    other = 1.645 * (HINTED_ERRORS_SHARE if hinted else OTHER_ERRORS_SHARE) * median
+    other = 1.645 * OTHER_ERRORS_SHARE * median
     low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
     return np.maximum(low, 0.0), median, high
 
@@ -166,7 +163,6 @@ def draw_bases(
         com_std_m,
         lift_off if interface.is_plane else None,
         shares,
-        bool(len(inspection.touching_m) or inspection.pulls),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
@@ -287,22 +287,26 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
 
     Returns dict: `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2;
     `lift_off`: the same of the acceleration at which contacts begin to open. `kinds`: how likely each kind of base
-    is by the rim, and how many draws are of it. `contacts`: number of places that touch, and the support polygon's
-    reach toward each azimuth from the line of the weight, low, median and high, m. `com_m`: low, median and high of
-    each coordinate.
+    is by the rim, and how many draws are of it. `contacts`: convex outline of all places that touch, their number,
+    and the support polygon's reach toward each azimuth from the line of the weight, low, median and high, m. `com_m`:
+    low, median and high of each coordinate.
     """
     tail = 0.5 * (1.0 - LEVEL)
     lift_off = drawn.lift_off_interval_m_s2()
     places = drawn.part.observed.places_m
     toward = np.deg2rad(AZIMUTHS_DEG)
     ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
-    reach, count = [], []
+    reach, count, touched = [], [], []
     for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True):
         touching = places[gap.gap_m <= 0.0]
+        touched.append(touching)
         weight = interface.projected_m(com_m[None])[0]
         assert encloses(touching, weight)
         reach.append(((touching - weight) @ ways[:, :2].T).max(axis=0))
         count.append(len(touching))
+    together = np.vstack(touched)
+    corners = together[ConvexHull(together).vertices]
+    outline_m = interface.scene(np.pad(corners, ((0, 0), (0, 1))) + interface.rise(corners))
     reaches = np.quantile(reach, [tail, 0.5, 1.0 - tail], axis=0)
     return {
         "draws": len(drawn.gaps),
@@ -314,6 +318,7 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         "toppling": _by_azimuth(*drawn.interval_m_s2()),
         **({} if lift_off is None else {"lift_off": _by_azimuth(*lift_off)}),
         "contacts": {
+            "outline_m": outline_m.tolist(),
             "count": [int(n) for n in np.quantile(count, [tail, 0.5, 1.0 - tail], method="nearest")],
             "reach": [
                 {"azimuth_deg": float(a), "low_m": float(x), "median_m": float(m), "high_m": float(y)}

@@ -176,7 +176,10 @@ def faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
     planes = _facets(flat, normals, area, height_m)
     if len(planes) < 2:
         return None
-    sheets = list(_meetings(np.array(planes), flat))
+    # The smallest facet may be none: the largest two alone explain more then.
+    sheets = [
+        each for count in range(2, len(planes) + 1) for each in _meetings(np.array(planes[:count]), flat)
+    ]
     off = [np.abs(sheet.at(flat) - flat[:, 2]) for sheet in sheets]
     best = int(np.argmin([np.minimum(each, 4.0 * _FACET_PER_HEIGHT * height_m) @ area for each in off]))
     if (off[best] < 2.0 * _FACET_PER_HEIGHT * height_m) @ area < _EXPLAINED * area.sum():

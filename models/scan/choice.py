@@ -1,7 +1,6 @@
 """Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say or none shows."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,7 +14,7 @@ from toppling.models.scan.candidates import (
     surfels_of,
 )
 from toppling.models.scan.interface import fitted_plane
-from toppling.models.scan.surfels import Surfels, in_plants
+from toppling.models.scan.surfels import Surfels
 
 _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
@@ -143,8 +142,6 @@ _THICK = 0.18
 _WIDTH_VOXELS = 1.1
 """Standard deviation of the places around a patch that its plane is fitted to."""
 _LEAST_NOISES_PER_HEIGHT = 100
-_PLANTS = 0.15
-"""Share of the patches that are thick: at most 0.1 without plants, 0.2 to 0.7 where grass stands all around a rock."""
 _OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
 """All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
 and this share of the cloud's extent."""
@@ -155,16 +152,7 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
     if (of_plane := _without_relief(points_m)) is not None:
         return of_plane
     patches = surfels_of(points_m)
-    return _with(error, _too_noisy(patches) or _grown_over(patches) or _too_few(points_m))
-
-
-@contextmanager
-def plants_named(points_m: Array) -> Iterator[None]:
-    """What is refused within has the plants in a cloud (n, 3) as a reason, if it shows many."""
-    try:
-        yield
-    except InputError as error:
-        raise _with(error, _grown_over(surfels_of(points_m))) from error
+    return _with(error, _too_noisy(patches) or _too_few(points_m))
 
 
 def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
@@ -173,18 +161,6 @@ def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
     what, remedy = told
     return InputError(error.code, f"{error.what}; {what}", where=error.where, expected=error.expected,
         remedy=f"{remedy}; else: {error.remedy}")  # fmt: skip
-
-
-def _grown_over(patches: Surfels) -> tuple[str, str] | None:
-    share = float(in_plants(patches.points_m, patches.roughness).mean())
-    if share < _PLANTS:
-        return None
-    return (
-        f"{share:.0%} of the patches of the cloud are as thick as they are wide, as grass, twigs and rubble are: where "
-        "these hide the rock's foot, what seems to be its pedestal is none",
-        "crop plants from the cloud (CloudCompare's CSF or a filter of last returns leaves the ground), or clear the "
-        "rock's foot and scan again",
-    )
 
 
 def _without_relief(points_m: Array) -> InputError | None:

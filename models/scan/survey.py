@@ -23,7 +23,7 @@ from toppling.models.lengths import size_note
 from toppling.models.rock import check_size
 from toppling.models.scan.beside import mesh_beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
-from toppling.models.scan.choice import plants_named, with_reason
+from toppling.models.scan.choice import with_reason
 from toppling.models.scan.close import SHARES, ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
@@ -138,15 +138,14 @@ def work_out(
         raise with_reason(error, cloud.points_m) from error
     observed, interface, height_m = seen.observed, seen.interface, seen.observed.height_m
     check_size(height_m, "units")
-    with plants_named(cloud.points_m):
-        check_above(observed, interface)
-        check_inspection(observed, interface, inspection.moved(cloud.origin_m))
-        told = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
-        if cloud.coarsest is not None:
-            told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
-        progress("closing the rock")
-        closed, core = close_standing(observed, interface)
-        doubted = warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
+    check_above(observed, interface)
+    check_inspection(observed, interface, inspection.moved(cloud.origin_m))
+    told = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+    if cloud.coarsest is not None:
+        told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
+    progress("closing the rock")
+    closed, core = close_standing(observed, interface)
+    doubted = warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed, bootstrap, resampling)
     progress("meshing the pedestal")

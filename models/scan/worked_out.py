@@ -95,7 +95,14 @@ class WorkedOut:
         rock, unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
         scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
         nominal = standing.get("nominal_m_s2")
-        report = {**self.report, "slenderness": slenderness(scene, nominal), "unseen_base": standing}
+        # Of the draws: the closed rock's own may lie beside the weight, which each of them encloses.
+        interface = {**self.report["interface"], "outline_m": standing["contacts"].pop("outline_m")}
+        report = {
+            **self.report,
+            "interface": interface,
+            "slenderness": slenderness(scene, nominal),
+            "unseen_base": standing,
+        }
         unaided = standing.get("without_inspection", standing.get("toppling"))
         return dataclasses.replace(scene, report=report), dataclasses.replace(self, unaided=unaided)
 

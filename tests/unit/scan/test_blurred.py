@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from refusals import refused
 
 from toppling.models.errors import InputError
-from toppling.models.scan.choice import plants_named, with_reason
+from toppling.models.scan.choice import with_reason
 
 REFUSED = InputError(
     "scan.nothing_stands", "nothing stands", where="segmentation", expected="a rock", remedy="point at it"
@@ -60,15 +59,3 @@ def test_a_low_stone_on_a_floor_stands_out_of_it():
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
 def test_of_a_cloud_that_would_show_a_rock_nothing_else_is_said(noise_m):
     assert with_reason(REFUSED, of_a_scene(150_000, noise_m)) is REFUSED
-
-
-@pytest.mark.thorough
-def test_where_grass_stands_all_around_a_rock_it_is_the_reason_of_what_is_refused():
-    random, bare = np.random.default_rng(4), of_a_scene(150_000)
-    ground = bare[: 3 * len(bare) // 4]
-    grass = ground[random.integers(0, len(ground), len(ground))]
-    grass = grass + np.column_stack([np.zeros((len(grass), 2)), random.uniform(0.0, 0.1, len(grass))])
-    for points, named in ((np.concatenate([bare, grass]), True), (bare, False)):
-        with refused("scan.nothing_stands") as error, plants_named(points):
-            raise REFUSED
-        assert ("as grass, twigs and rubble are" in error.value.what) is named

@@ -96,7 +96,7 @@ def test_ratios_outside_of_what_the_draws_span_are_refused_beyond_their_error_on
     ratios, weight = np.linspace(0.1, 0.2, 21)[:, None], np.ones(21)
     for near in (0.1, 0.15, 0.2, 0.095, 0.21):
         check_spanned([(330.0, near)], ratios, weight)
-    for far in (0.05, 0.25, 1.0):
+    for far in (0.05, 0.3, 1.0):
         with refused("base.pull_beyond", "0.1 to 0.2"):
             check_spanned([(330.0, far)], ratios, weight)
     # A draw that is next to never kept spans nothing.
@@ -151,7 +151,7 @@ def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nomin
     """As of flat bases, on which the draws topple too easily."""
     base, drawn = on_bases([0.27, 0.28, 0.29])
     lower = drawn.toppling_m_s2.copy()
-    lower[:, SMOOTH / SMOOTH.min() > 1.05] *= 0.93
+    lower[:, SMOOTH / SMOOTH.min() > 1.1] *= 0.87
     drawn = dataclasses.replace(drawn, toppling_m_s2=lower)
     assert not within_interval(drawn, SMOOTH)
     assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
@@ -308,11 +308,11 @@ def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_l
     np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)
 
 
-def test_hints_narrow_the_draws_and_not_the_errors_that_no_draw_shows():
+def test_draws_that_are_alike_leave_the_errors_that_no_draw_shows():
     drawn = drawn_of([SMOOTH, SMOOTH])
-    free, known = (dataclasses.replace(drawn, hinted=hinted).interval_m_s2() for hinted in (False, True))
-    np.testing.assert_allclose(free[1] - free[0], 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
-    np.testing.assert_allclose(known[2] - known[1], 1.645 * unseen.HINTED_ERRORS_SHARE * SMOOTH)
+    low, median, high = drawn.interval_m_s2()
+    np.testing.assert_allclose(median - low, 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
+    np.testing.assert_allclose(high - median, 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
 
 
 @pytest.mark.parametrize(("east_m", "told"), [(0.7, "0.2 m beside every place"), (0.3, "no contacts around")])

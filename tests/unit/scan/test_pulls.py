@@ -38,7 +38,7 @@ def known_by(pulls, ratios, weight, random):
 def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outside_refused(seed):
     random = np.random.default_rng(seed)
     ratios, weight = ratios_of(200, random), random.exponential(size=200)
-    low, _, high = interval_of(ratios[resampled(weight, DRAWS, random)], False)
+    low, _, high = interval_of(ratios[resampled(weight, DRAWS, random)])
     for row in range(0, len(AZIMUTHS_DEG), 3):
         for value in np.linspace(low[row], high[row], 9):
             kept = known_by([(row, value)], ratios, weight, random)
@@ -64,8 +64,8 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
         except InputError:
             continue  # a truth outside of the draws' interval
         free = drawn[resampled(weight, DRAWS, random)]
-        for each, hinted in ((free, False), (kept, True)):
-            low, _, high = interval_of(each, hinted)
+        for each in (free, kept):
+            low, _, high = interval_of(each)
             covered.append(((low <= true) & (true <= high)).mean())
             widths.append((high - low).mean())
     before, after = np.reshape(covered, (-1, 2)).mean(axis=0)

@@ -1,0 +1,91 @@
+"""How often the intervals of scanned rocks hold the truth, by family: of rocks that nothing was tuned on.
+
+Puts its table into benchmarks/reports/scan.md.
+
+    .venv/bin/python benchmarks/scan_coverage.py [--count 2] [--first 0] [--family NAME ...]
+
+COUNT rocks of each family are scanned without a hint, and once more with a click on the rock where they are refused.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from pages import put
+from rock_families import AZIMUTHS_DEG, LEARNT, TESTED, family_rock
+
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual
+from toppling.models.scan.survey import Survey, survey
+
+PAGE = Path(__file__).parent / "reports" / "scan.md"
+
+
+def row_of(family: str, seed: int) -> dict[str, float]:
+    """What became of one rock: shares of azimuths, errors in per cent, processor seconds."""
+    known = family_rock(family, seed)
+    cloud, _ = virtual.cloud_of(known.stations, virtual.DEMO_ORIGIN_M)
+    begin = time.process_time()
+    top = known.truth.rock.com_m[:2] + virtual.DEMO_ORIGIN_M[:2]
+    found: Survey | None = None
+    for near in (None, (float(top[0]), float(top[1]))):
+        try:
+            found = survey(cloud, near_m=near)
+            break
+        except InputError as error:
+            print(known.name, f"[{error.code}]", error.what[:150], flush=True)
+    if found is None:
+        return {"rocks": 1.0, "accepted": 0.0}
+    scene, true = found.scene, known.truth.rock
+    table = scene.report["unseen_base"]["toppling"]
+    low, median, high = (
+        np.array([each[key] for each in table]) for key in ("low_m_s2", "median_m_s2", "high_m_s2")
+    )
+    right = np.interp(
+        [each["azimuth_deg"] for each in table], AZIMUTHS_DEG, known.toppling_m_s2, period=360.0
+    )
+    least = int(right.argmin())
+    moved = scene.rock.com_m + scene.origin_m - true.com_m - virtual.DEMO_ORIGIN_M
+    return {
+        "rocks": 1.0,
+        "accepted": 1.0,
+        "without a click": float(near is None),
+        "held": float(((low <= right) & (right <= high)).mean()),
+        "below": float((right < low).mean()),
+        "least held": float(low[least] <= right[least] <= high[least]),
+        "width": float(np.median((high - low) / median)),
+        "log of truth over median, rms": float(np.sqrt((np.log(right / median) ** 2).mean())),
+        "volume %": 100.0 * (scene.rock.volume_m3 / true.volume_m3 - 1.0),
+        "centre of mass, % of height": 100.0 * float(np.linalg.norm(moved)) / true.height_m,
+        "processor s": time.process_time() - begin,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--count", type=int, default=2)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--family", nargs="*", default=[*LEARNT, *TESTED])
+    given = parser.parse_args()
+    rows: dict[str, dict[str, float]] = {}
+    for family in given.family:
+        found = []
+        for seed in range(given.first, given.first + given.count):
+            found.append(row_of(family, seed))
+            print(family, seed, {key: round(value, 2) for key, value in found[-1].items()}, flush=True)
+        columns = list(dict.fromkeys(column for row in found for column in row))
+        rows[family] = {
+            column: float(np.mean([row[column] for row in found if column in row])) for column in columns
+        } | {"rocks": float(len(found))}
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    lines = [f"| family | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
+    for name, row in rows.items():
+        lines.append(f"| {name} | {' | '.join(f'{row[c]:.2f}' if c in row else '' for c in columns)} |")
+    put(PAGE, "families", "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

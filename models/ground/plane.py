@@ -29,6 +29,9 @@ FLAT_SHARE = 0.01
 FLAT_DEG = 2.0
 """Ground that is steeper is not."""
 
+_ROLLED_DEG = 16.5
+"""Tilt up to which a rock may roll onto ground beside the plane; farther on it tips."""
+
 _KEY = 6 << 60
 """Of the first point's contact."""
 
@@ -184,7 +187,10 @@ def kind_where_it_stands(rock: Rock, pedestal: Pedestal) -> GroundKind:
     reach_m = np.linalg.norm(points - com, axis=1).max() + 1.5 * part.cell_m
     if _look_up(part, part.rises_m, com[None, :2])[0] <= reach_m:
         return GroundKind(False, "ground within its reach stands over the interface plane, or is steep")
-    low = points[points[:, 2] < points[:, 2].min() + FLAT_SHARE * rock.height_m]
+    # Also what comes down as it rolls: statics would follow it over the plane.
+    apart_m = np.linalg.norm(points[:, :2] - com[:2], axis=1)
+    comes_down = np.maximum(FLAT_SHARE * rock.height_m, np.tan(np.radians(_ROLLED_DEG)) * apart_m)
+    low = points[points[:, 2] < points[:, 2].min() + comes_down]
     if (_look_up(part, part.falls_m, low[:, :2]) <= 0.0).any():
         return GroundKind(False, "a part of its base is beyond an edge of the interface plane")
     return GroundKind(True, "all that it can reach where it stands lies in one plane")

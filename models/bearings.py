@@ -40,10 +40,13 @@ def azimuth_of(text: str) -> float:
         if not math.isfinite(azimuth := float(said)):
             raise ValueError
     except ValueError:
-        raise InputError("azimuth.unreadable", f"'{text}' is no direction", where="azimuth",
+        raise InputError(
+            "azimuth.unreadable",
+            f"'{text}' is no direction",
+            where="azimuth",
             expected="degrees counter-clockwise from east (50), a compass bearing (compass:40, N40E) or a wind (NNE)",
-            remedy="write a bearing of 40 degrees as compass:40 or N40E; a bare number is counted from east"
-        ) from None  # fmt: skip
+            remedy="write a bearing of 40 degrees as compass:40 or N40E; a bare number is counted from east",
+        ) from None
     return azimuth
 
 

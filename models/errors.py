@@ -64,8 +64,9 @@ def check_positive(where: str, expected: str, remedy: str, **values: float) -> N
     """Refuse a value, named as its argument is, that is not a finite number above 0."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
-            raise InputError("value.not_positive", f"{name} is {value}", where=where, expected=expected,
-                remedy=remedy)  # fmt: skip
+            raise InputError(
+                "value.not_positive", f"{name} is {value}", where=where, expected=expected, remedy=remedy
+            )
 
 
 def _shortened(text: str) -> str:

@@ -61,11 +61,13 @@ def check_remarks(remarks: Iterable[str], where: str) -> None:
     unit = other_unit_in(told)
     system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
     if unit or system:
-        raise InputError("coordinates.unit_not_metres",
+        raise InputError(
+            "coordinates.unit_not_metres",
             f"a remark states {'another unit than metres' if unit else 'a coordinate system'}: {unit or system!r}",
-            where=where, expected="coordinates in metres",
-            remedy="say which unit they are in by --units (in Python units), or the system by --crs EPSG:2229"
-        )  # fmt: skip
+            where=where,
+            expected="coordinates in metres",
+            remedy="say which unit they are in by --units (in Python units), or the system by --crs EPSG:2229",
+        )
 
 
 def explaining_units(height_m: float) -> str:
@@ -97,8 +99,9 @@ def metres_in(unit: str) -> float:
         if word in (key, name.lower(), name.lower().removesuffix("s")):
             return metres
     what, expected = f"{unit!r} is no unit of length", f"one of {', '.join(METRES)}"
-    raise InputError("units.unknown", what, where="units", expected=expected,
-        remedy="leave it out for metres")  # fmt: skip
+    raise InputError(
+        "units.unknown", what, where="units", expected=expected, remedy="leave it out for metres"
+    )
 
 
 def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str:
@@ -138,6 +141,10 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
 
 def in_degrees(what: str, where: str) -> InputError:
     """Say that horizontal coordinates are angles."""
-    return InputError("coordinates.in_degrees", f"coordinates are in degrees ({what})", where=where,
+    return InputError(
+        "coordinates.in_degrees",
+        f"coordinates are in degrees ({what})",
+        where=where,
         expected="projected or local coordinates: lengths in three directions, z up",
-        remedy="project the cloud first, such as to the UTM zone of the site, and export again")  # fmt: skip
+        remedy="project the cloud first, such as to the UTM zone of the site, and export again",
+    )

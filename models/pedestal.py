@@ -48,12 +48,19 @@ class Pedestal:
             If the slope is none, or the azimuth is no number.
         """
         if not 0.0 <= slope_deg < 90.0:
-            raise InputError("pedestal.slope_out_of_range", f"slope_deg is {slope_deg}", where="Scene.from_mesh",
+            raise InputError(
+                "pedestal.slope_out_of_range",
+                f"slope_deg is {slope_deg}",
+                where="Scene.from_mesh",
                 expected="0 to below 90 degrees",
-                remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg")  # fmt: skip
+                remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
+            )
         if not math.isfinite(downhill_azimuth_deg):
-            raise InputError("pedestal.azimuth_unusable", f"slope_azimuth_deg is {downhill_azimuth_deg}",
-                where="Scene.from_mesh", expected="degrees counter-clockwise from x (east)",
-                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level"
-            )  # fmt: skip
+            raise InputError(
+                "pedestal.azimuth_unusable",
+                f"slope_azimuth_deg is {downhill_azimuth_deg}",
+                where="Scene.from_mesh",
+                expected="degrees counter-clockwise from x (east)",
+                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
+            )
         return cls(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))

@@ -69,10 +69,13 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     )
     feet = feet[np.isfinite(feet[:, 2])]
     if len(feet) < 3:
-        raise InputError("pedestal.not_below_rock",
-            f"only {len(feet)} points of rock and pedestal lie over each other", where="scene",
+        raise InputError(
+            "pedestal.not_below_rock",
+            f"only {len(feet)} points of rock and pedestal lie over each other",
+            where="scene",
             expected="a pedestal below the rock",
-            remedy="check that rock and pedestal share one frame")  # fmt: skip
+            remedy="check that rock and pedestal share one frame",
+        )
     # The centre of mass gives flat sets of feet a hull, and is never its lowest point.
     com = (rock.com_m - pedestal.point_m) @ frame.T
     corners = ConvexHull(np.vstack([feet, com])).vertices

@@ -66,9 +66,11 @@ class Rock:
             raise _mesh_error("mesh.encloses_nothing", f"{len(mesh.faces)} triangles enclose nothing", where)
         if not mesh.is_watertight:
             once = np.bincount(mesh.edges_unique_inverse)
-            raise _mesh_error("mesh.open",
+            raise _mesh_error(
+                "mesh.open",
                 f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles",
-                where)  # fmt: skip
+                where,
+            )
         if not mesh.is_winding_consistent:
             raise _mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
         if mesh.body_count != 1:
@@ -84,8 +86,9 @@ class Rock:
         inertia = np.array(mesh.moment_inertia, float) / float(mesh.volume)
         least = float(np.linalg.eigvalsh(inertia)[0])
         if not least > 0.0:
-            raise _mesh_error("mesh.moment_unusable",
-                f"the least moment of inertia over mass is {least:.3g} m2", where)  # fmt: skip
+            raise _mesh_error(
+                "mesh.moment_unusable", f"the least moment of inertia over mass is {least:.3g} m2", where
+            )
         return cls(
             vertices_m=vertices,
             faces=np.array(mesh.faces, np.int64),
@@ -156,23 +159,31 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
     except (TypeError, ValueError) as error:
-        raise _mesh_error("mesh.not_numbers", f"vertices or triangles are no array of numbers ({error})",
-            where) from None  # fmt: skip
+        raise _mesh_error(
+            "mesh.not_numbers", f"vertices or triangles are no array of numbers ({error})", where
+        ) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise _mesh_error("mesh.shape_unusable",
-            f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}", where)  # fmt: skip
+        raise _mesh_error(
+            "mesh.shape_unusable",
+            f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}",
+            where,
+        )
     if not np.isfinite(vertices).all():
         raise _mesh_error("mesh.not_finite", "vertex coordinates are not all finite", where)
     if np.abs(vertices).max(initial=0.0) > _FARTHEST_M:
-        raise _mesh_error("mesh.too_far", f"a vertex lies {np.abs(vertices).max():.3g} m from the origin",
-            where)  # fmt: skip
+        raise _mesh_error(
+            "mesh.too_far", f"a vertex lies {np.abs(vertices).max():.3g} m from the origin", where
+        )
     if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
         raise _mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
-        raise _mesh_error("mesh.index_out_of_range",
+        raise _mesh_error(
+            "mesh.index_out_of_range",
             f"triangle {int(wrong.argmax())} joins the vertices {', '.join(map(str, triangles[wrong.argmax()]))}, "
-            f"where there are {len(vertices)}", where)  # fmt: skip
+            f"where there are {len(vertices)}",
+            where,
+        )
 
 
 def check_size(height_m: float, where: str, option: str = "--units") -> None:
@@ -183,12 +194,15 @@ def check_size(height_m: float, where: str, option: str = "--units") -> None:
     """
     least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:
-        raise InputError("rock.height_out_of_range", f"the rock is {height_m:.4g} m high", where=where,
+        raise InputError(
+            "rock.height_out_of_range",
+            f"the rock is {height_m:.4g} m high",
+            where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
             remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by {option}"
             if (readings := explaining_units(height_m))
-            else "convert the coordinates from millimetres, feet or whatever they are in, and export again"
-        )  # fmt: skip
+            else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
+        )
 
 
 def _check_steps(vertices: Array, where: str) -> None:
@@ -199,7 +213,10 @@ def _check_steps(vertices: Array, where: str) -> None:
     single, height_m = vertices.astype(np.float32), float(np.ptp(vertices[:, 2])) if len(vertices) else 0.0
     step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
     if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:
-        raise InputError("coordinates.too_coarse",
+        raise InputError(
+            "coordinates.too_coarse",
             f"coordinates are in single precision, in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
-            where=where, expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
-            remedy="export again in double precision, or with an offset taken away")  # fmt: skip
+            where=where,
+            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
+            remedy="export again in double precision, or with an offset taken away",
+        )

@@ -347,8 +347,9 @@ class Scene:
         try:
             contact = ContactProperties(**described["contact"])
         except TypeError as error:
-            raise _scene_error("scene.contact_unusable",
-                f"contact is {shown(described['contact'])} ({error})", source) from None  # fmt: skip
+            raise _scene_error(
+                "scene.contact_unusable", f"contact is {shown(described['contact'])} ({error})", source
+            ) from None
         scene = cls(
             rock=rock,
             pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),
@@ -359,9 +360,12 @@ class Scene:
             unseen=UnseenBase.read(source / BASES) if "bases" in described else None,
         )
         if scene.id != stated_id:
-            raise _scene_error("scene.changed",
+            raise _scene_error(
+                "scene.changed",
                 f"the content hashes to {scene.id}, scene.json says {stated_id}: a file was changed, or a "
-                "program of another version wrote the scene", source)  # fmt: skip
+                "program of another version wrote the scene",
+                source,
+            )
         return scene
 
     def pedestal_triangles(self) -> tuple[Array, NDArray[np.int64]]:

@@ -111,12 +111,13 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
     # even read what it is asked, and Dask says so.
     unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
     if reasons := sorted(set(map(str, unfit))):
-        raise InputError("cluster.workers_unfit",
+        raise InputError(
+            "cluster.workers_unfit",
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
             where="cluster",
             expected="the client's versions, and a folder in which each host can keep what it is sent",
-            remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE"
-        )  # fmt: skip
+            remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE",
+        )
     if remark := unlike([answer for answer in answers.values() if isinstance(answer, str)]):
         log.warning("%s", remark)
 

@@ -79,8 +79,11 @@ def _precision(value: Any, place: Place) -> float:
     """
     if not is_number(value) or not _FINEST <= value <= _COARSEST:
         percent = is_number(value) and _FINEST <= value / 100.0 <= _COARSEST
-        raise place.wrong("campaign.value_unusable", shown(value),
-            remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05")  # fmt: skip
+        raise place.wrong(
+            "campaign.value_unusable",
+            shown(value),
+            remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05",
+        )
     return float(value)
 
 
@@ -94,34 +97,47 @@ def _target(value: Any, place: Place) -> TargetSpec:
         raise place.wrong("campaign.value_unusable", shown(value))
     read = read_keys(_TARGET_KEYS, table, place.where, place.folder, joint=".")
     if read["at"] is not None and read["measure"] is None:
-        raise place.wrong("campaign.keys_incomplete", f"at = {shown(table['at'])}",
-            remedy="give the measure that it is of too")  # fmt: skip
+        raise place.wrong(
+            "campaign.keys_incomplete",
+            f"at = {shown(table['at'])}",
+            remedy="give the measure that it is of too",
+        )
     if sum(read[name] is not None for name in ("of", "at", "hazard")) > 1:
-        raise place.wrong("campaign.keys_exclude_each_other", "more than one of 'of', 'at' and 'hazard'",
-            remedy="ask one question a run")  # fmt: skip
+        raise place.wrong(
+            "campaign.keys_exclude_each_other",
+            "more than one of 'of', 'at' and 'hazard'",
+            remedy="ask one question a run",
+        )
     return TargetSpec(**read | {"of": read["of"] or _SHARES[0]})
 
 
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
     given = [given] if is_number(given) else given
     if not isinstance(given, list) or not given:
-        raise place.wrong("campaign.value_unusable", shown(given),
-            remedy="at least one is needed, such as [0.8]")  # fmt: skip
+        raise place.wrong(
+            "campaign.value_unusable", shown(given), remedy="at least one is needed, such as [0.8]"
+        )
     pairs = []
     for entry in given:
         both = entry if isinstance(entry, list) else [entry, entry]
         if len(both) != 2 or not all(is_number(one) for one in both):
-            raise place.wrong("campaign.value_unusable", shown(entry), "a number, or [static, kinetic]",
-                "correct the entry")  # fmt: skip
+            raise place.wrong(
+                "campaign.value_unusable", shown(entry), "a number, or [static, kinetic]", "correct the entry"
+            )
         if both[1] > both[0]:
             what, sound = f"{shown(entry)}: kinetic friction above static", f"[{both[1]:g}, {both[0]:g}]"
-            raise place.wrong("campaign.friction_order", what, "[static, kinetic], the larger first",
-                f"did you mean {sound}?")  # fmt: skip
+            raise place.wrong(
+                "campaign.friction_order",
+                what,
+                "[static, kinetic], the larger first",
+                f"did you mean {sound}?",
+            )
         try:
             ContactProperties(*map(float, both))
         except InputError as error:
-            raise place.wrong(error.code, f"{shown(entry)}: {error.what}", error.expected,
-                error.remedy) from None  # fmt: skip
+            raise place.wrong(
+                error.code, f"{shown(entry)}: {error.what}", error.expected, error.remedy
+            ) from None
         pairs.append((float(both[0]), float(both[1])))
     return tuple(distinct(pairs, place))
 
@@ -130,8 +146,12 @@ def _unmeasured(given: Any, place: Place) -> Unmeasured:
     if not isinstance(given, dict):
         raise place.wrong("campaign.value_unusable", shown(given))
     if ("band_hz" in given) != ("above_band" in given):
-        raise place.wrong("campaign.keys_incomplete", "one of band_hz and above_band", "both or neither",
-            "such as 25.0 and [0.0, 0.6]")  # fmt: skip
+        raise place.wrong(
+            "campaign.keys_incomplete",
+            "one of band_hz and above_band",
+            "both or neither",
+            "such as 25.0 and [0.0, 0.6]",
+        )
     return Unmeasured(**read_keys(_DRAWN, given, place.where, place.folder, joint="."))
 
 
@@ -255,8 +275,9 @@ class Campaign:
         place = Place("--precision", expected="0.005 to 0.5")
         if self.sites:
             remedy = "give each rock a run of its own"
-            raise place.wrong("campaign.of_many_rocks", "a campaign of many rocks", "a campaign of one",
-                remedy)  # fmt: skip
+            raise place.wrong(
+                "campaign.of_many_rocks", "a campaign of many rocks", "a campaign of one", remedy
+            )
         changed = dataclasses.replace(self, precision=_precision(precision, place))
         _check_together(changed, *[place.where] * 3)
         return changed
@@ -313,8 +334,9 @@ class Campaign:
         if jobs > MOST_JOBS:
             product = " x ".join(f"{count} {name}" for name, count in axes.items())
             what = f"{jobs:.3g} jobs = {product}, of {self.realisations} realisations"
-            raise Place("campaign").wrong("campaign.too_many_jobs", what, f"at most {MOST_JOBS} jobs",
-                "leave some of them out")  # fmt: skip
+            raise Place("campaign").wrong(
+                "campaign.too_many_jobs", what, f"at most {MOST_JOBS} jobs", "leave some of them out"
+            )
 
     def to_toml(self, stood: Iterable[str] = (), hazard: str | None = None) -> str:
         """Write the campaign as TOML, every value written out, as it lies in a run's folder."""
@@ -347,8 +369,9 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
     """Values of a campaign of many rocks."""
     if alone := [name for name in ("scene", "precision", "target", "stood") if name in content]:
         what = f"{alone[0]} in a campaign of many rocks"
-        raise Place(f"{where}: {alone[0]}").wrong("campaign.key_not_of_many", what, "keys for all rocks",
-            "remove it, or give it a run of its own")  # fmt: skip
+        raise Place(f"{where}: {alone[0]}").wrong(
+            "campaign.key_not_of_many", what, "keys for all rocks", "remove it, or give it a run of its own"
+        )
     keys = [dataclasses.replace(key, default=None) if key.name == "scene" else key for key in KEYS]
     own = {"ensemble": "."} if "ensemble" not in content else {}
     values = read_keys(keys, own | dict(content), where, folder, instead=_OTHER_LEVELS)
@@ -356,8 +379,12 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
     sites = joined(values["sites"], found, where)
     if own and (lacking := [one.rock for one in sites if one.ensemble is None and one.seismograms is None]):
         what = f"missing ensemble, which {shown(lacking[0])} has none of its own instead of"
-        raise Place(where).wrong("campaign.key_missing", what, "records for every rock",
-            "add an ensemble to the file, or to the table")  # fmt: skip
+        raise Place(where).wrong(
+            "campaign.key_missing",
+            what,
+            "records for every rock",
+            "add an ensemble to the file, or to the table",
+        )
     around = Path(os.path.commonpath([site.scene.absolute().parent for site in sites]))
     return values | {"sites": sites, "scene": around}
 
@@ -373,8 +400,12 @@ def _check_together(read: Campaign, engine: str, precision: str, target: str) ->
         remedy = "add precision = 0.05, or remove it"
         raise Place(target).wrong("campaign.keys_incomplete", "a target without a precision", "both", remedy)
     if read.precision is not None and not read.pga_m_s2:
-        raise Place(precision).wrong("campaign.no_levels_to_choose", "no levels to choose among",
-            "levels in pga_m_s2", "leave precision out")  # fmt: skip
+        raise Place(precision).wrong(
+            "campaign.no_levels_to_choose",
+            "no levels to choose among",
+            "levels in pga_m_s2",
+            "leave precision out",
+        )
 
 
 def _toml(value: Any) -> str:

@@ -62,11 +62,13 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
     cores, most = os.cpu_count() or 1, max(workers, most or 0)
     bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
     if most > bound:  # at once, before anything is written
-        raise UsageError("cluster.too_many_workers",
+        raise UsageError(
+            "cluster.too_many_workers",
             f"{most} local workers, and this machine has {cores} cores",
-            where="workers", expected=f"at most {bound} processes here: more only take memory from each other",
-            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)"
-        )  # fmt: skip
+            where="workers",
+            expected=f"at most {bound} processes here: more only take memory from each other",
+            remedy=f"give {cores}, or more hosts by a scheduler or a batch system (--scheduler, --queue)",
+        )
     return _local_client(workers, most)
 
 
@@ -156,19 +158,24 @@ def gateway(name: str) -> Iterator[Client]:
     try:
         dask_gateway = importlib.import_module("dask_gateway")
     except ImportError:
-        raise InputError("package.not_installed", "dask-gateway is not installed",
+        raise InputError(
+            "package.not_installed",
+            "dask-gateway is not installed",
             where=f"--scheduler gateway://{name}",
             expected="the package dask-gateway, and its address in ~/.config/dask/gateway.yaml",
-            remedy="pip install dask-gateway") from None  # fmt: skip
+            remedy="pip install dask-gateway",
+        ) from None
     load_defaults()
     with dask_gateway.Gateway() as there:
         running = [one.name for one in there.list_clusters()]
         if name not in running and (name or len(running) != 1):
-            raise InputError("cluster.gateway_name_unknown",
+            raise InputError(
+                "cluster.gateway_name_unknown",
                 f"there is no cluster {name!r}" if name else f"{len(running)} clusters are running",
                 where=f"--scheduler gateway://{name}",
                 expected=f"one of {', '.join(running) or 'your clusters, of which none is running'}",
-                remedy="start one with dask_gateway.Gateway().new_cluster(), and give its name")  # fmt: skip
+                remedy="start one with dask_gateway.Gateway().new_cluster(), and give its name",
+            )
         with there.connect(name or running[0]) as cluster, cluster.get_client() as client:
             yield client
 
@@ -191,8 +198,13 @@ def queue(
         except (RuntimeError, OSError) as error:
             for job in cluster.workers.values():  # else Dask could not close the cluster
                 job.status = Status.failed
-            raise InputError("cluster.job_not_submitted", " ".join(str(error).split()), where=f"--queue {kind}",
-                expected="a batch system that takes the job", remedy=_remedy(error)) from None  # fmt: skip
+            raise InputError(
+                "cluster.job_not_submitted",
+                " ".join(str(error).split()),
+                where=f"--queue {kind}",
+                expected="a batch system that takes the job",
+                remedy=_remedy(error),
+            ) from None
         yield client
 
 
@@ -228,9 +240,13 @@ def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
     """
     for path in (ca, certificate, key):
         if not path.is_file():
-            raise InputError("file.absent", "no such file", where=str(path),
+            raise InputError(
+                "file.absent",
+                "no such file",
+                where=str(path),
                 expected="the cluster's authority, and a certificate and key that it signed (PEM)",
-                remedy="see docs/faults.md, 'Who is let in', for the openssl commands that make them")  # fmt: skip
+                remedy="see docs/faults.md, 'Who is let in', for the openssl commands that make them",
+            )
     return Security(tls_ca_file=str(ca), tls_client_cert=str(certificate), tls_client_key=str(key),
                     require_encryption=True)  # fmt: skip
 
@@ -242,8 +258,13 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     try:
         jobqueue = importlib.import_module("dask_jobqueue")
     except ImportError:
-        raise InputError("package.not_installed", "dask-jobqueue is not installed", where=f"--queue {kind}",
-            expected="the extra hpc", remedy="pip install 'toppling[hpc]'") from None  # fmt: skip
+        raise InputError(
+            "package.not_installed",
+            "dask-jobqueue is not installed",
+            where=f"--queue {kind}",
+            expected="the extra hpc",
+            remedy="pip install 'toppling[hpc]'",
+        ) from None
     # A process a core: the engine is one per process, and its threads would wait for each other.
     cores = configured.get("cores") or 1
     names = {"account": "project"} if kind in ("sge", "lsf", "oar") else {}
@@ -267,9 +288,13 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
                 **given,
             )
     except (ValueError, KeyError, RuntimeError, TypeError) as error:
-        raise InputError("cluster.queue_unconfigured", " ".join(str(error).split()), where=f"--queue {kind}",
+        raise InputError(
+            "cluster.queue_unconfigured",
+            " ".join(str(error).split()),
+            where=f"--queue {kind}",
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
-            remedy=_remedy(error)) from None  # fmt: skip
+            remedy=_remedy(error),
+        ) from None
 
 
 def _remedy(error: Exception) -> str:
@@ -292,6 +317,10 @@ def _warn_of_open_door(address: str) -> None:
 
 
 def _unreachable(where: str, what: str) -> InputError:
-    return InputError("cluster.unreachable", what, where=f"scheduler {where}",
+    return InputError(
+        "cluster.unreachable",
+        what,
+        where=f"scheduler {where}",
         expected="a Dask scheduler that answers there, with the same kind of security",
-        remedy="check the address; start one with 'dask scheduler'; give --tls-* if it asks for them")  # fmt: skip
+        remedy="check the address; start one with 'dask scheduler'; give --tls-* if it asks for them",
+    )

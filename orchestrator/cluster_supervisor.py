@@ -137,7 +137,8 @@ class ClusterSupervisor:
         if self._in_vain > _SUBMITTED_IN_VAIN:
             raise RunError(
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
-                "(log-directory in jobqueue.yaml, else the folder of this command)")  # fmt: skip
+                "(log-directory in jobqueue.yaml, else the folder of this command)"
+            )
         self._came.difference_update(gone)  # their names return
         self._ended.clear()
         # Dask has already dropped some: those only have to be asked for again.

@@ -31,8 +31,9 @@ class Place:
 
     def wrong(self, code: str, what: str, expected: str = "", remedy: str = "") -> InputError:
         """The refusal of what stands there."""
-        return InputError(code, what, where=self.where, expected=expected or self.expected,
-            remedy=remedy or self.remedy)  # fmt: skip
+        return InputError(
+            code, what, where=self.where, expected=expected or self.expected, remedy=remedy or self.remedy
+        )
 
 
 _Reader = Callable[[Any, Place], Any]
@@ -81,11 +82,16 @@ def read_keys(
     content = {name: one for name, one in content.items() if one is not None or name not in known}
     if unknown := [name for name in content if name not in known]:
         remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
-        raise Place(where).wrong("campaign.key_unknown", f"unknown key {shown(unknown[0])}",
-            f"keys: {', '.join(known)}", remedy)  # fmt: skip
+        raise Place(where).wrong(
+            "campaign.key_unknown", f"unknown key {shown(unknown[0])}", f"keys: {', '.join(known)}", remedy
+        )
     if missing := [key.name for key in keys if key.default is REQUIRED and key.name not in content]:
-        raise Place(where).wrong("campaign.key_missing", f"missing {', '.join(missing)}", "a value for each",
-            "add them to the file")  # fmt: skip
+        raise Place(where).wrong(
+            "campaign.key_missing",
+            f"missing {', '.join(missing)}",
+            "a value for each",
+            "add them to the file",
+        )
     return {
         key.name: key.read(content[key.name], key.place(f"{where}{joint}", folder))
         if key.name in content
@@ -102,8 +108,9 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
         if not right or not fits(given):
             text = str(given).strip().removesuffix(".0")
             meant = kind is int and type(given) in (str, float) and text.isascii() and text.isdigit()
-            raise place.wrong("campaign.value_unusable", shown(given),
-                remedy=f"did you mean {text}?" if meant else "")  # fmt: skip
+            raise place.wrong(
+                "campaign.value_unusable", shown(given), remedy=f"did you mean {text}?" if meant else ""
+            )
         return kind(given)
 
     return read
@@ -114,8 +121,9 @@ def word(known: Iterable[str]) -> _Reader:
 
     def read(given: Any, place: Place) -> str:
         if not isinstance(given, str) or given not in known:
-            raise place.wrong("campaign.value_unusable", shown(given),
-                remedy=did_you_mean(given, known, place.remedy))  # fmt: skip
+            raise place.wrong(
+                "campaign.value_unusable", shown(given), remedy=did_you_mean(given, known, place.remedy)
+            )
         return given
 
     return read
@@ -157,8 +165,9 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
             _of_range(given, place) if isinstance(given, dict) else [given] if is_number(given) else given
         )
         if not isinstance(numbers, list) or not numbers:
-            raise place.wrong("campaign.list_empty", shown(numbers),
-                remedy="at least one value is needed to have a job")  # fmt: skip
+            raise place.wrong(
+                "campaign.list_empty", shown(numbers), remedy="at least one value is needed to have a job"
+            )
         if strange := [one for one in numbers if not is_number(one) or not fits(one)]:
             raise place.wrong("campaign.value_unusable", shown(strange[0]))
         return tuple(float(one) for one in distinct(numbers, place))
@@ -168,14 +177,19 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
 
 def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
     if set(given) != {"start", "stop", "step"} or not all(map(is_number, given.values())):
-        raise place.wrong("campaign.range_unreadable", shown(given),
-            "{ start = ..., stop = ..., step = ... } in numbers", "or give a list")  # fmt: skip
+        raise place.wrong(
+            "campaign.range_unreadable",
+            shown(given),
+            "{ start = ..., stop = ..., step = ... } in numbers",
+            "or give a list",
+        )
     start, stop, step = given["start"], given["stop"], given["step"]
     if not (step > 0 and stop >= start):
         sound = f"{{ start = {min(start, stop):g}, stop = {max(start, stop):g}, step = {abs(step) or 1:g} }}"
         what = f"the range from {start:g} to {stop:g} in steps of {step:g} holds no number"
-        raise place.wrong("campaign.range_empty", what, "step above 0, stop not below start",
-            f"did you mean {sound}?")  # fmt: skip
+        raise place.wrong(
+            "campaign.range_empty", what, "step above 0, stop not below start", f"did you mean {sound}?"
+        )
     # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
     many = (float(stop) - float(start)) / step
     if not many < _MOST_ON_AN_AXIS:
@@ -187,8 +201,9 @@ def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
 def distinct(values: list, place: Place) -> list:
     """The values, if each is there once, and not too many are."""
     if len(values) > _MOST_ON_AN_AXIS:
-        raise place.wrong("campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}",
-            "leave some out")  # fmt: skip
+        raise place.wrong(
+            "campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out"
+        )
     if repeated := [shown(one) for one, count in Counter(values).items() if count > 1]:
         what = f"{', '.join(sorted(repeated)[:10])} given twice"
         raise place.wrong("campaign.value_repeated", what, "every value once", "remove the repetition")

@@ -234,8 +234,13 @@ def plan_of(campaign: Campaign) -> Plan:
         _check_atlas(parts)
     if not parts:
         what = f"none of {len(left_out)} rocks can be read; {left_out[0][0]}: {left_out[0][1]}"
-        raise InputError("rocks.none_readable", what, where=str(campaign.scene), expected="scenes",
-            remedy="make them again")  # fmt: skip
+        raise InputError(
+            "rocks.none_readable",
+            what,
+            where=str(campaign.scene),
+            expected="scenes",
+            remedy="make them again",
+        )
     jobs = pa.concat_tables([part.jobs for part in parts]).unify_dictionaries().combine_chunks()
     return Plan(campaign, tuple(part.scenes[0] for part in parts), jobs, left_out=tuple(left_out))
 
@@ -245,14 +250,22 @@ def _check_atlas(parts: Sequence[Plan]) -> None:
     last = parts[-1].scenes[0]
     for other in (part.scenes[0] for part in parts[:-1]):
         if other.scene_id == last.scene_id:
-            raise InputError("rock.given_twice",
+            raise InputError(
+                "rock.given_twice",
                 f"the rocks {other.rock} and {last.rock} are one (scene {last.scene_id})",
-                where=str(last.campaign.scene), expected="each rock once",
-                remedy="leave one out, or give it a campaign of its own")  # fmt: skip
+                where=str(last.campaign.scene),
+                expected="each rock once",
+                remedy="leave one out, or give it a campaign of its own",
+            )
     if (jobs := sum(map(len, parts))) > MOST_JOBS:
         what = f"{jobs:.3g} jobs of the first {len(parts)} rocks"
-        raise InputError("campaign.too_many_jobs", what, where="campaign",
-            expected=f"at most {MOST_JOBS} jobs", remedy="divide it into several")  # fmt: skip
+        raise InputError(
+            "campaign.too_many_jobs",
+            what,
+            where="campaign",
+            expected=f"at most {MOST_JOBS} jobs",
+            remedy="divide it into several",
+        )
 
 
 def _joint(ids: Sequence[str]) -> str:
@@ -318,11 +331,13 @@ def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: s
     coarsest = max(records, key=lambda record: step_s[record])
     highest_hz = HIGHEST_CORNER / step_s[coarsest]
     if band_hz > highest_hz:
-        raise InputError("motion.step_too_coarse",
+        raise InputError(
+            "motion.step_too_coarse",
             f"unmeasured.band_hz is {band_hz:g}, but record {coarsest} has a step of {step_s[coarsest]:g} s",
             where=where,
             expected=f"at most {highest_hz:g} Hz: what is added is as strong as the octave below",
-            remedy="give a smaller band_hz, or name finer records")  # fmt: skip
+            remedy="give a smaller band_hz, or name finer records",
+        )
 
 
 def _durations_s(ensemble: Ensemble, asked: Sequence[str] | None, where: str) -> dict[str, float]:
@@ -332,11 +347,19 @@ def _durations_s(ensemble: Ensemble, asked: Sequence[str] | None, where: str) ->
     if missing := [name for name in asked or () if name not in duration]:
         more = " ..." if len(missing) > 10 else ""
         remedy = "correct 'records' in the campaign, or import the records into the ensemble"
-        raise InputError("ensemble.record_unknown",
-            f"records {', '.join(missing[:10])} are not in the ensemble{more}", where=where,
+        raise InputError(
+            "ensemble.record_unknown",
+            f"records {', '.join(missing[:10])} are not in the ensemble{more}",
+            where=where,
             expected=f"ids of its {len(known)} records, such as {', '.join(known[:5])}",
-            remedy=did_you_mean(missing[0], known, remedy))  # fmt: skip
+            remedy=did_you_mean(missing[0], known, remedy),
+        )
     if not duration:
-        raise InputError("ensemble.empty", "the ensemble holds no records, so there are no jobs", where=where,
-            expected="at least one record", remedy="import some with 'toppling records import'")  # fmt: skip
+        raise InputError(
+            "ensemble.empty",
+            "the ensemble holds no records, so there are no jobs",
+            where=where,
+            expected="at least one record",
+            remedy="import some with 'toppling records import'",
+        )
     return {name: duration[name] for name in sorted(asked or known, key=lambda name: (-duration[name], name))}

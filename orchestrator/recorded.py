@@ -75,18 +75,21 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
     Raises InputError if the scene has no draws of its base, or the campaign no realisations.
     """
     if scene.unseen is None:
-        raise InputError("draws.missing",
+        raise InputError(
+            "draws.missing",
             "the scene has no draws of its base, so there is nothing that a shaking it stood could tell of",
-            where=where, expected="a scene with bases.json",
-            remedy="make it with 'toppling scan', or with models.hidden_base.rough_base.with_rough_base for a mesh"
-        )  # fmt: skip
+            where=where,
+            expected="a scene with bases.json",
+            remedy="make it with 'toppling scan', or with models.hidden_base.rough_base.with_rough_base for a mesh",
+        )
     if realisations < 1:
-        raise InputError("run.no_realisations",
+        raise InputError(
+            "run.no_realisations",
             "there are no realisations: every job is on the nominal scene, and none on a draw of its base",
             where=where,
             expected=f"a campaign with realisations of up to {len(scene.unseen) + 1}, one a base and the nominal scene",
-            remedy=f"set realisations = {len(scene.unseen) + 1} in the campaign, and run it with another --out"
-        )  # fmt: skip
+            remedy=f"set realisations = {len(scene.unseen) + 1} in the campaign, and run it with another --out",
+        )
 
 
 def _read_files(paths: Sequence[Path]) -> list[Record]:
@@ -95,14 +98,21 @@ def _read_files(paths: Sequence[Path]) -> list[Record]:
     files = record_files(paths)
     read = import_records(files)
     for refusal in read.refusals:
-        raise InputError(refusal.reason.code, f"{refusal.subject}: {refusal.reason.what}", where=refusal.reason.where,
+        raise InputError(
+            refusal.reason.code,
+            f"{refusal.subject}: {refusal.reason.what}",
+            where=refusal.reason.where,
             expected=refusal.reason.expected,
-            remedy="import it with the options that it needs ('toppling records import'), and give the ensemble"
-        )  # fmt: skip
+            remedy="import it with the options that it needs ('toppling records import'), and give the ensemble",
+        )
     if not read.records:
-        raise InputError("record.none_found", "holds no record", where=", ".join(map(str, paths)),
+        raise InputError(
+            "record.none_found",
+            "holds no record",
+            where=", ".join(map(str, paths)),
             expected="files of a recorded motion, or an ensemble's folder",
-            remedy="check the path; 'toppling records import --help' names the formats")  # fmt: skip
+            remedy="check the path; 'toppling records import --help' names the formats",
+        )
     return read.records
 
 
@@ -112,8 +122,12 @@ def _refuse_twins(records: Sequence[Record]) -> None:
         for record in records:
             other = seen.setdefault(getattr(record, attribute), record)
             if other is not record:
-                raise InputError("record.given_twice", f"{record.record_id} and {other.record_id} are {what}",
+                raise InputError(
+                    "record.given_twice",
+                    f"{record.record_id} and {other.record_id} are {what}",
                     where="motions that the rock stood",
                     expected="each motion once, as what is told twice would count twice",
-                    remedy="leave one of the two out" if attribute == "sha"
-                    else "import them into one ensemble ('toppling records import'), and give its folder")  # fmt: skip
+                    remedy="leave one of the two out"
+                    if attribute == "sha"
+                    else "import them into one ensemble ('toppling records import'), and give its folder",
+                )

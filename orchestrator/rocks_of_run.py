@@ -34,8 +34,13 @@ class Settlings:
                 stands = settled(scene.with_contact(ContactProperties.of((static, kinetic))))
                 found[static, kinetic] = Settling.between(scene.rock, stands.rock, scene.pedestal.normal)
             except InputError as error:
-                found[static, kinetic] = InputError(error.code, f"with friction {static:g}: {error.what}",
-                    where=str(campaign.scene), expected=error.expected, remedy=error.remedy)  # fmt: skip
+                found[static, kinetic] = InputError(
+                    error.code,
+                    f"with friction {static:g}: {error.what}",
+                    where=str(campaign.scene),
+                    expected=error.expected,
+                    remedy=error.remedy,
+                )
         return cls(found)
 
     @property

@@ -136,13 +136,21 @@ def describe(run: Path) -> dict[str, Any]:
     except OSError as error:
         if not isinstance(error, FileNotFoundError | NotADirectoryError):
             raise digest.unopened(run / "run.json", error) from None
-        raise _error("run.absent", run, f"is not a run's folder, there is no run.json{instead(run)}",
+        raise _error(
+            "run.absent",
+            run,
+            f"is not a run's folder, there is no run.json{instead(run)}",
             expected="a folder that 'toppling run' made",
-            remedy="give the folder named with --out, or another name for a new run") from None  # fmt: skip
+            remedy="give the folder named with --out, or another name for a new run",
+        ) from None
     if content.get("schema_version") != SCHEMA_VERSION:
-        raise _error("document.schema_version", run, "run.json is of another layout",
+        raise _error(
+            "document.schema_version",
+            run,
+            "run.json is of another layout",
             expected=f"schema version {SCHEMA_VERSION}",
-            remedy="start a new run with another --out")  # fmt: skip
+            remedy="start a new run with another --out",
+        )
     return check_run_document(content, run / "run.json")
 
 
@@ -157,15 +165,21 @@ def session(run: Path) -> Iterator[dict[str, Any]]:
             _take(lock)
         except BlockingIOError:
             lock.seek(0)
-            raise _error("run.locked", run,
+            raise _error(
+                "run.locked",
+                run,
                 f"another process writes to this run ({lock.read().strip() or 'unknown'})",
                 expected="one 'toppling run' for a folder at a time",
-                remedy="wait for it, or stop it first") from None  # fmt: skip
+                remedy="wait for it, or stop it first",
+            ) from None
         except OSError as error:
-            raise _error("run.not_lockable", run, f"files cannot be locked on this file system ({error.strerror})",
+            raise _error(
+                "run.not_lockable",
+                run,
+                f"files cannot be locked on this file system ({error.strerror})",
                 expected="a file system with flock, so that one 'toppling run' at a time writes to a folder",
-                remedy="give --out on another one, or have it mounted with locks (Lustre: -o flock)"
-            ) from None  # fmt: skip
+                remedy="give --out on another one, or have it mounted with locks (Lustre: -o flock)",
+            ) from None
         lock.truncate(0)
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
@@ -270,21 +284,32 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
         if there.get(name) != version
     ]
     if differing and not difference:
-        raise _error("run.versions_differ", run, f"the run was begun with {'; '.join(differing)}",
+        raise _error(
+            "run.versions_differ",
+            run,
+            f"the run was begun with {'; '.join(differing)}",
             expected="the same versions to the end, so that all rows are comparable",
-            remedy="go on with the old environment, or start a new run with another --out")  # fmt: skip
+            remedy="go on with the old environment, or start a new run with another --out",
+        )
     if content.get("plan_id") != plan.id:
-        raise _error("run.of_another_campaign", run,
+        raise _error(
+            "run.of_another_campaign",
+            run,
             f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)}){difference}",
             expected="the same campaign, scene and ensemble as when the run was begun",
-            remedy="give another --out, or go on with the one that lies in the folder")  # fmt: skip
+            remedy="give another --out, or go on with the one that lies in the folder",
+        )
     required = digest.check(run / "run.json")
     begun_with = set(content.get("files") or run_integrity.NEEDED)
     lacking = [name for name in sorted(begun_with) if not (run / name).exists()]
     if lacking:
-        raise _error("run.file_gone", run, f"{', '.join(lacking)} of this run is gone",
+        raise _error(
+            "run.file_gone",
+            run,
+            f"{', '.join(lacking)} of this run is gone",
             expected="all that the run was begun with",
-            remedy="put it back from where the folder was copied, or start a new run with another --out")  # fmt: skip
+            remedy="put it back from where the folder was copied, or start a new run with another --out",
+        )
     for name in run_integrity.written_once(run):
         digest.check(run / name, required=required)
 
@@ -298,10 +323,13 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
     for name in names:
         path = source / name
         if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise InputError("file.not_regular", "is a link" if path.is_symlink() else "is no regular file",
+            raise InputError(
+                "file.not_regular",
+                "is a link" if path.is_symlink() else "is no regular file",
                 where=str(path),
                 expected="the file itself: links inside a scene or an ensemble are not followed into a run",
-                remedy="put a copy of what it leads to in its place (cp -L)")  # fmt: skip
+                remedy="put a copy of what it leads to in its place (cp -L)",
+            )
         if path.exists():
             shutil.copyfile(path, target / name)
 
@@ -329,9 +357,13 @@ def _campaign_differs(run: Path, plan: "Plan", described: Mapping[str, Any]) -> 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:
     for path in places:
         if path.is_symlink():
-            raise _error("run.link_elsewhere", run, f"{path.relative_to(run)} is a link that leads elsewhere",
+            raise _error(
+                "run.link_elsewhere",
+                run,
+                f"{path.relative_to(run)} is a link that leads elsewhere",
                 expected="a folder with its own content",
-                remedy="do not write to a run whose origin you do not know; give another --out")  # fmt: skip
+                remedy="do not write to a run whose origin you do not know; give another --out",
+            )
 
 
 def _error(code: str, run: Path, what: str, expected: str, remedy: str) -> InputError:

@@ -60,8 +60,11 @@ def _longitude(given: Any, place: Place) -> float:
 def _latitude(given: Any, place: Place) -> float:
     if not documents.is_number(given) or not -90 <= given <= 90:
         swapped = documents.is_number(given) and -180 <= given <= 360
-        raise place.wrong("rocks.value_unusable", documents.shown(given),
-            remedy="exchange longitude and latitude" if swapped else place.remedy)  # fmt: skip
+        raise place.wrong(
+            "rocks.value_unusable",
+            documents.shown(given),
+            remedy="exchange longitude and latitude" if swapped else place.remedy,
+        )
     return float(given)
 
 
@@ -119,8 +122,9 @@ def _rows(given: Path) -> Iterable[dict[str, Any]]:
         rows: Any = content.get("rock")
         sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
         if not sound or set(content) != {"rock"}:
-            raise Place(str(given)).wrong("rocks.none_listed", "no list of rocks",
-                "a table [[rock]] for each", "correct the file")  # fmt: skip
+            raise Place(str(given)).wrong(
+                "rocks.none_listed", "no list of rocks", "a table [[rock]] for each", "correct the file"
+            )
         return rows
     return _rows_of_csv(given)
 
@@ -141,18 +145,28 @@ def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
     names |= dict.fromkeys(in_unit, "age")
     if "scene" not in names.values():
         header = documents.shown(", ".join(written.values()))
-        raise Place(str(given)).wrong("rocks.no_scene_column",
-            f"no column 'scene' in its first line, {header}", "a header such as scene,site,age",
-            "put it above the rocks")  # fmt: skip
+        raise Place(str(given)).wrong(
+            "rocks.no_scene_column",
+            f"no column 'scene' in its first line, {header}",
+            "a header such as scene,site,age",
+            "put it above the rocks",
+        )
     if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
-        raise Place(str(given)).wrong("rocks.column_repeated",
-            f"the column {documents.shown(twice[0])} twice", "each column once", "remove one")  # fmt: skip
+        raise Place(str(given)).wrong(
+            "rocks.column_repeated",
+            f"the column {documents.shown(twice[0])} twice",
+            "each column once",
+            "remove one",
+        )
     for count, row in enumerate(cells[1:], 1):
         if beyond := [cell for column, cell in row.items() if column not in names]:
             remedy = "name its column, or write decimal points, or separate cells by semicolons"
-            raise Place(f"{given}, rock {count}").wrong("rocks.cell_unnamed",
-                f"{documents.shown(beyond[0])} in a column without a name", "a cell for each column",
-                remedy)  # fmt: skip
+            raise Place(f"{given}, rock {count}").wrong(
+                "rocks.cell_unnamed",
+                f"{documents.shown(beyond[0])} in a column without a name",
+                "a cell for each column",
+                remedy,
+            )
     return (
         {
             names[column]: _of_cell(names[column], cell, in_unit.get(column, ""))
@@ -177,16 +191,19 @@ def _of_cell(name: str, text: str, unit: str) -> Any:
 def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
     read = read_keys(SITE_KEYS, row, where, folder)
     if (read["longitude"] is None) != (read["latitude"] is None):
-        raise Place(where).wrong("rocks.place_incomplete", "one of longitude and latitude", "both or neither",
-            "add the other")  # fmt: skip
+        raise Place(where).wrong(
+            "rocks.place_incomplete", "one of longitude and latitude", "both or neither", "add the other"
+        )
     if read["ensemble"] and read["seismograms"]:
-        raise Place(where).wrong("rocks.records_given_twice", "an ensemble and seismograms", "one of them",
-            "remove one")  # fmt: skip
+        raise Place(where).wrong(
+            "rocks.records_given_twice", "an ensemble and seismograms", "one of them", "remove one"
+        )
     for name in ("ensemble", "seismograms"):
         if read[name] and not read[name].exists():
             remedy = "correct the path, which begins at the table's folder"
-            raise Place(f"{where}: {name}").wrong("file.absent",
-                f"{read[name]}: there is no such file or folder", "records", remedy)  # fmt: skip
+            raise Place(f"{where}: {name}").wrong(
+                "file.absent", f"{read[name]}: there is no such file or folder", "records", remedy
+            )
     read["scene"] = _scene_folder(read["scene"])
     read["rock"] = read["rock"] or rock_name(read["scene"])
     return Site(**read | {"site": read["site"] or read["rock"]})
@@ -210,8 +227,12 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
         scenes = [one for match in matches if ((one := _scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
-            raise place.wrong("rocks.no_scene", f"{documents.shown(pattern)} names no scene",
-                "folders with a scene.json", "correct the path")  # fmt: skip
+            raise place.wrong(
+                "rocks.no_scene",
+                f"{documents.shown(pattern)} names no scene",
+                "folders with a scene.json",
+                "correct the path",
+            )
         found |= dict.fromkeys(scenes)
     return list(found)
 
@@ -234,8 +255,12 @@ def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
     if twice := [site for site in sites if counts[site.rock.casefold()] > 1]:
         scenes = " and ".join(str(one.scene) for one in twice[:2])
         remedy = "name them in a table's column 'rock', or give each scene once"
-        raise Place(where).wrong("rocks.name_repeated", f"the rock {twice[0].rock} twice ({scenes})",
-            "a name for each rock", remedy)  # fmt: skip
+        raise Place(where).wrong(
+            "rocks.name_repeated",
+            f"the rock {twice[0].rock} twice ({scenes})",
+            "a name for each rock",
+            remedy,
+        )
     return sites
 
 
@@ -295,8 +320,9 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
     if not came.records:
         reasons = "; ".join(f"{one.subject}: {one.reason}" for one in came.refusals[:3]) or "no record file"
         remedy = "import them with 'toppling records import' and name the ensemble"
-        raise Place(str(source)).wrong("rocks.no_seismograms", reasons, "seismograms of three components",
-            remedy)  # fmt: skip
+        raise Place(str(source)).wrong(
+            "rocks.no_seismograms", reasons, "seismograms of three components", remedy
+        )
     return tuple(came.records)
 
 
@@ -309,6 +335,7 @@ def _of_station(records: Iterable[Record], station: str | None, source: Path) ->
     if not chosen:
         there = ", ".join(sorted({one.station or "(none)" for one in records})[:5])
         remedy = "name the station in the table's column 'site'"
-        raise Place(str(source)).wrong("rocks.no_record", f"no record of site {station}",
-            f"one of its stations: {there}", remedy)  # fmt: skip
+        raise Place(str(source)).wrong(
+            "rocks.no_record", f"no record of site {station}", f"one of its stations: {there}", remedy
+        )
     return chosen

@@ -107,11 +107,15 @@ def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.Duck
             if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
                 for run in runs:
                     newest_rows(result_files(run.root))
-            raise InputError("query.failed", str(error), where="SQL",
+            raise InputError(
+                "query.failed",
+                str(error),
+                where="SQL",
                 expected="DuckDB's SQL over the tables results, motions, scene",
-                remedy="write toppled::int to count or average it" if "BOOLEAN" in str(error)
-                else "'toppling query RUN --describe' names every column, and texts stand between single quotes"
-            ) from error  # fmt: skip
+                remedy="write toppled::int to count or average it"
+                if "BOOLEAN" in str(error)
+                else "'toppling query RUN --describe' names every column, and texts stand between single quotes",
+            ) from error
 
 
 def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
@@ -123,8 +127,13 @@ def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBP
     names = [run.name for run in runs]
     if len(set(names)) < len(names):
         what = f"two of the runs {', '.join(names)} have the same name"
-        raise InputError("run.names_repeated", what, where="query", expected="folders of different names",
-            remedy="rename one of the folders")  # fmt: skip
+        raise InputError(
+            "run.names_repeated",
+            what,
+            where="query",
+            expected="folders of different names",
+            remedy="rename one of the folders",
+        )
     config: dict[str, Any] = {} if trusted else {**_LOCKED, "memory_limit": f"{_MEMORY_BYTES >> 20}MiB"}
     connection = duckdb.connect(config=config)
     for view in ("results", "motions", "scene", "bases"):
@@ -162,15 +171,23 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     of_atlas = kinds["rock"].notna().all()
     columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
     values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
-    raise InputError("query.runs_differ", f"these runs differ in {values}, and the query pools their rows",
-        where="SQL", expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
-        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"')  # fmt: skip
+    raise InputError(
+        "query.runs_differ",
+        f"these runs differ in {values}, and the query pools their rows",
+        where="SQL",
+        expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
+        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
+    )
 
 
 def _refused(what: str) -> InputError:
-    return InputError("query.not_allowed", what, where="SQL",
+    return InputError(
+        "query.not_allowed",
+        what,
+        where="SQL",
         expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
-        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files")  # fmt: skip
+        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files",
+    )
 
 
 @contextlib.contextmanager
@@ -214,7 +231,10 @@ def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
 
 
 def _too_much(what: str) -> InputError:
-    return InputError("query.too_large", what, where="SQL",
+    return InputError(
+        "query.too_large",
+        what,
+        where="SQL",
         expected=f"a query of at most {_MEMORY_BYTES / 1e9:.1f} GB and {_TIME_S:g} s",
-        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know"
-    )  # fmt: skip
+        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know",
+    )

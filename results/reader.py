@@ -58,10 +58,13 @@ class Run:
         self.path = at_hand(path)
         marks = ("run.json", "results.parquet", "parts")
         if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
-            raise InputError("run.absent",
+            raise InputError(
+                "run.absent",
                 f"is not a run{instead(self.path)}" if self.path.exists() else "does not exist",
-                where=str(self.path), expected="the folder of a run, with " + ", ".join(marks),
-                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'")  # fmt: skip
+                where=str(self.path),
+                expected="the folder of a run, with " + ", ".join(marks),
+                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
+            )
         self.root = atlas_of(self.path) or self.path
         check_files(self.root)
         check_audits(self.root)

@@ -143,7 +143,8 @@ def _compare(run: Path) -> None:
     for name, key, found in _ids(run, document, recorded):
         if found != document[key]:
             raise ForeignError(
-                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name)  # fmt: skip
+                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name
+            )
 
 
 def _ids(

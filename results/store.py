@@ -243,10 +243,13 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         return True
     # A file that says it holds results would, where a column is not as declared, answer with nulls.
     if b"schema_version" in (schema.metadata or {}):
-        raise InputError("run.columns_other", f"the columns {', '.join(wrong)} are missing or of another type",
-            where=str(path), expected=f"results of schema version {SCHEMA_VERSION}",
-            remedy="read the run with the program that wrote it (versions in run.json), or start it again"
-        )  # fmt: skip
+        raise InputError(
+            "run.columns_other",
+            f"the columns {', '.join(wrong)} are missing or of another type",
+            where=str(path),
+            expected=f"results of schema version {SCHEMA_VERSION}",
+            remedy="read the run with the program that wrote it (versions in run.json), or start it again",
+        )
     _log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
     return False
 

@@ -64,10 +64,13 @@ class Weights:
         Raises InputError if the draws were not weighed under it.
         """
         if contact not in self.by_contact:
-            raise InputError("run.contact_without_weights",
+            raise InputError(
+                "run.contact_without_weights",
                 f"no weights of the bases under friction {contact[0]:g}, {contact[1]:g} and restitution {contact[2]:g}",
-                where=WEIGHTS_FILE, expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
-                remedy="begin a new run with another --out")  # fmt: skip
+                where=WEIGHTS_FILE,
+                expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
+                remedy="begin a new run with another --out",
+            )
         return self.by_contact[contact]
 
     def table(self) -> pa.Table:
@@ -104,12 +107,14 @@ class Weights:
             }
             sound = all(np.isfinite(each).all() and (each > 0).all() for each in by_contact.values())
             if not (by_contact and sound):
-                raise _no_weights("run.weights_unusable", "holds no weights, or one that is not positive",
-                    path)  # fmt: skip
+                raise _no_weights(
+                    "run.weights_unusable", "holds no weights, or one that is not positive", path
+                )
             return cls(by_contact, **{**notes, "remarks": tuple(notes["remarks"])})  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
-            raise _no_weights("run.weights_unreadable", f"is not whole ({type(error).__name__}: {error})",
-                path) from None  # fmt: skip
+            raise _no_weights(
+                "run.weights_unreadable", f"is not whole ({type(error).__name__}: {error})", path
+            ) from None
 
     def summary(self, frame: pd.DataFrame) -> dict[str, Any]:
         """What a program reads of the weights of the bases of some rows.

@@ -123,9 +123,13 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
     """
     record = assets.ensemble.record(spec.record_id)
     if (assets.scene.id, record.sha) != (spec.scene_id, spec.record_sha):
-        raise InputError("job.assets_differ", f"scene {assets.scene.id} and record {record.sha}",
-            where=f"job {spec.job_id}", expected=f"scene {spec.scene_id} and record {spec.record_sha}",
-            remedy="plan the campaign anew: its scene or ensemble has changed")  # fmt: skip
+        raise InputError(
+            "job.assets_differ",
+            f"scene {assets.scene.id} and record {record.sha}",
+            where=f"job {spec.job_id}",
+            expected=f"scene {spec.scene_id} and record {spec.record_sha}",
+            remedy="plan the campaign anew: its scene or ensemble has changed",
+        )
     unmeasured = spec.unmeasured or Unmeasured()
     azimuth_deg = spec.azimuth_deg + unmeasured.turn_deg(spec.realisation)
     record = unmeasured.record(record, spec.realisation)

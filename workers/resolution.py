@@ -42,9 +42,13 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
         )
     longest_s = _LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
     if not 0.0 < asked_s <= longest_s:
-        raise InputError("shake.step_out_of_range", f"time_step is {asked_s} s", where="shake",
+        raise InputError(
+            "shake.step_out_of_range",
+            f"time_step is {asked_s} s",
+            where="shake",
             expected=f"a positive number up to {longest_s:.4g} s for a rock of this size",
-            remedy="leave it out: the preset chooses one")  # fmt: skip
+            remedy="leave it out: the preset chooses one",
+        )
     return float(asked_s)
 
 

@@ -37,11 +37,14 @@ def settled(scene: Scene) -> Scene:
     """
     kinetic, least = scene.contact.friction_kinetic, friction_that_stops(scene)
     if kinetic < min(scene.contact.friction_static, least):
-        raise InputError("contact.slides_forever",
+        raise InputError(
+            "contact.slides_forever",
             f"friction_kinetic is {kinetic} on a slope of {scene.pedestal.slope_deg:.1f} degrees: "
-            "a rock that slips never stops", where=f"scene {scene.id}",
+            "a rock that slips never stops",
+            where=f"scene {scene.id}",
             expected=f"at least tan(slope), {least:.3f}",
-            remedy="raise it: a rock that lies still after a slip shows that it is higher")  # fmt: skip
+            remedy="raise it: a rock that lies still after a slip shows that it is higher",
+        )
     if not scene.ground.is_plane:
         rock = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, f"scene {scene.id}")
         return dataclasses.replace(scene, rock=rock)

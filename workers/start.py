@@ -80,17 +80,26 @@ def checked_start(initial: State | Mapping[str, Any]) -> State:
     for name, value in given.items():
         size = _STATE_SIZES.get(name)
         if size is None:
-            raise InputError("shake.start_unknown", f"initial has {name!r}", where="shake, initial",
-                expected=", ".join(_STATE_SIZES), remedy="leave it out, or correct its name")  # fmt: skip
+            raise InputError(
+                "shake.start_unknown",
+                f"initial has {name!r}",
+                where="shake, initial",
+                expected=", ".join(_STATE_SIZES),
+                remedy="leave it out, or correct its name",
+            )
         try:
             numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
         except (TypeError, ValueError):
             numbers = np.array(np.nan)
         no_turn = name == "quaternion_xyzw" and not numbers.any()
         if numbers.shape != (size,) or not np.isfinite(numbers).all() or no_turn:
-            raise InputError("shake.start_unusable", f"{name} is {value}", where="shake, initial",
+            raise InputError(
+                "shake.start_unusable",
+                f"{name} is {value}",
+                where="shake, initial",
                 expected=f"{size} finite numbers" + (", not all of them zero" if no_turn else ""),
-                remedy="leave it out: the rock then starts with that of the scene, or at rest")  # fmt: skip
+                remedy="leave it out: the rock then starts with that of the scene, or at rest",
+            )
     return State(**given)
 
 
@@ -104,9 +113,11 @@ def _out_of_the_ground(contact: ContactModel, pose: Array) -> Array:
     """
     deep_share = -float(contact.gaps_m(pose).min()) / contact.half_diagonal_m
     if deep_share > _DEEPEST_START_SHARE:
-        raise InputError("shake.starts_in_ground",
+        raise InputError(
+            "shake.starts_in_ground",
             f"the rock starts inside the ground, {deep_share:.2g} of its half diagonal deep",
             where="shake, initial",
             expected=f"a lowest point no deeper than {_DEEPEST_START_SHARE} of the half diagonal",
-            remedy="raise position_m, which is that of the centre of mass")  # fmt: skip
+            remedy="raise position_m, which is that of the centre of mass",
+        )
     return contact.touching(pose) if deep_share > _SUNK_SHARE else pose

@@ -47,8 +47,11 @@ class Claim:
         self.store.create(CLAIM, text)
         # Whose it is counts: a put that was answered too late has been carried out, and some stores know no condition.
         if self.store.read(CLAIM) != text:
-            raise self._error("store.written_by_another", f"is written to by {self.writer()}",
-                "wait for it or stop it; if it was killed, add --take-over (in Python take_over=True)")  # fmt: skip
+            raise self._error(
+                "store.written_by_another",
+                f"is written to by {self.writer()}",
+                "wait for it or stop it; if it was killed, add --take-over (in Python take_over=True)",
+            )
         self.loss, self._text = None, text
 
     def check(self) -> None:
@@ -61,9 +64,11 @@ class Claim:
             return
         by = _first_line(there) or "a process that has ended"
         if not self._text:
-            raise self._error("store.written_by_another", f"is written to by {by}",
-                "give the same command again once that has ended; if it was killed, go on with the run by --take-over"
-            )  # fmt: skip
+            raise self._error(
+                "store.written_by_another",
+                f"is written to by {by}",
+                "give the same command again once that has ended; if it was killed, go on with the run by --take-over",
+            )
         self.loss = self._error("store.taken_over", f"was taken over by {by}",
             "let that one go on, or stop it and give the same command again")  # fmt: skip
         raise self.loss
@@ -80,9 +85,13 @@ class Claim:
         return _first_line(self.store.read(CLAIM))
 
     def _error(self, code: str, what: str, remedy: str) -> InputError:
-        return InputError(code, what, where=self.store.address,
+        return InputError(
+            code,
+            what,
+            where=self.store.address,
             expected="one process that writes to a folder in a store, on whichever machine",
-            remedy=remedy)  # fmt: skip
+            remedy=remedy,
+        )
 
 
 def _first_line(text: bytes) -> str:

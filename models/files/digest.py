@@ -132,15 +132,20 @@ def damaged(path: _PathLike, why: object) -> DamagedError:
     remedy = "copy it again from where it was made, or make it anew"
     if Path(path).suffix == ".json":
         remedy += "; if you changed it, remove its line 'digest'"
-    return DamagedError("file.damaged", what, where=str(path), expected="the file as it was written",
-        remedy=remedy)  # fmt: skip
+    return DamagedError(
+        "file.damaged", what, where=str(path), expected="the file as it was written", remedy=remedy
+    )
 
 
 def unopened(path: _PathLike, error: OSError) -> InputError:
     """Say that a file cannot be opened, which is no damage: it may be whole."""
-    return InputError("file.not_opened", f"cannot be opened ({error.strerror or error})", where=str(path),
+    return InputError(
+        "file.not_opened",
+        f"cannot be opened ({error.strerror or error})",
+        where=str(path),
         expected="a file that this account may read, on a disk that answers",
-        remedy="give the right to read it, or mount its disk again; it stays as it is")  # fmt: skip
+        remedy="give the right to read it, or mount its disk again; it stays as it is",
+    )
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

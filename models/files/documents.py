@@ -122,15 +122,19 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise _unreadable("document.unreadable", path, f"is not TOML ({_brief(error)})", _TOML,
-            _toml_remedy(str(error))) from None  # fmt: skip
+        raise _unreadable(
+            "document.unreadable", path, f"is not TOML ({_brief(error)})", _TOML, _toml_remedy(str(error))
+        ) from None
     if _is_deep(content):
         raise refuse("document.too_deep", f"is nested too deep: more than {_DEEPEST} levels", path)
     for key, value in content.items():
         for number in _values_in(value):
             if isinstance(number, int | float) and not (isinstance(number, bool) or is_number(number)):
-                raise refuse("document.number_too_large", f"{shown(number)} is no number that a double holds",
-                    f"{path}: {key}")  # fmt: skip
+                raise refuse(
+                    "document.number_too_large",
+                    f"{shown(number)} is no number that a double holds",
+                    f"{path}: {key}",
+                )
     return content
 
 
@@ -156,9 +160,13 @@ def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[
         for row in filter(None, reader):
             yield reader.line_num, row
     except csv.Error as error:
-        raise InputError("table.unreadable", f"is no CSV ({error})", where=f"{where}:{reader.line_num}",
+        raise InputError(
+            "table.unreadable",
+            f"is no CSV ({error})",
+            where=f"{where}:{reader.line_num}",
             expected="a CSV table with a header line",
-            remedy="look for a quote that is not closed, or save the table as CSV again") from None  # fmt: skip
+            remedy="look for a quote that is not closed, or save the table as CSV again",
+        ) from None
 
 
 @dataclass(frozen=True)

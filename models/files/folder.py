@@ -37,11 +37,14 @@ def local(path: str | os.PathLike[str]) -> Path:
     if here := _HERE.match(text):
         return Path(unquote(text[here.end() :]))
     if found := _REMOTE.search(text):
-        raise InputError("file.is_address", f"is an address ({found[0].strip('/')}//), no path", where=text,
+        raise InputError(
+            "file.is_address",
+            f"is an address ({found[0].strip('/')}//), no path",
+            where=text,
             expected="a folder or file of this machine; of a run's folder also the address of a store "
             "(s3://, gs://, abfs://, sftp://, ...)",
-            remedy="check how the address begins, copy the folder here, or mount the store and give that path"
-        )  # fmt: skip
+            remedy="check how the address begins, copy the folder here, or mount the store and give that path",
+        )
     return Path(path)
 
 

@@ -54,9 +54,11 @@ def open_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float |
         if not stat.S_ISREG(state.st_mode):
             raise refuse("file.not_regular", "is no file: a pipe or a device", path)
         if most_bytes is not None and state.st_size > most_bytes:
-            raise refuse("file.too_large",
+            raise refuse(
+                "file.too_large",
                 f"has {state.st_size / 1e6:,.3g} MB, more than the {most_bytes / 1e6:,.3g} MB of any such file",
-                path)  # fmt: skip
+                path,
+            )
     except BaseException:
         os.close(number)
         raise

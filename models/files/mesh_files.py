@@ -72,8 +72,9 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
         remedy = "a point cloud becomes a scene with 'toppling scan'"
-        raise InputError("mesh.empty", "holds no triangles", where=str(path), expected="a triangle mesh",
-            remedy=remedy)  # fmt: skip
+        raise InputError(
+            "mesh.empty", "holds no triangles", where=str(path), expected="a triangle mesh", remedy=remedy
+        )
     check_triangles(vertices, faces, str(path))
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
@@ -108,9 +109,13 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
             return mesh[0], mesh[1], what
     elif hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return mesh.vertices, mesh.faces, what
-    raise InputError("mesh.kind_unknown", f"is a {type(mesh).__name__}", where=what,
+    raise InputError(
+        "mesh.kind_unknown",
+        f"is a {type(mesh).__name__}",
+        where=what,
         expected="a path, a pair of vertices (n, 3) and triangles (m, 3), or an object with vertices and faces",
-        remedy="a trimesh.Scene becomes one mesh with to_mesh()")  # fmt: skip
+        remedy="a trimesh.Scene becomes one mesh with to_mesh()",
+    )
 
 
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
@@ -140,8 +145,11 @@ def _whole_stl(content: bytes, path: Path) -> bytes:
     whole = _STL_HEADER_BYTES + 4 + _STL_TRIANGLE_BYTES * count
     if len(content) < whole:
         lacking = -(-(whole - len(content)) // _STL_TRIANGLE_BYTES)
-        raise _damaged("file.truncated",
-            f"lacks {lacking} of the {count} triangles that its header counts: truncated", path)  # fmt: skip
+        raise _damaged(
+            "file.truncated",
+            f"lacks {lacking} of the {count} triangles that its header counts: truncated",
+            path,
+        )
     return content if content[whole:].strip(b"\0") else content[:whole]
 
 
@@ -156,8 +164,11 @@ def _check_gltf(content: bytes, path: Path) -> None:
     if any(accessors[place].get("normalized") for place in places):
         needed.append("normalised positions")
     if needed:
-        raise _damaged("mesh.variant_unknown",
-            f"its triangles need {', '.join(map(str, needed))}, which is not read", path)  # fmt: skip
+        raise _damaged(
+            "mesh.variant_unknown",
+            f"its triangles need {', '.join(map(str, needed))}, which is not read",
+            path,
+        )
 
 
 def _counted_from_the_first(content: bytes) -> bytes:

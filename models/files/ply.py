@@ -99,8 +99,9 @@ def read_header(path: Path) -> _Header:
     order, elements = _parsed(lines, path)
     names = [each.name for each in elements]
     if len(set(names)) < len(names):
-        raise _damaged("ply.name_repeated", f"the header declares {', '.join(names)}: one of them twice",
-            path)  # fmt: skip
+        raise _damaged(
+            "ply.name_repeated", f"the header declares {', '.join(names)}: one of them twice", path
+        )
     least = sum(
         each.count * sum(2 if not order else part.least_bytes for part in each.properties)
         for each in elements
@@ -108,9 +109,11 @@ def read_header(path: Path) -> _Header:
     # Of the last number in ASCII the line end may lack.
     if least > size - end.end() + (not order):
         counts = ", ".join(f"{each.count} {each.name}" for each in elements)
-        raise _damaged("file.truncated",
+        raise _damaged(
+            "file.truncated",
             f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it",
-            path)  # fmt: skip
+            path,
+        )
     return _Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
 
 
@@ -170,8 +173,9 @@ def _vertex_rows(header: _Header) -> dict[str, NDArray]:
         return {}
     *before, element = header.elements[: names.index("vertex") + 1]
     if element.has_lists or any(each.has_lists for each in before if header.order):
-        raise _damaged("ply.list_before_vertex", "a list stands before or among the properties of 'vertex'",
-            header.path)  # fmt: skip
+        raise _damaged(
+            "ply.list_before_vertex", "a list stands before or among the properties of 'vertex'", header.path
+        )
     if header.order:
         at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
@@ -191,9 +195,12 @@ def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, N
         if element.count:
             table = np.loadtxt(lines, ndmin=2, comments=None)
     if table.shape != (element.count, len(element.properties)):
-        raise _damaged("file.truncated",
+        raise _damaged(
+            "file.truncated",
             f"{' x '.join(map(str, table.shape))} numbers where the header counts {element.count} rows of "
-            f"{len(element.properties)}: it is damaged or truncated", header.path)  # fmt: skip
+            f"{len(element.properties)}: it is damaged or truncated",
+            header.path,
+        )
     return {each.name: table[:, column] for column, each in enumerate(element.properties)}
 
 
@@ -227,6 +234,9 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element]]:
     for name, _, properties in elements:
         names = [each.name for each in properties]
         if not names or len(set(names)) < len(names):
-            raise _damaged("ply.element_unusable",
-                f"the element '{name[:60]}' has no properties, or two of one name", path)  # fmt: skip
+            raise _damaged(
+                "ply.element_unusable",
+                f"the element '{name[:60]}' has no properties, or two of one name",
+                path,
+            )
     return order, [_Element(name, count, tuple(properties)) for name, count, properties in elements]

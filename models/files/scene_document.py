@@ -113,11 +113,16 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     check_shape(document, _SHAPE, path)
     normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
-        raise _unread("scene.normal_unusable", f"interface.normal is {normal}", path,
-            "a unit vector that points up")  # fmt: skip
+        raise _unread(
+            "scene.normal_unusable", f"interface.normal is {normal}", path, "a unit vector that points up"
+        )
     if rows > _MOST_AZIMUTHS:
-        raise _unread("scene.too_many_azimuths", f"quasi_static_toppling_m_s2 has {rows} rows", path,
-            f"at most {_MOST_AZIMUTHS} azimuths")  # fmt: skip
+        raise _unread(
+            "scene.too_many_azimuths",
+            f"quasi_static_toppling_m_s2 has {rows} rows",
+            path,
+            f"at most {_MOST_AZIMUTHS} azimuths",
+        )
     return document
 
 
@@ -145,9 +150,11 @@ def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = Fa
         name for name in there if (stated or files) and files.get(name) != digest.stated(folder / name)
     ]
     if len(foreign) == 1:
-        raise _foreign("scene.file_foreign", "is of another scene than the scene.json beside it",
-            folder / foreign[0])  # fmt: skip
+        raise _foreign(
+            "scene.file_foreign", "is of another scene than the scene.json beside it", folder / foreign[0]
+        )
     if foreign:
-        raise _foreign("scene.file_foreign", f"scene.json is of another scene than {', '.join(foreign)}",
-            folder)  # fmt: skip
+        raise _foreign(
+            "scene.file_foreign", f"scene.json is of another scene than {', '.join(foreign)}", folder
+        )
     return document

@@ -95,9 +95,13 @@ class Store:
         }
         for name in files:
             if not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
-                raise InputError("store.object_foreign", f"holds an object named {name!r}",
-                    where=self.address, expected="files of a run, in folders below it",
-                    remedy="remove that object, or give another address")  # fmt: skip
+                raise InputError(
+                    "store.object_foreign",
+                    f"holds an object named {name!r}",
+                    where=self.address,
+                    expected="files of a run, in folders below it",
+                    remedy="remove that object, or give another address",
+                )
         return files
 
     def holds(self, name: str) -> bool:
@@ -284,10 +288,13 @@ def _file_system(address: str) -> tuple[Any, str]:
         system, root = fsspec.core.url_to_fs(address)
         system.dircache.use_listings_cache = False  # others write there too
     except (ImportError, ValueError) as error:
-        raise InputError("store.kind_unknown", f"is in a kind of store that cannot be reached from here ({error})",
-            where=address, expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here"
-        ) from None  # fmt: skip
+        raise InputError(
+            "store.kind_unknown",
+            f"is in a kind of store that cannot be reached from here ({error})",
+            where=address,
+            expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
+            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here",
+        ) from None
     except Exception as error:  # (some connect at once, and each package has errors of its own)
         raise no_answer(address, error) from None
     return PyFileSystem(FSSpecHandler(system)), root
@@ -312,7 +319,11 @@ def azure_arguments(connection: str) -> dict[str, str]:
 def no_answer(address: str, error: Exception) -> InputError:
     """Tell what a store, or what reaches it, complains of."""
     said = str(error).splitlines() or [type(error).__name__]
-    return InputError("store.no_answer", f"the store gives no answer ({said[0]})", where=address,
+    return InputError(
+        "store.no_answer",
+        f"the store gives no answer ({said[0]})",
+        where=address,
         expected="a bucket that exists, and credentials that may read and write it",
         remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "
-        f"{_AZURE}; FSSPEC_...)")  # fmt: skip
+        f"{_AZURE}; FSSPEC_...)",
+    )

@@ -190,11 +190,14 @@ class Copy:
         return {name: stamp for name, stamp in found.items() if self._known.get(name, (None,))[0] != stamp}
 
     def _not_whole(self, name: str, there: int, sent: int) -> InputError:
-        return InputError("store.not_as_sent",
+        return InputError(
+            "store.not_as_sent",
             f"the store does not hold {name} as it was sent: {there} bytes are there, "
-            + (f"{sent} were sent" if sent >= 0 else "which another process wrote"), where=self.address,
+            + (f"{sent} were sent" if sent >= 0 else "which another process wrote"),
+            where=self.address,
             expected="all of each file, from one writer",
-            remedy="give the same command again; if it happens again, look for its cause in the store")  # fmt: skip
+            remedy="give the same command again; if it happens again, look for its cause in the store",
+        )
 
     @contextlib.contextmanager
     def _written_here(self) -> Iterator[None]:

@@ -39,8 +39,13 @@ def surface_below(
     """
     check_triangles(vertices_m, faces, where)
     if len(faces) == 0:
-        raise InputError("mesh.empty", "holds no triangles", where=where,
-            expected="the surface below the rock", remedy="give it as a triangle mesh")  # fmt: skip
+        raise InputError(
+            "mesh.empty",
+            "holds no triangles",
+            where=where,
+            expected="the surface below the rock",
+            remedy="give it as a triangle mesh",
+        )
     faces = _facing_up(np.asarray(vertices_m, float), np.asarray(faces, np.int64))
     level = Pedestal(rock.com_m, np.array([0.0, 0.0, 1.0]), np.asarray(vertices_m, float), faces)
     try:

@@ -142,9 +142,13 @@ def contact_mesh(
 
 def not_touching(within_m: float) -> InputError:
     """The refusal of a rock that is farther from the ground than `within_m`, or as deep in it."""
-    return InputError("rock.apart_from_pedestal", "the rock does not touch the ground", where="scene",
+    return InputError(
+        "rock.apart_from_pedestal",
+        "the rock does not touch the ground",
+        where="scene",
         expected=f"a rock within {within_m:.3g} m of its pedestal's surface",
-        remedy="give rock and pedestal in one frame, the rock as it stands")  # fmt: skip
+        remedy="give rock and pedestal in one frame, the rock as it stands",
+    )
 
 
 def _within(

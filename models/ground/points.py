@@ -144,10 +144,13 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Arr
     try:
         hull = ConvexHull(points_m)
     except QhullError:
-        raise InputError("rock.touches_in_a_plane",
-            "all points of the rock that can touch lie in one plane or line", where="scene",
+        raise InputError(
+            "rock.touches_in_a_plane",
+            "all points of the rock that can touch lie in one plane or line",
+            where="scene",
             expected="a rock with a volume over its pedestal",
-            remedy="check that the pedestal lies below the rock") from None  # fmt: skip
+            remedy="check that the pedestal lies below the rock",
+        ) from None
     normals = hull.equations[:, :3]
     facet, across = np.repeat(np.arange(len(normals)), 3), hull.neighbors.ravel()
     from_arc = _angle_to_arc_deg(normals[facet], normals[across])

@@ -161,21 +161,24 @@ class UnseenBase:
         try:
             content = read_json(path)
             if content["schema_version"] != SCHEMA_VERSION:
-                raise _no_draws("document.schema_version", f"schema version {content['schema_version']}",
-                    path)  # fmt: skip
+                raise _no_draws(
+                    "document.schema_version", f"schema version {content['schema_version']}", path
+                )
             draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
             band_m, nominal = float(content["band_m"]), content.get("nominal")
             vertices = _numbers(content.get("vertices"), draws)
         except InputError:
             raise
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise _no_draws("draws.unreadable", f"is not whole ({type(error).__name__}: {error})",
-                path) from None  # fmt: skip
+            raise _no_draws(
+                "draws.unreadable", f"is not whole ({type(error).__name__}: {error})", path
+            ) from None
         if not draws or not (band_m > 0.0 or (vertices is not None and band_m == 0.0)):
             raise _no_draws("draws.value_unusable", f"{len(draws)} draws below {band_m} m", path)
         if nominal is not None and (type(nominal) is not int or not 0 <= nominal < len(draws)):
-            raise _no_draws("draws.value_unusable", f"nominal is {shown(nominal)}, of {len(draws)} draws",
-                path)  # fmt: skip
+            raise _no_draws(
+                "draws.value_unusable", f"nominal is {shown(nominal)}, of {len(draws)} draws", path
+            )
         return cls(band_m, draws, nominal, vertices)
 
 

@@ -171,8 +171,10 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
             continue
         raise _contradicted(
             f"no drawn base agrees with a largest force of {ratio:g} of the weight toward azimuth {azimuth:g}°: there "
-            f"they bear {low:.3g} to {high:.3g}", f"--pull {azimuth:g} {ratio:g}",
-            f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %")  # fmt: skip
+            f"they bear {low:.3g} to {high:.3g}",
+            f"--pull {azimuth:g} {ratio:g}",
+            f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %",
+        )
 
 
 def _misfits(pulls: Pulls, ratios: Array) -> Array:
@@ -191,7 +193,12 @@ def _span(drawn: Array, weight: Array) -> tuple[float, float]:
 
 
 def _contradicted(what: str, where: str, expected: str) -> InputError:
-    return InputError("base.pull_beyond", what, where=where, expected=expected,
+    return InputError(
+        "base.pull_beyond",
+        what,
+        where=where,
+        expected=expected,
         remedy="check that AZIMUTH is the direction of the pull (the opposite of the ground's acceleration), in "
         "degrees counter-clockwise from east, and RATIO the largest force over the weight; else the interface "
-        "(--plane, --point, --outline) or a place of --contact is wrong")  # fmt: skip
+        "(--plane, --point, --outline) or a place of --contact is wrong",
+    )

@@ -69,15 +69,21 @@ class Inspection:
             If a place lies outside, or the rock is said to touch nowhere, or everywhere and at single places only.
         """
         if self.touch_only and len(self.touching_m) < _LEAST_TOUCHES:
-            raise InputError("base.too_few_touches",
-                f"{len(self.touching_m)} places are said to touch, and nothing else", where="--touch-only",
+            raise InputError(
+                "base.too_few_touches",
+                f"{len(self.touching_m)} places are said to touch, and nothing else",
+                where="--touch-only",
                 expected=f"at least {_LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
-                remedy="give the others by --touch or --contact, or leave --touch-only out")  # fmt: skip
+                remedy="give the others by --touch or --contact, or leave --touch-only out",
+            )
         if self.touch_only and self.base == FLAT:
-            raise InputError("base.flat_touches_everywhere",
+            raise InputError(
+                "base.flat_touches_everywhere",
                 "a flat base lies on its pedestal everywhere, and not at single places",
-                where="--base and --touch-only", expected="one of them",
-                remedy="leave --touch-only out, or say --base rough or --base rounded")  # fmt: skip
+                where="--base and --touch-only",
+                expected="one of them",
+                remedy="leave --touch-only out, or say --base rough or --base rounded",
+            )
         outside = ((self.places_m < low_m) | (self.places_m > high_m)).any(axis=1)
         if outside.any():
             number = int(outside.argmax())
@@ -116,16 +122,23 @@ def inspection_of(
         If the file cannot be read, a ratio is none, or the base is of no kind.
     """
     if base is not None and base not in KINDS:
-        raise InputError("base.kind_unknown", f"'{base}' is no kind of base", where="--base",
+        raise InputError(
+            "base.kind_unknown",
+            f"'{base}' is no kind of base",
+            where="--base",
             expected=f"one of {', '.join(KINDS)}",
-            remedy="leave it out where you do not know: the scan then weighs all three by what it saw")  # fmt: skip
+            remedy="leave it out where you do not know: the scan then weighs all three by what it saw",
+        )
     for azimuth, ratio in pulls:
         if not (0.0 <= azimuth < 360.0 and 0.0 < ratio < 3.0):
-            raise InputError("base.pull_unusable", f"{azimuth:g} {ratio:g} is no pull test", where="--pull",
+            raise InputError(
+                "base.pull_unusable",
+                f"{azimuth:g} {ratio:g} is no pull test",
+                where="--pull",
                 expected="the azimuth of the pull, from 0 to below 360 degrees counter-clockwise from east, and its "
                 "force over the rock's weight, below 3",
-                remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle"
-            )  # fmt: skip
+                remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle",
+            )
     measured = tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls)
     touching, free = (np.array(places, float).reshape(-1, 3) for places in (touching_m, open_m))
     known = Inspection(touching, free, measured, base, touch_only, "--touch and --daylight")

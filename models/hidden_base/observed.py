@@ -158,16 +158,22 @@ def _no_base(under: Underside, low: Array, lit: Array) -> InputError:
     hull, nodes = ConvexHull(low[:, :2]).equations, under.grid.nodes_m
     inside = (nodes @ hull[:, :2].T + hull[:, 2] < 0.0).all(axis=-1)
     if (depth_of_holes(under.grid, lit) == 0.0)[inside].mean() > _SHOWN_SHARE:
-        return InputError("base.nothing_hidden",
+        return InputError(
+            "base.nothing_hidden",
             f"the pedestal was seen everywhere below the rock, which hangs {low[:, 2].min():.3g} m over it and more: "
-            "it touches nowhere", where="the base",
+            "it touches nowhere",
+            where="the base",
             expected="a rock that stands on its pedestal, and hides it where it does",
             remedy="give rock and pedestal in one frame, the rock as it stands, with its foot; or say where they meet "
-            "by --plane")  # fmt: skip
-    return InputError("base.not_enclosed", "no hidden base is enclosed by what was seen of the rock's foot",
+            "by --plane",
+        )
+    return InputError(
+        "base.not_enclosed",
+        "no hidden base is enclosed by what was seen of the rock's foot",
         where="the base",
         expected="the foot of the rock seen from several sides, all around what no laser sees",
-        remedy="one side is not enough: scan the rock's foot from the other sides")  # fmt: skip
+        remedy="one side is not enough: scan the rock's foot from the other sides",
+    )
 
 
 def _along_edge(under: Underside, interface: Interface, step_m: float) -> list[Array]:
@@ -265,12 +271,14 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
     if off.any():
         number = int(off.argmax())
         also = f", and so do {off.sum() - 1} more of {len(off)} places" if off.sum() > 1 else ""
-        raise inspection.misplaced("base.place_off_interface", number,
+        raise inspection.misplaced(
+            "base.place_off_interface",
+            number,
             f"the place lies {abs(over[number]):.3g} m {'above' if over[number] > 0 else 'below'} the interface, "
             f"{100 * abs(over[number]) / height_m:.0f} % of the rock's height{also}",
             f"places at the base, within {_NOT_UNDER_THE_ROCK * height_m:.2g} m of the interface",
-            "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline"
-        )  # fmt: skip
+            "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline",
+        )
 
 
 def _check_under_the_rock(
@@ -284,10 +292,13 @@ def _check_under_the_rock(
     beyond_m = away_m - height_m * np.repeat([_NOT_UNDER_THE_ROCK, _LIT_IN_FRONT], counts)
     if beyond_m.max() > 0.0:
         number = int(beyond_m.argmax())
-        raise inspection.misplaced("base.place_off_base", number,
+        raise inspection.misplaced(
+            "base.place_off_base",
+            number,
             f"the place lies {away_m[number]:.3g} m from the hidden base and its rim",
             "places below the rock, where it may touch its pedestal",
-            "give them in the coordinates of the clouds, in metres")  # fmt: skip
+            "give them in the coordinates of the clouds, in metres",
+        )
 
 
 def _below_the_rock(inspection: Inspection, interface: Interface, under: Underside) -> Inspection:

@@ -182,20 +182,25 @@ def _stood(scene: Scene, base: UnseenBase, standing: Standing, chance: float) ->
 
 
 def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: int) -> InputError:
-    return InputError("base.hardly_stands",
+    return InputError(
+        "base.hardly_stands",
         f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {kept}",
         where=f"scene {scene.id}",
         expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
         remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
-        "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood")  # fmt: skip
+        "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
+    )
 
 
 def _check(scene: Scene, std_m: tuple[float, float], wavelength_m: float, band_m: float, draws: int) -> None:
     if not scene.pedestal.is_plane:
-        raise InputError("base.pedestal_is_scanned", "the pedestal is a scanned surface", where=f"scene {scene.id}",
+        raise InputError(
+            "base.pedestal_is_scanned",
+            "the pedestal is a scanned surface",
+            where=f"scene {scene.id}",
             expected="a mesh on an endless plane",
-            remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh"
-        )  # fmt: skip
+            remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh",
+        )
     for each in std_m:
         check_positive("with_rough_base", _POSITIVE, _REMEDY, std_m=each)
     check_positive(

@@ -33,11 +33,13 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     if share == 0.0:
         return motion
     if motion.time_step_s * corner_hz > HIGHEST_CORNER:
-        raise InputError("motion.step_too_coarse",
+        raise InputError(
+            "motion.step_too_coarse",
             f"a time step of {motion.time_step_s:g} s tells nothing below {corner_hz:g} Hz",
             where="motion above the band",
             expected=f"a corner of at most {HIGHEST_CORNER / motion.time_step_s:g} Hz",
-            remedy="give a smaller band_hz")  # fmt: skip
+            remedy="give a smaller band_hz",
+        )
     finer = int(np.ceil(2.0 * corner_hz * _SAMPLES_A_PERIOD * motion.time_step_s - 1e-9))
     fine = resample(motion, motion.time_step_s / max(finer, 1))
     acceleration_m_s2 = fine.acceleration_m_s2

@@ -320,7 +320,10 @@ def _place(where: str, record: dict[str, str], edges: Sequence[Sequence[float]])
 
 
 def _refuse(code: str, where: object, what: str, remedy: str) -> NoReturn:
-    raise InputError(code,
-        what, where=str(where), remedy=remedy,
-        expected="a hazard deaggregation: a table of bins, nshmp-haz's data.csv, or OpenQuake's Mag_Dist"
-    )  # fmt: skip
+    raise InputError(
+        code,
+        what,
+        where=str(where),
+        remedy=remedy,
+        expected="a hazard deaggregation: a table of bins, nshmp-haz's data.csv, or OpenQuake's Mag_Dist",
+    )

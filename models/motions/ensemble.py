@@ -106,17 +106,22 @@ class Ensemble:
             check_bounds(path / MOTIONS)
             motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
-            raise _ensemble_error("ensemble.unreadable", f"not readable as Parquet ({error})",
-                path) from error  # fmt: skip
+            raise _ensemble_error(
+                "ensemble.unreadable", f"not readable as Parquet ({error})", path
+            ) from error
         marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
         ids = {mark.get(b"toppling_ensemble") for mark in marks}
         if None in ids or len(ids) != 1:
-            raise _ensemble_error("ensemble.files_foreign", "catalogue and motions do not belong together",
-                path)  # fmt: skip
+            raise _ensemble_error(
+                "ensemble.files_foreign", "catalogue and motions do not belong together", path
+            )
         version = marks[0].get(b"version", b"").decode()
         if version != SCHEMA_VERSION:
-            raise _ensemble_error("document.schema_version",
-                f"it is of version {version}, this program reads {SCHEMA_VERSION}", path)  # fmt: skip
+            raise _ensemble_error(
+                "document.schema_version",
+                f"it is of version {version}, this program reads {SCHEMA_VERSION}",
+                path,
+            )
         _check_catalog(catalog, path)
         ensemble = cls(path, catalog)
         ensemble._motions = motions
@@ -188,9 +193,13 @@ class Ensemble:
 
     def _index(self, record_id: str) -> int:
         if record_id not in self._row:
-            raise InputError("ensemble.record_unknown", f"no record {record_id!r}", where=str(self.folder),
+            raise InputError(
+                "ensemble.record_unknown",
+                f"no record {record_id!r}",
+                where=str(self.folder),
                 expected=f"one of {len(self._row)} ids such as {next(iter(self._row))!r}",
-                remedy="see the ids with 'toppling records show'")  # fmt: skip
+                remedy="see the ids with 'toppling records show'",
+            )
         return self._row[record_id]
 
     def _sound(self, record_id: str) -> Record:
@@ -211,8 +220,9 @@ class Ensemble:
                 self._motions = pq.ParquetFile(self.folder / MOTIONS, page_checksum_verification=True)
             row = self._motions.read_row_group(index)
         if row.column("record_id")[0].as_py() != record_id:
-            raise _ensemble_error("ensemble.motion_foreign", f"row group {index} is not record {record_id!r}",
-                self.folder)  # fmt: skip
+            raise _ensemble_error(
+                "ensemble.motion_foreign", f"row group {index} is not record {record_id!r}", self.folder
+            )
         chunks = [row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten() for axis in "xyz"]
         columns = [np.from_dlpack(each) for each in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
@@ -238,8 +248,9 @@ def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     for name, kind in (*_IDENTITY, *_ORIGIN, *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
-            raise _ensemble_error("ensemble.column_missing",
-                f"the catalogue has no one column {name!r} of {kind}", folder)  # fmt: skip
+            raise _ensemble_error(
+                "ensemble.column_missing", f"the catalogue has no one column {name!r} of {kind}", folder
+            )
         if name not in _MAY_BE_UNKNOWN and catalog.column(at[0]).null_count:
             raise _ensemble_error("ensemble.column_gaps", f"the catalogue's column {name!r} has gaps", folder)
     if len(catalog.column("record_id").unique()) < len(catalog):
@@ -253,12 +264,18 @@ def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path)
     """Refuse samples that are not those of the catalogue: by its hash, and by the PGA that scales them."""
     name, stated = entry["record_id"], entry["pga_m_s2"]
     if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
-        raise _ensemble_error("ensemble.motion_foreign",
-            f"the motion of {name!r} does not have the hash in the catalogue", folder)  # fmt: skip
+        raise _ensemble_error(
+            "ensemble.motion_foreign",
+            f"the motion of {name!r} does not have the hash in the catalogue",
+            folder,
+        )
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
     if not abs(stated - pga) <= _PGA_TOLERANCE * pga:
-        raise _ensemble_error("ensemble.motion_foreign",
-            f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue", folder)  # fmt: skip
+        raise _ensemble_error(
+            "ensemble.motion_foreign",
+            f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue",
+            folder,
+        )
 
 
 def _motion_row(record: Record) -> pa.Table:

@@ -51,8 +51,13 @@ def utc(text: str, where: str) -> Any:
     try:
         return UTCDateTime(text)
     except (TypeError, ValueError) as error:
-        raise InputError("fetch.time_unreadable", f"{text!r} is no time", where=where,
-            expected="2019-07-06T03:19:23", remedy="give date and time in UTC") from error  # fmt: skip
+        raise InputError(
+            "fetch.time_unreadable",
+            f"{text!r} is no time",
+            where=where,
+            expected="2019-07-06T03:19:23",
+            remedy="give date and time in UTC",
+        ) from error
 
 
 @contextmanager
@@ -61,8 +66,9 @@ def _answering(service: str, what: str, expected: str, remedy: str) -> Iterator[
     try:
         yield
     except Exception as error:
-        raise InputError("fetch.no_answer", f"{what} ({_brief(error)})", where=service, expected=expected,
-            remedy=remedy) from error  # fmt: skip
+        raise InputError(
+            "fetch.no_answer", f"{what} ({_brief(error)})", where=service, expected=expected, remedy=remedy
+        ) from error
 
 
 def connect(service: str) -> Any:
@@ -153,10 +159,13 @@ class _Asked:
 
 def _write_table(rows: list[dict[str, Any]], asked: _Asked, missing: list[str]) -> Path:
     if not rows:
-        raise InputError("fetch.no_stations",
+        raise InputError(
+            "fetch.no_stations",
             f"none of {len(missing)} stations has three components ({'; '.join(missing[:3])})",
-            where=asked.client.base_url, expected="waveforms of accelerometers",
-            remedy="widen the radius or the window, or ask another service")  # fmt: skip
+            where=asked.client.base_url,
+            expected="waveforms of accelerometers",
+            remedy="widen the radius or the window, or ask another service",
+        )
     table = asked.folder / _TABLE
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
@@ -185,9 +194,13 @@ def _inventory(
     if stations:
         pairs = [station.split(".") for station in stations]
         if any(len(pair) != 2 for pair in pairs):
-            raise InputError("fetch.station_unreadable", f"stations {', '.join(stations)}",
-                where="--stations", expected="NET.STA, separated by commas",
-                remedy="for example CI.CLC,CI.CCC")  # fmt: skip
+            raise InputError(
+                "fetch.station_unreadable",
+                f"stations {', '.join(stations)}",
+                where="--stations",
+                expected="NET.STA, separated by commas",
+                remedy="for example CI.CLC,CI.CCC",
+            )
         networks, codes = (",".join(dict.fromkeys(part)) for part in zip(*pairs, strict=True))
         asked |= {"network": networks, "station": codes}
     elif event is not None and radius_km is not None:

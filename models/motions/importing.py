@@ -124,10 +124,13 @@ def _refuse_elsewhere(group: Sequence[Component], options: ImportOptions) -> Non
     """Refuse channels that are not of the free field, unless those of any place are asked for."""
     elsewhere = {c.path: c.place for c in group if not c.place.free_field}
     if elsewhere and options.place != "any":
-        raise InputError("record.not_free_field", "; ".join(dict.fromkeys(map(str, elsewhere.values()))),
+        raise InputError(
+            "record.not_free_field",
+            "; ".join(dict.fromkeys(map(str, elsewhere.values()))),
             where=", ".join(map(str, elsewhere)),
             expected="a sensor in the free field, which records the ground's motion",
-            remedy="leave it out, or import it with --place any")  # fmt: skip
+            remedy="leave it out, or import it with --place any",
+        )
 
 
 def _corrected(channels: Triple) -> bool | None:
@@ -200,10 +203,13 @@ def _without_records(folders: Sequence[Path]) -> InputError:
         file.suffix.lower() or "no suffix" for one in folders for file in one.rglob("*") if file.is_file()
     )
     held = ", ".join(f"{count} of {kind}" for kind, count in kinds.most_common(5))
-    return InputError("record.none_found", f"no file here can be a record ({held or 'there is none'})",
+    return InputError(
+        "record.none_found",
+        f"no file here can be a record ({held or 'there is none'})",
         where=", ".join(map(str, folders)),
         expected="accelerograms: files of an agency, SAC, miniSEED, or tables of time and acceleration",
-        remedy="give another folder; a file given by its name is read whatever that ends in")  # fmt: skip
+        remedy="give another folder; a file given by its name is read whatever that ends in",
+    )
 
 
 def _may_be_record(file: Path, folder: Path) -> bool:
@@ -324,10 +330,13 @@ def _without_duplicates(found: list[Candidate], outcome: Import, folders_apart: 
         places.setdefault(Path(one.record.files[0]).parent if folders_apart else None, []).append(one)
     for kept, duplicate in chain.from_iterable(map(duplicates, places.values())):
         left_out.add(id(duplicate))
-        error = InputError("record.given_twice",
+        error = InputError(
+            "record.given_twice",
             f"the same shaking as {kept.record.record_id} ({', '.join(kept.record.files)})",
-            where=", ".join(duplicate.record.files), expected="one set of files a record",
-            remedy="leave one of the two out")  # fmt: skip
+            where=", ".join(duplicate.record.files),
+            expected="one set of files a record",
+            remedy="leave one of the two out",
+        )
         outcome.refusals.append(Refusal(duplicate.record.record_id, error))
     return [candidate for candidate in found if id(candidate) not in left_out]
 

@@ -80,11 +80,13 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
     held, reached = _held(record.motion, float(_LIMITING_CORNERS_HZ[high]))
     if reached > limit_m:
         corner = _LIMITING_CORNERS_HZ[-1]
-        raise InputError("motion.displacement_too_large",
+        raise InputError(
+            "motion.displacement_too_large",
             f"even a high-pass at {corner:g} Hz leaves {reached:.3g} m at the unscaled record",
             where=f"record {record.record_id}",
             expected=f"a displacement that a high-pass can hold within {limit_m:.3g} m (unscaled)",
-            remedy="raise peak_displacement_m or lower the PGA levels")  # fmt: skip
+            remedy="raise peak_displacement_m or lower the PGA levels",
+        )
     while high - low > 1:  # a higher corner leaves less displacement
         middle = (low + high) // 2
         motion, peak = _held(record.motion, float(_LIMITING_CORNERS_HZ[middle]))

@@ -47,9 +47,13 @@ def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -
     """
     nyquist_hz = 0.5 / motion.time_step_s
     if not _LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
-        raise InputError("motion.corner_out_of_range", f"a high-pass corner of {corner_hz:g} Hz", where="high-pass",
+        raise InputError(
+            "motion.corner_out_of_range",
+            f"a high-pass corner of {corner_hz:g} Hz",
+            where="high-pass",
             expected=f"{_LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
-            remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual")  # fmt: skip
+            remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
+        )
     filtered, pad = _filtered(motion, corner_hz, order)
     return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
 
@@ -91,10 +95,13 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
     """
     ratio = Fraction(motion.time_step_s / time_step_s).limit_denominator(1000)
     if not 0 < ratio <= 1000 or abs(float(ratio) * time_step_s / motion.time_step_s - 1) > 1e-6:
-        raise InputError("motion.not_resampled",
+        raise InputError(
+            "motion.not_resampled",
             f"a time step of {motion.time_step_s:g} s cannot be resampled to {time_step_s:g} s",
-            where="resample", expected="time steps whose ratio is a ratio of small whole numbers",
-            remedy="choose a step such as 0.005 or 0.01 s")  # fmt: skip
+            where="resample",
+            expected="time steps whose ratio is a ratio of small whole numbers",
+            remedy="choose a step such as 0.005 or 0.01 s",
+        )
     if ratio == 1:
         return motion
     values = scipy.signal.resample_poly(motion.acceleration_m_s2, ratio.numerator, ratio.denominator, axis=0)

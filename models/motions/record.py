@@ -72,9 +72,13 @@ class Record:
         """
         intensity = measure(motion, component_azimuths_deg or (0.0, 90.0))
         if not intensity["pga_m_s2"] > 0:
-            raise InputError("motion.no_horizontal", "both horizontal components are zero throughout",
-                where=f"record {record_id}", expected="a motion whose horizontal peak can be scaled",
-                remedy="leave the record out, or check which columns were read")  # fmt: skip
+            raise InputError(
+                "motion.no_horizontal",
+                "both horizontal components are zero throughout",
+                where=f"record {record_id}",
+                expected="a motion whose horizontal peak can be scaled",
+                remedy="leave the record out, or check which columns were read",
+            )
         return cls(
             record_id=record_id,
             event=event,

@@ -37,9 +37,13 @@ class Choice:
         for name in ("magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"):
             limits = getattr(self, name)
             if limits and not limits[0] <= limits[1]:
-                raise InputError("selection.range_reversed", f"{name} from {limits[0]:g} to {limits[1]:g}",
-                    where="selection", expected="the least value first",
-                    remedy=f"did you mean {limits[1]:g} {limits[0]:g}?")  # fmt: skip
+                raise InputError(
+                    "selection.range_reversed",
+                    f"{name} from {limits[0]:g} to {limits[1]:g}",
+                    where="selection",
+                    expected="the least value first",
+                    remedy=f"did you mean {limits[1]:g} {limits[0]:g}?",
+                )
 
 
 def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[str, int]]]:
@@ -56,9 +60,13 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
         left.append((condition, len(fit)))
         if not fit:
             steps = ", ".join(f"{condition}: {count} left" for condition, count in left)
-            raise InputError("selection.none_left", f"none of {len(rows)} records is as chosen ({steps})",
-                where=str(ensemble.folder), expected="at least one",
-                remedy="widen the ranges; 'toppling records show' lists each record's numbers")  # fmt: skip
+            raise InputError(
+                "selection.none_left",
+                f"none of {len(rows)} records is as chosen ({steps})",
+                where=str(ensemble.folder),
+                expected="at least one",
+                remedy="widen the ranges; 'toppling records show' lists each record's numbers",
+            )
     kept = {row["record_id"] for row in fit}
     return [row["record_id"] for row in rows if row["record_id"] in kept], left
 
@@ -154,10 +162,13 @@ def hazard_weights(
     count = Counter(home.values())
     total = sum(b.contribution for b in bins if count[b])
     if not total > 0:
-        raise InputError("selection.no_bin_filled", "no record lies in a bin that contributes",
+        raise InputError(
+            "selection.no_bin_filled",
+            "no record lies in a bin that contributes",
             where=str(ensemble.folder),
             expected="records of the magnitudes and distances of the deaggregation",
-            remedy="add such records, or check the units of the table (km)")  # fmt: skip
+            remedy="add such records, or check the units of the table (km)",
+        )
     weights = {name: b.contribution / count[b] / total if b is not None else 0.0 for name, b in home.items()}
     return weights, [b for b in bins if b.contribution > 0 and not count[b]]
 

@@ -58,15 +58,16 @@ def triple(group: Sequence[Component]) -> Triple:
     vertical = [c for c in group if _direction(c) in (UP, DOWN)]
     horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
     if len(horizontal) != 2 or len(vertical) > 1:
-        raise InputError("record.channels_unmatched",
+        raise InputError(
+            "record.channels_unmatched",
             f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}):"
             f" {len(horizontal)} horizontal and {len(vertical)} vertical",
             where=", ".join(dict.fromkeys(str(c.path) for c in group)),
             expected="two horizontal channels and one vertical",
             remedy="give the missing files, or name h1, h2 and v in the metadata table"
             if len({c.path for c in group}) > 1 or len(group) < 3
-            else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table"
-        )  # fmt: skip
+            else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table",
+        )
     return Triple(*horizontal, *vertical)
 
 

@@ -68,9 +68,11 @@ def las(path: Path) -> Points:
             station[rows] = chunk.point_source_id
             filled += len(chunk)
         if read != header.point_count:
-            raise _damaged("file.truncated",
+            raise _damaged(
+                "file.truncated",
                 f"holds {read} of the {header.point_count} points that its header counts: truncated",
-                path)  # fmt: skip
+                path,
+            )
     points = points[:filled]
     left_out = {"are withheld or classed as noise": read - filled}
     return system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}, [
@@ -132,11 +134,14 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
     both = zip(by_wkt["metres_per_unit"], by_keys["metres_per_unit"], strict=True)
     across, up = (math.isclose(one, other, rel_tol=1e-9) for one, other in both)  # the feet differ by 2e-6
     if not (across and (up or by_wkt["note"] or by_keys["note"])):
-        raise InputError("coordinates.crs_contradicted",
+        raise InputError(
+            "coordinates.crs_contradicted",
             f"its two coordinate systems differ in unit: {by_wkt['name']} ({by_wkt['unit']}) in WKT, {by_keys['name']} "
-            f"({by_keys['unit']}) in GeoTIFF keys", where=str(path),
+            f"({by_keys['unit']}) in GeoTIFF keys",
+            where=str(path),
             expected="one coordinate system, or two that say the same",
-            remedy="say in which unit the coordinates are by --units, which wins over what the file says")  # fmt: skip
+            remedy="say in which unit the coordinates are by --units, which wins over what the file says",
+        )
     return by_wkt if meant else by_keys
 
 
@@ -172,8 +177,11 @@ def _e57_points(source: Any, header: Any, path: Path) -> Array:
     fields = set(header.point_fields)
     possible = [axes for axes in (_CARTESIAN, _SPHERICAL) if set(axes) <= fields]
     if not possible:
-        raise _damaged("cloud.no_coordinates",
-            f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)  # fmt: skip
+        raise _damaged(
+            "cloud.no_coordinates",
+            f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates",
+            path,
+        )
     points = _e57_columns(source, header, possible[0], path)
     if len(possible) > 1 and not np.isfinite(points[points.any(axis=1)]).all(axis=1).any():
         points = _e57_columns(source, header, possible[1], path)
@@ -189,9 +197,11 @@ def _e57_columns(source: Any, header: Any, axes: tuple[str, ...], path: Path) ->
     read = reader.read()
     reader.close()
     if read != header.point_count:
-        raise _damaged("file.truncated",
+        raise _damaged(
+            "file.truncated",
             f"{read} points of a scan can be read where its header counts {header.point_count}",
-            path)  # fmt: skip
+            path,
+        )
     points = np.column_stack([data[axis] for axis in axes]).astype(float)
     if axes == _SPHERICAL:
         far, around, up = points.T
@@ -209,9 +219,11 @@ def _e57_pose(node: Any, path: Path) -> Pose:
     if turn is None:
         return None, shift
     if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
-        raise _damaged("cloud.pose_unusable",
+        raise _damaged(
+            "cloud.pose_unusable",
             f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion",
-            path)  # fmt: skip
+            path,
+        )
     return Rotation.from_quat(turn).as_matrix().T, shift
 
 
@@ -222,8 +234,9 @@ def _part(node: Any, part: str, names: str, path: Path) -> Array | None:
     children = node["pose"][part]
     lacking = [name for name in names if not children.isDefined(name)]
     if lacking:
-        raise _damaged("cloud.pose_incomplete", f"the {part} of a scan's pose has no {', '.join(lacking)}",
-            path)  # fmt: skip
+        raise _damaged(
+            "cloud.pose_incomplete", f"the {part} of a scan's pose has no {', '.join(lacking)}", path
+        )
     return np.array([children[name].value() for name in names], float)
 
 
@@ -238,11 +251,13 @@ def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Refere
     unit = other_unit_in(words if system is None else words[1:])
     if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
         stated = unit if system is None else f"{system['name']}, in {system['unit']}"
-        raise InputError("coordinates.unit_not_metres",
+        raise InputError(
+            "coordinates.unit_not_metres",
             f"its coordinates are said to be in another unit than metres ({stated}), which are E57's by its standard",
-            where=str(path), expected="coordinates in metres, and no other unit in the file's words",
-            remedy="see how large something known is, and say which unit is right by --units, such as --units m"
-        )  # fmt: skip
+            where=str(path),
+            expected="coordinates in metres, and no other unit in the file's words",
+            remedy="see how large something known is, and say which unit is right by --units, such as --units m",
+        )
     return system
 
 
@@ -258,8 +273,9 @@ def pcd(path: Path) -> Points:
     cloud = o3d.t.io.read_point_cloud(path)
     points = cloud.point.positions.numpy().astype(float) if "positions" in cloud.point else np.empty((0, 3))
     if len(points) != count:
-        raise _damaged("file.truncated", f"{len(points)} points can be read where its header counts {count}",
-            path)  # fmt: skip
+        raise _damaged(
+            "file.truncated", f"{len(points)} points can be read where its header counts {count}", path
+        )
     station = next(
         (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
         np.zeros(len(points)),
@@ -293,11 +309,15 @@ def _pcd_points(path: Path) -> int:
         )
         sound = count == int(header["WIDTH"][0]) * int(header["HEIGHT"][0]) and min(sizes, default=0) > 0
     except (KeyError, ValueError, IndexError) as error:
-        raise _damaged("cloud.header_unreadable",
-            f"its header is not understood ({type(error).__name__}: {error})", path) from error  # fmt: skip
+        raise _damaged(
+            "cloud.header_unreadable", f"its header is not understood ({type(error).__name__}: {error})", path
+        ) from error
     if not sound or row <= 0 or count < 0:
-        raise _damaged("cloud.header_contradicted",
-            "its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)  # fmt: skip
+        raise _damaged(
+            "cloud.header_contradicted",
+            "its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT",
+            path,
+        )
     if kind == "ascii":
         _check_room(2 * len(sizes) * count, room + 1, count, path)
         with open_given(path, _damaged) as file:
@@ -305,8 +325,9 @@ def _pcd_points(path: Path) -> int:
             file.seek(at)
             rows = sum(1 for line in file if line.split(maxsplit=1))
         if rows < count:
-            raise _damaged("file.truncated",
-                f"{rows} points follow where its header counts {count}: truncated", path)  # fmt: skip
+            raise _damaged(
+                "file.truncated", f"{rows} points follow where its header counts {count}: truncated", path
+            )
     else:
         _check_room(row * count, room * (1 if kind == "binary" else _LZF_RATIO), count, path)
     return count
@@ -318,6 +339,8 @@ def _check_count(count: int, path: Path) -> None:
 
 def _check_room(needed: int, room: int, count: int, path: Path) -> None:
     if needed > room:
-        raise _damaged("file.truncated",
+        raise _damaged(
+            "file.truncated",
             f"its header counts {count} points, more than the file can hold: truncated or damaged",
-            path)  # fmt: skip
+            path,
+        )

@@ -45,19 +45,27 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
     chosen = candidates[0] if near_m is None else _nearest(candidates, near_m, origin_m)
     rivals = [c for c in candidates if c is not chosen and c.height_m > _RIVAL_SHARE * chosen.height_m]
     if near_m is None and rivals:
-        raise InputError("scan.several_rocks",
+        raise InputError(
+            "scan.several_rocks",
             f"{1 + len(rivals)} things of like size stand there, tops at x, y: {_tops([chosen, *rivals], origin_m)}",
-            where="segmentation", expected="one rock, or a hint which one",
+            where="segmentation",
+            expected="one rock, or a hint which one",
             remedy="click on one with --pick, name one by --near X Y in survey coordinates, as printed here, or crop "
-            "the cloud")  # fmt: skip
+            "the cloud",
+        )
     if chosen.rivals:
         each = [chosen, *chosen.rivals]
         z = [float(np.median(thing.loop_m[:, 2]) + origin_m[2]) for thing in each]
-        raise InputError("scan.several_creases", "a crease goes around one thing at several heights: as a rock it is "
+        raise InputError(
+            "scan.several_creases",
+            "a crease goes around one thing at several heights: as a rock it is "
             + ", or ".join(
-            f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(each, z, strict=True) ),
-            where="segmentation", expected="one crease, or a hint which one parts the rock from its pedestal",
-            remedy="click three places where the two meet with --pick, or name them by --point X,Y,Z")  # fmt: skip
+                f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(each, z, strict=True)
+            ),
+            where="segmentation",
+            expected="one crease, or a hint which one parts the rock from its pedestal",
+            remedy="click three places where the two meet with --pick, or name them by --point X,Y,Z",
+        )
     return chosen
 
 
@@ -118,12 +126,15 @@ def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candi
     away = [_away_m(each, near_m) for each in standing]
     first = int(np.argmin(away))
     if away[first] > _NEAR_HEIGHTS * standing[first].height_m:
-        raise InputError("scan.nothing_near",
+        raise InputError(
+            "scan.nothing_near",
             f"the nearest thing there is {away[first]:.3g} m away and {standing[first].height_m:.2g} m high",
-            where="--near", expected=f"a place within {_NEAR_HEIGHTS} heights of a thing; those found, tops at x, y: "
+            where="--near",
+            expected=f"a place within {_NEAR_HEIGHTS} heights of a thing; those found, tops at x, y: "
             + _tops(standing, origin_m),
             remedy="name one of them by --near X Y in survey coordinates; if yours is not among them, crop the cloud "
-            "to it and its pedestal")  # fmt: skip
+            "to it and its pedestal",
+        )
     return standing[first]
 
 
@@ -159,8 +170,13 @@ def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
     if told is None:
         return error
     what, remedy = told
-    return InputError(error.code, f"{error.what}; {what}", where=error.where, expected=error.expected,
-        remedy=f"{remedy}; else: {error.remedy}")  # fmt: skip
+    return InputError(
+        error.code,
+        f"{error.what}; {what}",
+        where=error.where,
+        expected=error.expected,
+        remedy=f"{remedy}; else: {error.remedy}",
+    )
 
 
 def _without_relief(points_m: Array) -> InputError | None:

@@ -321,6 +321,10 @@ def _shares(
 
 
 def _not_closed(what: str) -> InputError:
-    return InputError("scan.not_closed", what, where="closing the rock",
+    return InputError(
+        "scan.not_closed",
+        what,
+        where="closing the rock",
         expected="a rock seen from several sides",
-        remedy="add stations, or check the segmentation in the scene's picture")  # fmt: skip
+        remedy="add stations, or check the segmentation in the scene's picture",
+    )

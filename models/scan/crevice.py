@@ -146,15 +146,21 @@ def check_seen(points: int, side: str, *, given: bool) -> None:
     if points >= LEAST_SEEN:
         return
     if given:
-        raise InputError("interface.too_few_points",
-            f"only {points} points of the {side} lie near the interface that is given", where="the interface",
+        raise InputError(
+            "interface.too_few_points",
+            f"only {points} points of the {side} lie near the interface that is given",
+            where="the interface",
             expected="a plane on which rock and pedestal meet",
-            remedy="check its height and slope: given too high it cuts the rock, too low it runs below the pedestal"
-        )  # fmt: skip
-    raise InputError("interface.too_few_points", f"only {points} points of the {side} are left near the interface",
-        where="interface", expected="rock and pedestal seen once each, on both sides of the crevice",
+            remedy="check its height and slope: given too high it cuts the rock, too low it runs below the pedestal",
+        )
+    raise InputError(
+        "interface.too_few_points",
+        f"only {points} points of the {side} are left near the interface",
+        where="interface",
+        expected="rock and pedestal seen once each, on both sides of the crevice",
         remedy="check that the stations fit each other, as one that is off shows the rock's foot twice (leave them "
-        "out one by one); or scan the crevice from nearer and from more sides")  # fmt: skip
+        "out one by one); or scan the crevice from nearer and from more sides",
+    )
 
 
 def _relabelled(

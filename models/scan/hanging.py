@@ -175,13 +175,15 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         return
     # A tenth of them may be strays.
     deepest = -float(np.quantile(over[below, 2], 0.1))
-    raise InputError("rock.hangs_below_interface",
+    raise InputError(
+        "rock.hangs_below_interface",
         f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m",
         where="interface",
         expected="a rock above the plane on which it meets its pedestal, but for what hangs beyond a seen edge",
         remedy="scan the cliff's face beside and below what hangs; one that is sunk in the ground is held by it and is "
         "not supported; if what hangs there is pedestal, crop the cloud, or say where rock and pedestal meet by "
-        "--plane, --point or --outline")  # fmt: skip
+        "--plane, --point or --outline",
+    )
 
 
 def hanging_doubt(observed: ObservedRock, interface: Interface) -> Doubt | None:

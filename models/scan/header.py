@@ -165,19 +165,26 @@ def _is_length(word: str) -> bool:
 
 
 def _other_unit(stated: Sequence[str], where: str) -> InputError:
-    return InputError("coordinates.unit_not_metres",
-        f"the header states another unit than metres: {', '.join(stated)}", where=where,
+    return InputError(
+        "coordinates.unit_not_metres",
+        f"the header states another unit than metres: {', '.join(stated)}",
+        where=where,
         expected="coordinates in metres",
         remedy="say which unit all three are in by --units, or convert the coordinates to metres, and name their "
-        "columns x, y and z")  # fmt: skip
+        "columns x, y and z",
+    )
 
 
 def _not_understood(names: Sequence[str], columns: int, where: str) -> InputError:
     told = f"the header names its columns {', '.join(names)}"
     if {"lat", "lon"} <= {name[:3] for name in names}:
         return in_degrees(told, where)
-    return InputError("cloud.columns_unknown", told, where=where,
+    return InputError(
+        "cloud.columns_unknown",
+        told,
+        where=where,
         expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in _AXES.items())
         + f"; and as many names as columns ({columns})",
         remedy="name the columns of easting, northing and height x, y and z, in metres; if the line is a remark, "
-        "delete it")  # fmt: skip
+        "delete it",
+    )

@@ -73,9 +73,13 @@ def outside_cloud(
     asked: what to give in its place.
     """
     place, low, high = (", ".join(f"{each:.2f}" for each in places) for places in (place_m, low_m, high_m))
-    return InputError("hint.outside_cloud", f"{place} lies outside the cloud", where=where,
+    return InputError(
+        "hint.outside_cloud",
+        f"{place} lies outside the cloud",
+        where=where,
         expected=f"survey coordinates from {low} to {high}",
-        remedy=f"give {asked} in the coordinates of the clouds, in metres")  # fmt: skip
+        remedy=f"give {asked} in the coordinates of the clouds, in metres",
+    )
 
 
 _unusable = refusals(
@@ -95,8 +99,9 @@ def read_hints(path: Path) -> dict[str, Any]:
     said = read_toml(path, _unusable)
     for key in said:
         if key not in KEYS:
-            raise _unusable("hint.unknown", f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}",
-                path)  # fmt: skip
+            raise _unusable(
+                "hint.unknown", f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path
+            )
     return said
 
 

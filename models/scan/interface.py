@@ -277,12 +277,15 @@ def lining(surfels: Surfels, rock: Flags) -> Flags:
         near = top & (distance < reach * surfels.voxel_m)
         if near.sum() >= _LEAST_CREVICE_SURFELS and len(np.unique(sector[near])) >= _LEAST_SECTORS:
             return np.asarray(near)
-    raise InputError("scan.no_pedestal",
-        f"only {int(near.sum())} patches of the pedestal's top were seen about the rock", where="interface",
+    raise InputError(
+        "scan.no_pedestal",
+        f"only {int(near.sum())} patches of the pedestal's top were seen about the rock",
+        where="interface",
         expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
         remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "
         "rock, say where the two meet by three places --point X,Y,Z around the contact; a rock that a neck "
-        "attaches to its pedestal does not topple as a free block")  # fmt: skip
+        "attaches to its pedestal does not topple as a free block",
+    )
 
 
 def fit_interface(surfels: Surfels, rock: Flags) -> Interface:

@@ -50,10 +50,13 @@ class InterfaceHint:
             If the slope is none that a rock can stand on.
         """
         if not 0.0 <= slope_deg <= _STEEPEST_DEG:
-            raise InputError("interface.slope_out_of_range", f"the slope is {slope_deg} degrees", where="--plane",
+            raise InputError(
+                "interface.slope_out_of_range",
+                f"the slope is {slope_deg} degrees",
+                where="--plane",
                 expected=f"0 to {_STEEPEST_DEG:.0f} degrees",
-                remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)"
-            )  # fmt: skip
+                remedy="give X Y Z, the slope, and the azimuth toward which the plane falls (from east to north)",
+            )
         point = np.asarray(point_m, float)
         plane = Interface.through(point, plane_normal(slope_deg, downhill_azimuth_deg))
         return cls(plane, point[None], False, "plane")
@@ -78,8 +81,11 @@ class InterfaceHint:
         normal = axes[2] * (np.sign(axes[2, 2]) or 1.0)
         steep = float(np.rad2deg(np.arccos(min(normal[2], 1.0))))
         if steep > _STEEPEST_DEG:
-            raise _unusable("interface.slope_out_of_range",
-                f"the plane through the points slopes by {steep:.0f} degrees", where)  # fmt: skip
+            raise _unusable(
+                "interface.slope_out_of_range",
+                f"the plane through the points slopes by {steep:.0f} degrees",
+                where,
+            )
         misfit = float(np.sqrt((((points - centre) @ normal) ** 2).mean()))
         return cls(Interface.through(centre, normal, misfit), points, kind == "outline", kind)
 
@@ -100,8 +106,9 @@ class InterfaceHint:
                 row = [float(word) for word in words]
             except ValueError:
                 if rows or number > 1:
-                    raise _unusable("hint.place_unreadable", f"line {number} is '{line}'",
-                        str(path)) from None  # fmt: skip
+                    raise _unusable(
+                        "hint.place_unreadable", f"line {number} is '{line}'", str(path)
+                    ) from None
                 columns = named_columns([line], 3, str(path)) or columns
                 continue
             if row:
@@ -140,10 +147,13 @@ def hint_of(
         name for name, value in (("--plane", plane), ("--point", points), ("--outline", outline)) if value
     ]
     if len(given) > 1:
-        raise InputError("interface.given_twice", f"{' and '.join(given)} are given together", where="the interface",
+        raise InputError(
+            "interface.given_twice",
+            f"{' and '.join(given)} are given together",
+            where="the interface",
             expected="one word on the interface",
-            remedy="keep the one that you trust most: an outline says more than points, points more than a plane"
-        )  # fmt: skip
+            remedy="keep the one that you trust most: an outline says more than points, points more than a plane",
+        )
     if plane:
         return InterfaceHint.plane(plane[:3], plane[3], plane[4])
     if points:

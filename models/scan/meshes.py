@@ -70,18 +70,25 @@ def check_frame(
         if doubt is not None
     }
     if told:
-        raise InputError("mesh.frame_unstated", "; ".join(what for what, _ in told.values()), where=str(path),
+        raise InputError(
+            "mesh.frame_unstated",
+            "; ".join(what for what, _ in told.values()),
+            where=str(path),
             expected=f"a mesh in metres with {usual} up, or options that say what it is in",
             remedy=f"give {' '.join(option for _, option in told.values())}; {' '.join(told)} keeps it as it is, and "
-            "control points (--gcp) say both")  # fmt: skip
+            "control points (--gcp) say both",
+        )
     if placement.by.startswith("--gcp"):
         facing = _facing(vertices @ placement.turn.T, faces)
         if facing is not None and facing[2] < -_TURNED_OVER:
-            raise InputError("mesh.faces_downward",
-                f"its surface faces downward once it is placed by {placement.by.partition(':')[0]}", where=str(path),
+            raise InputError(
+                "mesh.faces_downward",
+                f"its surface faces downward once it is placed by {placement.by.partition(':')[0]}",
+                where=str(path),
                 expected="ground and rock that face upward",
                 remedy="check the control points: east and north exchanged turn a model over; or its triangles are "
-                "turned inside out: mend them in the program that made it")  # fmt: skip
+                "turned inside out: mend them in the program that made it",
+            )
 
 
 def facing_up(vertices: Array, faces: Indices, placement: Placement) -> Indices:

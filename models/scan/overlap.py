@@ -142,8 +142,11 @@ def _refuse_other_units(against: list[_Against], names: list[str], origin_m: Arr
         explanation = (
             f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
         )
-        raise _no_overlap("scan.station_in_other_units",
-            f"is in other units than the other clouds: {explanation}", names[number])  # fmt: skip
+        raise _no_overlap(
+            "scan.station_in_other_units",
+            f"is in other units than the other clouds: {explanation}",
+            names[number],
+        )
 
 
 def _size(points: Array) -> float:

@@ -96,9 +96,13 @@ def labelled(cloud: Cloud, files: Sequence[Path], parts: tuple[Part | None, Part
     for value, option in ((ROCK, "--rock"), (PEDESTAL, "--pedestal")):
         count = int((label == value).sum())
         if count < LEAST_SEEN:
-            raise InputError("parts.too_few_points", f"{count} points are of the {option[2:]}", where=option,
+            raise InputError(
+                "parts.too_few_points",
+                f"{count} points are of the {option[2:]}",
+                where=option,
                 expected="rock and pedestal, each by a file, a class, or all that is not of the other",
-                remedy=f"give {option} too, or correct the other one")  # fmt: skip
+                remedy=f"give {option} too, or correct the other one",
+            )
     return dataclasses.replace(cloud, label=label, station=np.zeros_like(cloud.station))
 
 
@@ -106,18 +110,26 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
     """Which points of a file have one of the values."""
     found = None if is_mesh(path) else _scalar(path, part)
     if found is None or len(found) != points:
-        raise InputError("parts.class_missing", "a mesh has no classes of points" if is_mesh(path)
-            else f"has no scalar '{part.field or 'class'}'", where=f"{path.name}, {part.option}",
+        raise InputError(
+            "parts.class_missing",
+            "a mesh has no classes of points"
+            if is_mesh(path)
+            else f"has no scalar '{part.field or 'class'}'",
+            where=f"{path.name}, {part.option}",
             expected="a class of LAS or LAZ, or FIELD=VALUE of a scalar in a PLY cloud",
-            remedy="name the field as the file does, or give the part as a file of its own")  # fmt: skip
+            remedy="name the field as the file does, or give the part as a file of its own",
+        )
     mask = np.isin(found, part.values)
     if not mask.any():
         values, count = np.unique(found, return_counts=True)
         there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:_SHOWN])
-        raise InputError("parts.class_empty",
+        raise InputError(
+            "parts.class_empty",
             f"no point has the value {', '.join(f'{each:g}' for each in part.values)}",
-            where=f"{path.name}, {part.option}", expected=f"one of those there, with their points: {there}",
-            remedy="look which value the part has in the program that separated it")  # fmt: skip
+            where=f"{path.name}, {part.option}",
+            expected=f"one of those there, with their points: {there}",
+            remedy="look which value the part has in the program that separated it",
+        )
     return mask
 
 
@@ -146,9 +158,13 @@ def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
     rock = points_m[label == ROCK]
     height = float(np.ptp(rock[:, 2]))
     if height == 0.0:
-        raise InputError("parts.rock_flat", "all points of the rock lie at one height",
-            where="--rock, --pedestal", expected="a rock that rises over its pedestal",
-            remedy="see whether the two are exchanged, or name another class or file")  # fmt: skip
+        raise InputError(
+            "parts.rock_flat",
+            "all points of the rock lie at one height",
+            where="--rock, --pedestal",
+            expected="a rock that rises over its pedestal",
+            remedy="see whether the two are exchanged, or name another class or file",
+        )
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
     _check_together(surfels.points_m, surfel_label, height)
@@ -163,9 +179,12 @@ def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) 
     if apart_m < _APART_PER_HEIGHT * height_m:
         return
     told = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
-    raise InputError("rock.apart_from_pedestal", f"rock and pedestal lie apart, where they are nearest by {told}",
+    raise InputError(
+        "rock.apart_from_pedestal",
+        f"rock and pedestal lie apart, where they are nearest by {told}",
         where="--rock, --pedestal",
         expected=f"a rock that stands on its pedestal, in the files no farther from it than "
         f"{_APART_PER_HEIGHT * height_m:.2g} m",
         remedy="give both in one frame and one unit, the rock as it stands, and cut off neither what lies beside the "
-        "crevice")  # fmt: skip
+        "crevice",
+    )

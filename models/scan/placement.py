@@ -97,9 +97,11 @@ def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: objec
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] <= _ONE_LINE * spread[0]:
-            raise _unusable("placement.points_on_a_line",
+            raise _unusable(
+                "placement.points_on_a_line",
                 f"the points lie on one line in the {side}, about which the model could turn",
-                path)  # fmt: skip
+                path,
+            )
     scale, turn, shift = similarity(model, surveyed)
     residuals = np.linalg.norm(scale * model @ turn.T + shift - surveyed, axis=1)
     _check_fit(model, surveyed, residuals, names, path)
@@ -119,9 +121,14 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
     large = off.max() > _LARGEST_SHARE * size
     expected = "control points that one scale, one rotation and one shift carry onto the survey"
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
-        raise InputError("placement.mirrored", "the points fit when mirrored", where=path, expected=expected,
+        raise InputError(
+            "placement.mirrored",
+            "the points fit when mirrored",
+            where=path,
+            expected=expected,
             remedy="exchange two of the columns of one side: one of the two systems is left-handed (north before east, "
-            "or heights downward)")  # fmt: skip
+            "or heights downward)",
+        )
     if count > 3:
         others = [_squares(model[keep], surveyed[keep]) for keep in ~np.eye(count, dtype=bool)]
         worst, rest = int(np.argmin(others)), min(others)
@@ -130,17 +137,25 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         by_chance = count * f_distribution.sf(((off**2).sum() - rest) / 3.0 * free / max(rest, tiny), 3, free)
         alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
         if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
-            raise InputError("placement.points_off",
+            raise InputError(
+                "placement.points_off",
                 f"point {names[worst]} does not fit: with it the points are off by up to {off.max():.3g} m, without it "
-                f"by {np.sqrt(rest / (count - 1)):.2g} m", where=path, expected=expected,
+                f"by {np.sqrt(rest / (count - 1)):.2g} m",
+                where=path,
+                expected=expected,
                 remedy=f"correct point {names[worst]} or leave it out: it may be another mark's, mistyped or in "
-                "another order")  # fmt: skip
+                "another order",
+            )
     if large:
-        raise InputError("placement.points_off",
+        raise InputError(
+            "placement.points_off",
             f"the points do not fit: off by up to {off.max():.3g} m, where they span {size:.3g} m; "
-            f"{names[int(off.argmax())]} is off most", where=path, expected=expected,
+            f"{names[int(off.argmax())]} is off most",
+            where=path,
+            expected=expected,
             remedy="check the order of points and columns, and that each point is the same mark on both sides; a "
-            "fourth point would show which one is wrong")  # fmt: skip
+            "fourth point would show which one is wrong",
+        )
 
 
 def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
@@ -188,12 +203,16 @@ def _check_header(header: str, path: str, in_metres: bool) -> None:
         return
     surveyed = [all(each & _SURVEYED for each in part) for part in (words[:3], words[3:])]
     if surveyed == [True, False]:
-        raise _unusable("placement.sides_exchanged", "names the surveyed coordinates before the model's",
-            path)  # fmt: skip
+        raise _unusable(
+            "placement.sides_exchanged", "names the surveyed coordinates before the model's", path
+        )
     other = [cell.strip() for cell, each in zip(cells[-3:], words[3:], strict=True) if each & _OTHER_UNITS]
     if in_metres and other:
-        raise _unusable("coordinates.unit_not_metres",
-            f"states the survey under {', '.join(other)}, and it is read in metres", path)  # fmt: skip
+        raise _unusable(
+            "coordinates.unit_not_metres",
+            f"states the survey under {', '.join(other)}, and it is read in metres",
+            path,
+        )
 
 
 def _numbers(words: list[str]) -> list[float] | None:
@@ -255,9 +274,13 @@ def placement_of(
     """
     if gcp is not None:
         if up or length:
-            raise InputError("placement.given_twice", f"--gcp is given with {'--up' if up else '--length'}",
-                where="--gcp", expected="control points alone: they say scale and attitude",
-                remedy="leave out the other option")  # fmt: skip
+            raise InputError(
+                "placement.given_twice",
+                f"--gcp is given with {'--up' if up else '--length'}",
+                where="--gcp",
+                expected="control points alone: they say scale and attitude",
+                remedy="leave out the other option",
+            )
         fit = fit_control_points(gcp, metres_per_unit)
         return Placement(
             fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.told}", says_up=True, says_scale=True
@@ -268,10 +291,13 @@ def placement_of(
     start, end, metres = np.asarray(length[0], float), np.asarray(length[1], float), float(length[2])
     apart = float(np.linalg.norm(end - start))
     if not (0.0 < apart < np.inf and 0.0 < metres < np.inf):
-        raise InputError("placement.length_unusable",
-            f"two places {apart:g} apart are said to be {metres:g} m apart", where="--length",
+        raise InputError(
+            "placement.length_unusable",
+            f"two places {apart:g} apart are said to be {metres:g} m apart",
+            where="--length",
             expected="two different places X,Y,Z of the model and a length in metres above 0",
-            remedy="pick two marks whose distance was measured")  # fmt: skip
+            remedy="pick two marks whose distance was measured",
+        )
     by = f"--length: {apart:.6g} units are {metres:g} m" + (f"; {said}" if said else "")
     return Placement(metres / apart, turn, by=by, says_up=bool(up), says_scale=True)
 
@@ -295,9 +321,13 @@ def upward(axis: str | Sequence[float]) -> Array:
     except ValueError:
         vector = np.zeros(0)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise InputError("placement.up_unreadable", f"'{_words(axis)}' is no direction", where="--up",
+        raise InputError(
+            "placement.up_unreadable",
+            f"'{_words(axis)}' is no direction",
+            where="--up",
             expected=f"one of {', '.join(AXES)}, or three numbers X,Y,Z that point upward in the model",
-            remedy="write it like --up y, or --up 0,0.98,0.17")  # fmt: skip
+            remedy="write it like --up y, or --up 0,0.98,0.17",
+        )
     vector /= np.linalg.norm(vector)
     if vector[2] < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -93,12 +93,15 @@ def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str
     Raises InputError if they are so wide that the crevice is lost.
     """
     if step_m > _COARSEST_PER_HEIGHT * height_m:
-        raise InputError("coordinates.too_coarse",
-            f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high", where=where,
+        raise InputError(
+            "coordinates.too_coarse",
+            f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
+            where=where,
             expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
             f"{_TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
             remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "
-            "taken away")  # fmt: skip
+            "taken away",
+        )
     if step_m <= _TOLD_PER_HEIGHT * height_m:
         return ""
     # A rock topples at g r / z: the arm r is half a step off, and its centre of mass about half the height z up.
@@ -140,13 +143,23 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
         if len(points) + sum(left_out.values()) >= MINIMUM_POINTS:
             most = max(left_out, key=left_out.__getitem__)
             remedy = f"export again so that they do not count as points that {most.rstrip(',')}"
-        raise InputError("cloud.too_few_points", f"holds {', and '.join([f'{len(points)} points', *others])}",
-            where=str(path), expected=f"at least {MINIMUM_POINTS}", remedy=remedy)  # fmt: skip
+        raise InputError(
+            "cloud.too_few_points",
+            f"holds {', and '.join([f'{len(points)} points', *others])}",
+            where=str(path),
+            expected=f"at least {MINIMUM_POINTS}",
+            remedy=remedy,
+        )
     low, high = bounds_of(points)
     size = high - low
     if not size.any():
-        raise InputError("cloud.one_place", "all points are one and the same", where=str(path),
-            expected="points of a rock and its pedestal", remedy="export the cloud again")  # fmt: skip
+        raise InputError(
+            "cloud.one_place",
+            "all points are one and the same",
+            where=str(path),
+            expected="points of a rock and its pedestal",
+            remedy="export the cloud again",
+        )
     level = np.sort(np.maximum(-low, high)[:2])  # latitude is the smaller one, or comes first
     if 0.0 < size[:2].max() < _DEGREES_PER_HEIGHT * size[2] and level[0] <= 90.0 and level[1] <= 360.0:
         raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
@@ -154,16 +167,21 @@ def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: 
     step = float(_single_precision(sample).max(initial=0.0)) * scale[0]
     if step > _COARSEST_STEP_M:
         if not (points % 1.0).any():
-            raise InputError("coordinates.too_coarse",
-                f"coordinates are whole numbers: they come in steps of {scale[0]:.3g} m", where=str(path),
+            raise InputError(
+                "coordinates.too_coarse",
+                f"coordinates are whole numbers: they come in steps of {scale[0]:.3g} m",
+                where=str(path),
                 expected=f"steps of at most {_COARSEST_STEP_M} m",
                 remedy="export again with more decimals, or with a smaller scale (LAS); if the numbers are in a "
-                "smaller unit, name it by --units")  # fmt: skip
-        raise InputError("coordinates.too_coarse",
-            f"survey coordinates are stored in single precision, in steps of {step:.3g} m", where=str(path),
+                "smaller unit, name it by --units",
+            )
+        raise InputError(
+            "coordinates.too_coarse",
+            f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
+            where=str(path),
             expected=f"steps of at most {_COARSEST_STEP_M} m",
-            remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away"
-        )  # fmt: skip
+            remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
+        )
 
 
 def marked_unmeasured(points: Array) -> Flags:
@@ -202,10 +220,13 @@ def check_returns(points: Array, path: Path) -> None:
     low, high = bounds_of(points[~nothing])
     away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
     if away > np.linalg.norm(high - low):
-        raise InputError("cloud.empty_returns",
-            f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others", where=str(path),
+        raise InputError(
+            "cloud.empty_returns",
+            f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others",
+            where=str(path),
             expected="points that a beam came back from",
-            remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0")  # fmt: skip
+            remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
+        )
 
 
 def is_geocentric(points_m: Array) -> bool:
@@ -226,8 +247,11 @@ def check_axes(points_m: Array, path: Path) -> None:
         return
     up = _middle(points_m) / _EARTH_AXES_M**2
     way = ",".join(f"{each:.6f}" for each in up / np.linalg.norm(up))
-    raise InputError("coordinates.geocentric",
+    raise InputError(
+        "coordinates.geocentric",
         "coordinates are about the Earth's centre (geocentric, as EPSG:4978): z points to the pole, not upward",
-        where=str(path), expected="x east, y north and z up",
+        where=str(path),
+        expected="x east, y north and z up",
         remedy="export in a projected coordinate system, such as UTM, with heights; or give "
-        f"--up={way}, the way upward there: x and y of the scene are then level, but not east and north")  # fmt: skip
+        f"--up={way}, the way upward there: x and y of the scene are then level, but not east and north",
+    )

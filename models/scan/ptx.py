@@ -83,18 +83,24 @@ def _header(first: str, file: TextIO, path: Path) -> tuple[int, Pose]:
             _numbers(next(file), 3)
         pose = np.array([_numbers(next(file), 4) for _ in range(4)])
     except (ValueError, StopIteration):
-        raise _damaged("cloud.header_unreadable",
+        raise _damaged(
+            "cloud.header_unreadable",
             f"the header that begins with {first.strip()[:40]!r} is none of a scan",
-            path) from None  # fmt: skip
+            path,
+        ) from None
     count = columns * rows
     if columns < 0 or rows < 0 or count > path.stat().st_size // _LEAST_BYTES:
-        raise _damaged("file.truncated", f"{columns} columns of {rows} points, more than the file can hold",
-            path)  # fmt: skip
+        raise _damaged(
+            "file.truncated", f"{columns} columns of {rows} points, more than the file can hold", path
+        )
     turn = pose[:3, :3]
     rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _UNIT_ROTATION and np.linalg.det(turn) > 0.0
     if not (rigid and np.allclose(pose[:, 3], (0.0, 0.0, 0.0, 1.0), atol=_UNIT_ROTATION)):
-        raise _damaged("cloud.pose_unusable",
-            "a scan's pose does not turn and shift alone, the shift in its fourth row", path)  # fmt: skip
+        raise _damaged(
+            "cloud.pose_unusable",
+            "a scan's pose does not turn and shift alone, the shift in its fourth row",
+            path,
+        )
     return count, (turn, pose[3, :3])
 
 
@@ -111,6 +117,7 @@ def _points(file: TextIO, count: int, path: Path) -> Array:
         return np.empty((0, 3))
     points = np.loadtxt(islice(file, count), usecols=(0, 1, 2), comments=None, ndmin=2)
     if len(points) != count:
-        raise _damaged("file.truncated",
-            f"a scan has {len(points)} of the {count} points that its header counts", path)  # fmt: skip
+        raise _damaged(
+            "file.truncated", f"a scan has {len(points)} of the {count} points that its header counts", path
+        )
     return points

@@ -230,10 +230,13 @@ class _Said:
 
     def __post_init__(self) -> None:
         if self.placement.says_scale and self.unit is not None:
-            raise InputError("placement.given_twice",
-                f"--units {self.unit} is given beside {self.placement.by.partition(':')[0]}", where="--units",
+            raise InputError(
+                "placement.given_twice",
+                f"--units {self.unit} is given beside {self.placement.by.partition(':')[0]}",
+                where="--units",
                 expected="one word on the scale",
-                remedy="leave out --units: a measured length or control points say the scale")  # fmt: skip
+                remedy="leave out --units: a measured length or control points say the scale",
+            )
 
     @property
     def unit_given(self) -> bool:
@@ -308,8 +311,11 @@ def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
 def _read_file(path: Path, said: _Said) -> _Read:
     """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
-        raise _unreadable("file.is_folder" if path.is_dir() else "file.absent",
-            "a folder" if path.is_dir() else "no such file", path)  # fmt: skip
+        raise _unreadable(
+            "file.is_folder" if path.is_dir() else "file.absent",
+            "a folder" if path.is_dir() else "no such file",
+            path,
+        )
     suffix, unit_given = path.suffix.lower(), said.unit_given
     if suffix not in FORMATS + MESH_FORMATS:
         raise _unreadable("cloud.format_unknown", f"unknown format '{suffix}'", path)
@@ -336,8 +342,9 @@ def _read_file(path: Path, said: _Said) -> _Read:
     except InputError:
         raise
     except Exception as error:  # each reader raises whatever its parser raises
-        raise _unreadable("file.unreadable", f"cannot be read ({type(error).__name__}: {error})",
-            path) from error  # fmt: skip
+        raise _unreadable(
+            "file.unreadable", f"cannot be read ({type(error).__name__}: {error})", path
+        ) from error
     if not unit_given:
         check_remarks(remarks, str(path))
     return _Read(points, station, coordinate_steps(points), note=note)
@@ -362,8 +369,11 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
 def _read_ply(path: Path) -> tuple[Array, NDArray]:
     read = {name.lower(): values for name, values in read_vertices(path).items()}
     if not {"x", "y", "z"} <= read.keys():
-        raise _unreadable("cloud.no_coordinates",
-            f"its vertices have {', '.join(read) or 'nothing'}, and not x, y and z", path)  # fmt: skip
+        raise _unreadable(
+            "cloud.no_coordinates",
+            f"its vertices have {', '.join(read) or 'nothing'}, and not x, y and z",
+            path,
+        )
     points = np.empty((len(read["x"]), 3))
     for column, axis in enumerate("xyz"):
         points[:, column] = read[axis]

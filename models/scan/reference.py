@@ -75,11 +75,13 @@ def of_user(text: str) -> Reference:
     try:
         return _of_crs(CRS.from_user_input(int(text) if text.strip().isdigit() else text), "--crs")
     except CRSError as error:
-        raise InputError("coordinates.crs_unknown",
-            f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})", where="--crs",
+        raise InputError(
+            "coordinates.crs_unknown",
+            f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})",
+            where="--crs",
             expected="a projected coordinate system: EPSG:32611, or its WKT",
-            remedy="look up the code of the survey's coordinate system, such as that of its UTM zone"
-        ) from None  # fmt: skip
+            remedy="look up the code of the survey's coordinate system, such as that of its UTM zone",
+        ) from None
 
 
 def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
@@ -218,12 +220,20 @@ def _vertical(code: int) -> float | None:
 
 
 def _geocentric(where: str) -> InputError:
-    return InputError("coordinates.geocentric", "coordinates are geocentric: z does not point up",
-        where=where, expected="projected or local coordinates, z up",
-        remedy="project the cloud first, such as to the UTM zone of the site, and export again")  # fmt: skip
+    return InputError(
+        "coordinates.geocentric",
+        "coordinates are geocentric: z does not point up",
+        where=where,
+        expected="projected or local coordinates, z up",
+        remedy="project the cloud first, such as to the UTM zone of the site, and export again",
+    )
 
 
 def _not_understood(what: str, where: str) -> InputError:
-    return InputError("coordinates.crs_unknown", f"its coordinate system is not understood: {what}", where=where,
+    return InputError(
+        "coordinates.crs_unknown",
+        f"its coordinate system is not understood: {what}",
+        where=where,
         expected="a projected or local coordinate system with units of length",
-        remedy="say in which unit the coordinates are by --units, which wins over what the file says")  # fmt: skip
+        remedy="say in which unit the coordinates are by --units, which wins over what the file says",
+    )

@@ -142,11 +142,13 @@ def registered(cloud: Cloud) -> Registered:
     check_overlap(cloud)
     again = copies(cloud.points_m)
     if again is not None and (left := int((~again).sum())) < MINIMUM_POINTS:
-        raise InputError("cloud.too_few_points",
+        raise InputError(
+            "cloud.too_few_points",
             f"{left} of {len(again)} points are different ones, the others copies of them",
             where=", ".join(name for name, _ in cloud.files),
             expected=f"at least {MINIMUM_POINTS} different points",
-            remedy="check that the export was complete, with all decimals of the coordinates")  # fmt: skip
+            remedy="check that the export was complete, with all decimals of the coordinates",
+        )
     fitted, report = register(cloud)
     check_fit(fitted, report)
     return Registered(without(fitted, again), report, cloud.bounds_m)
@@ -219,11 +221,14 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     file = int(
         np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
     )
-    raise InputError("scan.station_off",
+    raise InputError(
+        "scan.station_off",
         f"station {number + 1} of {registration['stations']} does not fit the others: {worst['paired_share']:.0%} of "
-        f"its points near theirs show the same place, of theirs {usual:.0%}", where=cloud.files[file][0],
+        f"its points near theirs show the same place, of theirs {usual:.0%}",
+        where=cloud.files[file][0],
         expected="stations registered to each other, with what is left small enough to be taken out here",
-        remedy="register this station anew, or leave it out")  # fmt: skip
+        remedy="register this station anew, or leave it out",
+    )
 
 
 def _check_two(
@@ -242,11 +247,13 @@ def _check_two(
             f"where both saw a place they are {max(residuals):.2g} m apart, and points of one lie within "
             f"{max(own):.2g} m of its own surface"
         )
-    raise InputError("scan.stations_disagree", f"the two stations do not fit each other: {what}",
+    raise InputError(
+        "scan.stations_disagree",
+        f"the two stations do not fit each other: {what}",
         where=" and ".join(dict.fromkeys(name for name, _ in files)),
         expected="stations registered to each other, with what is left small enough to be taken out here",
-        remedy="one of them is off, or turned: register the two anew, or give a third station, which tells which"
-    )  # fmt: skip
+        remedy="one of them is off, or turned: register the two anew, or give a third station, which tells which",
+    )
 
 
 def _thinned(points: Array, voxel_m: float) -> _Thinned:

@@ -101,26 +101,38 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) ->
         away = np.hypot(*(points[:, :2] - near_m).T)
     large = above & (np.bincount(part)[part] >= LEAST_SURFELS)
     if not large.any():
-        raise _off("interface.nothing_above", hint, "nothing stands above the interface that is given",
-            "check its height and slope; azimuths are counted from east to north")  # fmt: skip
+        raise _off(
+            "interface.nothing_above",
+            hint,
+            "nothing stands above the interface that is given",
+            "check its height and slope; azimuths are counted from east to north",
+        )
     chosen = part == part[large][np.argmin(away[large])]
     peak = int(np.argmax(np.where(chosen, height, -np.inf)))
     seeds, far = thing_and_rest(surfels, edges, chosen, peak, height)
     if not far.any():
-        raise _off("interface.nothing_below", hint, "nothing lies below the interface that is given",
-            "check its height; a cloud cropped to the rock shows no pedestal to stand on")  # fmt: skip
+        raise _off(
+            "interface.nothing_below",
+            hint,
+            "nothing lies below the interface that is given",
+            "check its height; a cloud cropped to the rock shows no pedestal to stand on",
+        )
     found = cut_between(surfels, edges, seeds, far, peak, height)
     if found is None:
-        raise _off("interface.no_rock_above", hint,
+        raise _off(
+            "interface.no_rock_above",
+            hint,
             "what stands above the interface that is given is no rock's surface",
-            "check its place; what stands there is as thick as it is wide, like a bush")  # fmt: skip
+            "check its place; what stands there is as thick as it is wide, like a bush",
+        )
     return found
 
 
 def _off(code: str, hint: InterfaceHint, what: str, remedy: str) -> InputError:
     where = f"the interface's {hint.kind}"
-    return InputError(code, what, where=where, expected="a plane below the rock, above the rest",
-        remedy=remedy)  # fmt: skip
+    return InputError(
+        code, what, where=where, expected="a plane below the rock, above the rest", remedy=remedy
+    )
 
 
 def patches_around(points_m: Array, rock_m: Array, height_m: float) -> tuple[Surfels, Indices, Indices]:

@@ -95,10 +95,13 @@ def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, .
     width = len(layout.fields(head[skip]))
     named = named_columns(titles, width, str(path), unit_given)
     if named is None and width > _MOST_COLUMNS:
-        raise InputError("cloud.grid_of_heights",
-            f"rows of {width} numbers without names, as of a grid of heights", where=str(path),
+        raise InputError(
+            "cloud.grid_of_heights",
+            f"rows of {width} numbers without names, as of a grid of heights",
+            where=str(path),
             expected="a point in each line: x (east), y (north), z",
-            remedy="export the nodes of the grid as points")  # fmt: skip
+            remedy="export the nodes of the grid as points",
+        )
     lines_from = partial(_rows, path, encoding, skip, layout)
     load = partial(
         np.loadtxt,
@@ -158,8 +161,9 @@ def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str],
             words = re.split(r"[\s;,]+", line.split("#")[0].split("//")[0].strip())
             if words != [""] and (len(words) < min(width, 3) or not all(map(_is_number, words[:3]))):
                 what = f"its {number}th line of points is {line.strip()[:60]!r}"
-                raise _not_whole("cloud.row_unreadable",
-                    what + (": truncated" if number == len(kept) else ""), path) from None  # fmt: skip
+                raise _not_whole(
+                    "cloud.row_unreadable", what + (": truncated" if number == len(kept) else ""), path
+                ) from None
         raise _not_whole("cloud.row_unreadable", str(error)[:200], path) from None
 
 
@@ -200,16 +204,20 @@ def _layout(line: str, where: str) -> _Layout | None:
         and len(words) >= 3
         and all(_is_number(word) or _THOUSANDS.fullmatch(word) for word in words[:3])
     ):
-        raise _ambiguous("cloud.numbers_ambiguous",
-            f"numbers with thousands parted, such as {max(words[:3], key=len)}", where)  # fmt: skip
+        raise _ambiguous(
+            "cloud.numbers_ambiguous",
+            f"numbers with thousands parted, such as {max(words[:3], key=len)}",
+            where,
+        )
     raw = _Layout(parted, False, quoted).fields(text)
     comma = parted != "," or quoted
     layout = _Layout(parted, comma and _of_commas(raw), quoted)
     numbers = 0
     for word in layout.fields(text):
         if _THOUSANDS.fullmatch(word) and not _is_number(word):
-            raise _ambiguous("cloud.numbers_ambiguous", f"numbers with thousands parted, such as {word}",
-                where)  # fmt: skip
+            raise _ambiguous(
+                "cloud.numbers_ambiguous", f"numbers with thousands parted, such as {word}", where
+            )
         if not _is_number(word):
             break
         numbers += 1
@@ -236,8 +244,11 @@ def _settled(lines: list[str], path: Path) -> _Layout:
         if rows and all(all(map(_WHOLE.fullmatch, row)) for row in rows):
             digits = [row[1::2] for row in rows]
             if any(len(word) > 1 and word.startswith("0") for row in digits for word in row):
-                raise _ambiguous("cloud.numbers_ambiguous",
-                    "commas part the numbers and stand before decimals, too", str(path))  # fmt: skip
+                raise _ambiguous(
+                    "cloud.numbers_ambiguous",
+                    "commas part the numbers and stand before decimals, too",
+                    str(path),
+                )
     return layout
 
 
@@ -258,10 +269,13 @@ def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
     for number, line in enumerate(lines, 1):
         kept = line.rstrip().rstrip(_ENDS + "\r\n ")
         if kept and (ended or any(sign in kept for sign in _ENDS)):
-            raise InputError("file.holds_zeros",
+            raise InputError(
+                "file.holds_zeros",
                 f"zeros or an end-of-file character stand before line {number} of the points",
-                where=str(path), expected="text to the end",
-                remedy="copy or export the file again: a part of it was not written")  # fmt: skip
+                where=str(path),
+                expected="text to the end",
+                remedy="copy or export the file again: a part of it was not written",
+            )
         ended = ended or (number if len(kept) < len(line.rstrip()) else 0)
         yield kept
 
@@ -287,9 +301,11 @@ def _check_not_numbered(points: Array, path: Path) -> None:
         return
     if (number % 1.0).any() and np.ptp(rise) > _EVEN * rise.min():
         return
-    raise _out_of_order("cloud.points_numbered",
+    raise _out_of_order(
+        "cloud.points_numbered",
         f"the first column, {', '.join(f'{each:g}' for each in number[:3])} ..., numbers or times the points",
-        path)  # fmt: skip
+        path,
+    )
 
 
 def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
@@ -298,9 +314,12 @@ def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
         return
     x, y, z = np.abs(np.nanmedian(points, axis=0))
     if _EASTINGS_M[0] < z < _NORTHINGS_BELOW_M and not unit_given:
-        raise _out_of_order("cloud.columns_out_of_order", f"the third column, about {z:.0f}, is no height",
-            path)  # fmt: skip
+        raise _out_of_order(
+            "cloud.columns_out_of_order", f"the third column, about {z:.0f}, is no height", path
+        )
     if _EASTINGS_M[1] < x < _NORTHINGS_BELOW_M and _EASTINGS_M[0] < y < _EASTINGS_M[1]:
-        raise _out_of_order("cloud.columns_out_of_order",
+        raise _out_of_order(
+            "cloud.columns_out_of_order",
             f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
-            path)  # fmt: skip
+            path,
+        )

@@ -106,12 +106,15 @@ def warnings_of(
 def _check_can_stand(rock: Rock, interface: Interface) -> None:
     outside = outside_support_m(rock, interface)
     if outside > 0.0:
-        raise InputError("rock.outside_support",
-            f"the centre of mass lies {outside:.3g} m outside any support the rock could have", where="statics",
+        raise InputError(
+            "rock.outside_support",
+            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
+            where="statics",
             expected="a rock that stands by itself: its centre of mass above its base",
             remedy="if it leans on a wall or neighbour, give the two as meshes, --rock ROCK --pedestal PEDESTAL; else "
             "look for a wrong split in the cloud, and name the rock by --near X Y or where it meets its pedestal by "
-            "three places --point X,Y,Z")  # fmt: skip
+            "three places --point X,Y,Z",
+        )
 
 
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
@@ -137,10 +140,14 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
             f": the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} times "
             "as far apart as they are wide"
         )
-    raise InputError(code, share, where="the rock",
+    raise InputError(
+        code,
+        share,
+        where="the rock",
         expected=f"a free-standing rock, at most {_MOST_INVENTED:.0%} of it unseen",
         remedy="scan it from the other sides, and give clouds that were not thinned; a rock that is embedded or buried "
-        "is held by what surrounds it, and no toppling of a free block is its own")  # fmt: skip
+        "is held by what surrounds it, and no toppling of a free block is its own",
+    )
 
 
 def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:

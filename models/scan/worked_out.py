@@ -172,20 +172,23 @@ class WorkedOut:
         try:
             with zipfile.ZipFile(path) as archive:
                 if sum(each.file_size for each in archive.infolist()) > _MOST_BYTES:
-                    raise _unusable("file.too_large", f"would unpack to more than {_MOST_BYTES >> 30} GB",
-                        path)  # fmt: skip
+                    raise _unusable(
+                        "file.too_large", f"would unpack to more than {_MOST_BYTES >> 30} GB", path
+                    )
             with np.load(path, allow_pickle=False) as kept:
                 arrays = {name: kept[name] for name in kept.files}
             told = json.loads(str(arrays["told"]))
             if told["schema_version"] != SCHEMA_VERSION:
-                raise _unusable("document.schema_version", f"is of schema version {told['schema_version']}",
-                    path)  # fmt: skip
+                raise _unusable(
+                    "document.schema_version", f"is of schema version {told['schema_version']}", path
+                )
             return cls._of(arrays, told)
         except InputError:
             raise
         except Exception as error:  # NumPy and zipfile raise whatever their parsers raise
-            raise _unusable("file.unreadable", f"cannot be read ({type(error).__name__}: {error})",
-                path) from error  # fmt: skip
+            raise _unusable(
+                "file.unreadable", f"cannot be read ({type(error).__name__}: {error})", path
+            ) from error
 
     @classmethod
     def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":

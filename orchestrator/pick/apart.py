@@ -93,9 +93,13 @@ class Apart:
                 raise EndedError from None
             self._process.join()
             code, self._process = self._process.exitcode, None
-        raise InputError("pick.process_died", f"the process that works the scan out has died (exit code {code})",
-            where="the scan", expected="enough memory for this cloud",
-            remedy="end other programs, or crop the cloud to the rock and its pedestal") from None  # fmt: skip
+        raise InputError(
+            "pick.process_died",
+            f"the process that works the scan out has died (exit code {code})",
+            where="the scan",
+            expected="enough memory for this cloud",
+            remedy="end other programs, or crop the cloud to the rock and its pedestal",
+        ) from None
 
 
 class _StoppedError(Exception):

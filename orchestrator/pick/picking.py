@@ -213,11 +213,13 @@ class Picking:
     def _split(self, said: UserHints) -> Answer:
         """Split the cloud by hints, and show it."""
         if self._kept is not None:
-            raise InputError("pick.needs_clouds",
-                "this needs the clouds, of which the scan has kept the rock's surroundings only", where="--again",
+            raise InputError(
+                "pick.needs_clouds",
+                "this needs the clouds, of which the scan has kept the rock's surroundings only",
+                where="--again",
                 expected="hints on the base: touch, daylight, pull",
-                remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml"
-            )  # fmt: skip
+                remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",
+            )
         near = None if said.near is None else (said.near[0], said.near[1])
         hints = near, said.hint(), self._bootstrap, said.inspection()
         registered, worked, label, notes, view = self._apart.do(
@@ -255,9 +257,13 @@ class Picking:
         """Write the scene of the latest hints."""
         answer = self._answer
         if answer is None or answer.survey is None or answer.said != self._said:
-            raise InputError("pick.no_scene", "of these hints came no scene", where="saving",
+            raise InputError(
+                "pick.no_scene",
+                "of these hints came no scene",
+                where="saving",
                 expected="hints of which a rock on its pedestal came",
-                remedy="undo the last hint, or give others")  # fmt: skip
+                remedy="undo the last hint, or give others",
+            )
         self._note("writing")
         self._write(answer.survey, answer.said)
         self._saved += 1

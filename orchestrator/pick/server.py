@@ -135,5 +135,10 @@ def _place(content: Any, name: str) -> Array:
 
 
 def _refused(what: str) -> InputError:
-    return InputError("pick.request_unreadable", what, where="what the page sent",
-        expected="a request of its own", remedy="load the page again")  # fmt: skip
+    return InputError(
+        "pick.request_unreadable",
+        what,
+        where="what the page sent",
+        expected="a request of its own",
+        remedy="load the page again",
+    )

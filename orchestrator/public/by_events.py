@@ -61,11 +61,13 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     shared = measures_shared(question.paths)
     measures = asked.measures or (shared_measure(events.measures, shared, events.source),)
     if len(measures) > 1 and not events.correlated:
-        raise InputError("events.residuals_independent",
+        raise InputError(
+            "events.residuals_independent",
             what="holds fields of OpenQuake, which draws the residuals of two measures independently",
-            where=events.source, expected="motions of one measure, or of two that are correlated as in earthquakes",
-            remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate"
-        )  # fmt: skip
+            where=events.source,
+            expected="motions of one measure, or of two that are correlated as in earthquakes",
+            remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate",
+        )
     return events, measures
 
 
@@ -95,9 +97,13 @@ def _fragility(
         if surface:
             surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
     if surface is None:
-        raise InputError("fragility.none", what=f"has no fragility over two measures{why}", where=str(path),
+        raise InputError(
+            "fragility.none",
+            what=f"has no fragility over two measures{why}",
+            where=str(path),
             expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
-            remedy="give the run, or one --measure")  # fmt: skip
+            remedy="give the run, or one --measure",
+        )
     return surface
 
 
@@ -111,16 +117,22 @@ def _placed(
     if not asked:
         if len(events.sites) > 1:
             known = ", ".join(site.name for site in events.sites[:12])
-            raise InputError("site.several",
-                what=f"has {len(events.sites)} sites: {known}", where=events.source,
+            raise InputError(
+                "site.several",
+                what=f"has {len(events.sites)} sites: {known}",
+                where=events.source,
                 expected="the site of each rock",
-                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order"
-            )  # fmt: skip
+                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order",
+            )
         return [0] * len(names), [None] * len(names)
     if len(asked) not in (1, len(names)):
-        raise InputError("site.count_differs", what=f"{len(asked)} sites for {len(names)} rocks",
-            where="--site", expected="one site, or one for each rock",
-            remedy="repeat --site in the order of the rocks")  # fmt: skip
+        raise InputError(
+            "site.count_differs",
+            what=f"{len(asked)} sites for {len(names)} rocks",
+            where="--site",
+            expected="one site, or one for each rock",
+            remedy="repeat --site in the order of the rocks",
+        )
     found = [_site_of(one, events) for one in asked] * (len(names) // len(asked))
     return [number for number, _ in found], [away for _, away in found]
 
@@ -130,10 +142,13 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
         return of_name([site.name for site in events.sites], asked, events.source)[0], None
     placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
     if not placed:
-        raise InputError("site.places_missing",
-            what="states no places of its sites", where=events.source, expected="a sitemesh file beside the fields",
-            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}"
-        )  # fmt: skip
+        raise InputError(
+            "site.places_missing",
+            what="states no places of its sites",
+            where=events.source,
+            expected="a sitemesh file beside the fields",
+            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}",
+        )
     number, place = placed[nearest([place for _, place in placed], asked, events.source)]
     return number, float(distance_km(*place, asked))
 
@@ -145,17 +160,23 @@ def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | No
     """
     rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
     if rho is None:
-        raise InputError("hazard.correlation_unknown",
+        raise InputError(
+            "hazard.correlation_unknown",
             what=f"the correlation of {first.measure} and {second.measure} is not known here",
-            where="--correlation", expected="the correlation of their residuals in one earthquake",
-            remedy="give it with --correlation")  # fmt: skip
+            where="--correlation",
+            expected="the correlation of their residuals in one earthquake",
+            remedy="give it with --correlation",
+        )
     if [branch.name for branch in first.branches] != [branch.name for branch in second.branches] and not (
         len(first.branches) == len(second.branches) == 1
     ):
-        raise InputError("hazard.branches_differ",
+        raise InputError(
+            "hazard.branches_differ",
             what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
-            where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation"
-        )  # fmt: skip
+            where="--hazard",
+            expected="the same branches of both measures",
+            remedy="give the trees of one calculation",
+        )
     scatter = SIGMA * math.sqrt(1.0 - rho**2)
     branches, misfit = _joint_branches(first, second, scatter)
     notes: tuple[str, ...] = (

@@ -154,16 +154,25 @@ def _curves_in(folder: Path, contacts: Iterable[str]) -> dict[str, dict[str, Log
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:
     """Rows asked for, some of which have an answer."""
     if run.rocks:
-        raise InputError("run.several_rocks", f"is a run of {len(run.rocks)} rocks", where=str(run.path),
+        raise InputError(
+            "run.several_rocks",
+            f"is a run of {len(run.rocks)} rocks",
+            where=str(run.path),
             expected="one rock",
-            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks")  # fmt: skip
+            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks",
+        )
     jobs = run.frame(where, trusted=trusted)
     if weighted:
         jobs = run.weighted(jobs)
     if not jobs["toppled"].notna().any():
         what = f"{len(jobs)} jobs, none with an answer"
-        raise InputError("run.no_answers", what, where=str(run.path), expected="finished jobs",
-            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is")  # fmt: skip
+        raise InputError(
+            "run.no_answers",
+            what,
+            where=str(run.path),
+            expected="finished jobs",
+            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
+        )
     return jobs
 
 

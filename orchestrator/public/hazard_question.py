@@ -38,22 +38,33 @@ def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | Non
             continue
         share = float(weight) if is_numeral(weight) else math.nan
         if not 0 < share < math.inf:
-            raise UsageError("hazard.weight_unusable", f"the weight of {path} is {weight!r}", where=text,
-                expected="a positive number", remedy="give FILE=WEIGHT, such as mean.csv=0.6")  # fmt: skip
+            raise UsageError(
+                "hazard.weight_unusable",
+                f"the weight of {path} is {weight!r}",
+                where=text,
+                expected="a positive number",
+                remedy="give FILE=WEIGHT, such as mean.csv=0.6",
+            )
         paths.append(Path(path))
         weights.append(share)
     if weights and len(weights) < len(paths):
-        raise InputError("hazard.weights_incomplete",
-            what=f"{len(weights)} of {len(paths)} paths have a weight", where="--hazard",
+        raise InputError(
+            "hazard.weights_incomplete",
+            what=f"{len(weights)} of {len(paths)} paths have a weight",
+            where="--hazard",
             expected="a weight for each, or for none",
-            remedy="give each --hazard as PATH=WEIGHT")  # fmt: skip
+            remedy="give each --hazard as PATH=WEIGHT",
+        )
     total = math.fsum(weights)
     if weights and abs(total - 1.0) > 1e-3:
         shares = ", ".join(f"{weight / total:.4g}" for weight in weights)
-        raise InputError("hazard.weights_sum",
-            what=f"the weights sum to {total:.6g}", where="--hazard", expected="weights that sum to 1",
-            remedy=f"give all branches of the tree; if these are all, their weights are {shares}"
-        )  # fmt: skip
+        raise InputError(
+            "hazard.weights_sum",
+            what=f"the weights sum to {total:.6g}",
+            where="--hazard",
+            expected="weights that sum to 1",
+            remedy=f"give all branches of the tree; if these are all, their weights are {shares}",
+        )
     return paths, weights or None
 
 
@@ -76,10 +87,14 @@ class HazardQuestion:
         names = tuple(part.strip() for part in self.measure.split("+")) if self.measure else ()
         unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
         if unknown or (len(names) > 1 and names != SURFACES[0]):
-            raise InputError("measure.unknown",
-                what=f"{self.measure!r} is not an intensity measure with a fragility", where="--measure",
+            raise InputError(
+                "measure.unknown",
+                what=f"{self.measure!r} is not an intensity measure with a fragility",
+                where="--measure",
                 expected=f"one of {', '.join(COMPARED)}; sa_3s_m_s2, any period; or {'+'.join(SURFACES[0])}, "
-                "both together", remedy="leave it out to use that of the hazard, or pgv_m_s")  # fmt: skip
+                "both together",
+                remedy="leave it out to use that of the hazard, or pgv_m_s",
+            )
         return names
 
 
@@ -156,10 +171,13 @@ class Question:
         paths, _ = _weighted_paths(self.hazard)
         sets = [path for path in paths if is_event_set(path)]
         if sets and len(paths) > 1:
-            raise InputError("events.given_with_others",
-                what=f"{sets[0]} is a set of events, and {len(paths) - 1} more are given", where="--hazard",
+            raise InputError(
+                "events.given_with_others",
+                what=f"{sets[0]} is a set of events, and {len(paths) - 1} more are given",
+                where="--hazard",
                 expected="one set of events, which has its own branches and weights",
-                remedy="give it alone")  # fmt: skip
+                remedy="give it alone",
+            )
         return sets[0] if sets else None
 
     @property
@@ -181,8 +199,13 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
     measure = asked.measure or shared_measure([tree.measure for tree in trees], rocks, "--hazard")
     chosen = chosen_tree(trees, measure, asked.site, where)
     if isinstance(asked.site, tuple) and chosen.site is None:
-        raise UsageError("site.places_missing", "it selects a place, and these curves state none",
-            where="--site", expected="files that state places", remedy="leave --site out")  # fmt: skip
+        raise UsageError(
+            "site.places_missing",
+            "it selects a place, and these curves state none",
+            where="--site",
+            expected="files that state places",
+            remedy="leave --site out",
+        )
     return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
 
 
@@ -191,8 +214,11 @@ def shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> s
     for name in (*_DEFAULT_MEASURES, *rocks):
         if name in stated and name in rocks:
             return name
-    raise InputError("hazard.measure_other",
+    raise InputError(
+        "hazard.measure_other",
         what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "
-        f"{', '.join(rocks) or 'nothing'}", where=where,
+        f"{', '.join(rocks) or 'nothing'}",
+        where=where,
         expected="hazard over a measure that the rock has a fragility over",
-        remedy="give curves, or motions, over one of the rock's measures")  # fmt: skip
+        remedy="give curves, or motions, over one of the rock's measures",
+    )

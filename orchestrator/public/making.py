@@ -127,8 +127,9 @@ def in_files(error: InputError, files: list[str], contact: str | Path | None) ->
     if of_contact or error.where in files:
         return error
     names = ", ".join(files[:3]) + (" ..." if len(files) > 3 else "")
-    return InputError(error.code, error.what, where=f"{names}: {error.where}", expected=error.expected,
-        remedy=error.remedy)  # fmt: skip
+    return InputError(
+        error.code, error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
+    )
 
 
 def scan_again(
@@ -197,9 +198,13 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, Separ
     Raises InputError if a file cannot be read, or what is said contradicts itself.
     """
     if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
-        raise InputError("parts.near_needless", "--near is given with --rock or --pedestal", where="--near",
+        raise InputError(
+            "parts.near_needless",
+            "--near is given with --rock or --pedestal",
+            where="--near",
             expected="one word on which rock is meant",
-            remedy="leave out --near: what was separated is known")  # fmt: skip
+            remedy="leave out --near: what was separated is known",
+        )
     placement, system = placed_by(hints)
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)
@@ -220,9 +225,13 @@ def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
     """
     crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
     if crs and length:
-        raise InputError("placement.given_twice", "--crs is given with --length", where="--crs",
+        raise InputError(
+            "placement.given_twice",
+            "--crs is given with --length",
+            where="--crs",
             expected="a coordinate system of surveyed coordinates",
-            remedy="give control points (--gcp), which place the model in it, or leave --crs out")  # fmt: skip
+            remedy="give control points (--gcp), which place the model in it, or leave --crs out",
+        )
     system = of_user(crs) if crs else None
     units = system["metres_per_unit"] if system else (1.0, 1.0)
     return placement_of(hints.get("up"), length, gcp, units), system

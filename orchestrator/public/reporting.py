@@ -130,6 +130,10 @@ def _opened(run: Run | str | Path) -> Run:
 
 def _ages_for(hazard: Sequence[str], dated: bool) -> None:
     if hazard and not dated:
-        raise UsageError("age.needed", "a hazard without the rock's age", where="hazard",
+        raise UsageError(
+            "age.needed",
+            "a hazard without the rock's age",
+            where="hazard",
             expected="an age, which turns rates into probabilities",
-            remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python")  # fmt: skip
+            remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python",
+        )

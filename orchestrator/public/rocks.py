@@ -83,10 +83,13 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
     far = [(float(distance_km(*here, there)), one, other) for one, other, here, there in pairs]
     widest, one, other = max(far, default=(0.0, "", ""))
     if hazard and widest > SITE_REACH_KM:
-        raise InputError("site.far_apart", f"{one} and {other} lie {widest:,.0f} km apart", where="--hazard",
+        raise InputError(
+            "site.far_apart",
+            f"{one} and {other} lie {widest:,.0f} km apart",
+            where="--hazard",
             expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
-            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites"
-        )  # fmt: skip
+            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites",
+        )
     return max((km for km, _, name in far if name in places), default=0.0)
 
 
@@ -107,10 +110,13 @@ def standing_rock(
         curve = curve_over(jobs.frame, measure, SAMPLES, jobs.completeness, advance)
     if curve is None:
         no_answer = jobs is not None and answered(jobs.frame).empty
-        raise InputError("run.no_answers" if no_answer else "fragility.none",
+        raise InputError(
+            "run.no_answers" if no_answer else "fragility.none",
             what="has no job with an answer" if no_answer else f"has no fragility over {measure}",
-            where=str(path), expected="a lognormal fragility over the measure of the hazard",
-            remedy="'toppling fragility RUN --fit' lists the measures that have one")  # fmt: skip
+            where=str(path),
+            expected="a lognormal fragility over the measure of the hazard",
+            remedy="'toppling fragility RUN --fit' lists the measures that have one",
+        )
     return Standing(name, curve)
 
 
@@ -118,21 +124,33 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     """The jobs requested, with the weights of their records and bases."""
     run = open_run(path)
     if rocks := run.rocks:
-        raise InputError("run.several_rocks",
-            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}", where=str(path),
-            expected="one rock", remedy=f"choose one: {rocks[0].path}")  # fmt: skip
+        raise InputError(
+            "run.several_rocks",
+            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}",
+            where=str(path),
+            expected="one rock",
+            remedy=f"choose one: {rocks[0].path}",
+        )
     weights = run.weights()
     bare = run.frame(where, trusted=trusted)
     jobs = run.weighted(bare, weights)
     if where and jobs.empty:
-        raise InputError("run.no_job_left", what=f"no job satisfies {where}", where=str(path),
+        raise InputError(
+            "run.no_job_left",
+            what=f"no job satisfies {where}",
+            where=str(path),
             expected="a condition that some jobs satisfy",
-            remedy="'toppling query RUN --describe' names columns and units")  # fmt: skip
+            remedy="'toppling query RUN --describe' names columns and units",
+        )
     contacts = by_contact(answered(jobs))
     if len(contacts) > 1:
-        raise InputError("run.several_contacts", what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
-            where=str(path), expected="jobs of one contact",
-            remedy='choose one, such as --where "friction_static = 0.8"')  # fmt: skip
+        raise InputError(
+            "run.several_contacts",
+            what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
+            where=str(path),
+            expected="jobs of one contact",
+            remedy='choose one, such as --where "friction_static = 0.8"',
+        )
     if recorded:
         weights = _weighed(path, bare, recorded, weights)
         jobs = run.weighted(bare, weights)
@@ -185,9 +203,13 @@ def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> Non
     for path, basis in zip(rocks, rested, strict=True):
         of = basis.scene_id if basis else str(path.resolve())
         if of in seen:
-            raise InputError("rock.given_twice",
-                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""), where=str(path),
-                expected="each rock once", remedy="leave one of the two out")  # fmt: skip
+            raise InputError(
+                "rock.given_twice",
+                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""),
+                where=str(path),
+                expected="each rock once",
+                remedy="leave one of the two out",
+            )
         seen[of] = path
 
 

@@ -103,11 +103,14 @@ def audit(work: Work, count: int) -> list[RunProgress]:
     planned, folder = work.planned, work.folder
     able = _auditors(planned.campaign)
     if not able:
-        raise InputError("audit.nothing_finer",
-            "nothing that is installed can say more than this run, made with the finest preset", where=str(folder),
-            expected="a run with preset fast or standard, or a second engine", remedy="install one: "
-            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra)
-        )  # fmt: skip
+        raise InputError(
+            "audit.nothing_finer",
+            "nothing that is installed can say more than this run, made with the finest preset",
+            where=str(folder),
+            expected="a run with preset fast or standard, or a second engine",
+            remedy="install one: "
+            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra),
+        )
     progresses = []
     with _alone(folder) as home:
         rows = drawn(folder)
@@ -142,9 +145,13 @@ def check_versions(folder: Path) -> None:
     """
     there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
     if there != here:
-        raise InputError("run.versions_differ", f"the run was made with physics version {there}, here is {here}",
-            where=str(folder), expected="one version, so that answers differ by the settings alone",
-            remedy="audit it with the environment that it was made with, or run the campaign again")  # fmt: skip
+        raise InputError(
+            "run.versions_differ",
+            f"the run was made with physics version {there}, here is {here}",
+            where=str(folder),
+            expected="one version, so that answers differ by the settings alone",
+            remedy="audit it with the environment that it was made with, or run the campaign again",
+        )
 
 
 def _rows_of(planned: Plan, ids: pa.ChunkedArray) -> NDArray[np.int64]:
@@ -161,8 +168,13 @@ def _alone(folder: Path) -> Iterator[Path]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError("run.locked", "another process audits this run", where=str(folder),
-                expected="one at a time", remedy="wait for it") from None  # fmt: skip
+            raise InputError(
+                "run.locked",
+                "another process audits this run",
+                where=str(folder),
+                expected="one at a time",
+                remedy="wait for it",
+            ) from None
         yield home
 
 

@@ -138,9 +138,13 @@ def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
     Raises InputError that names them.
     """
     if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
-        raise InputError("record.given_twice", f"the run counts {_and(twice)} already", where="--stood",
+        raise InputError(
+            "record.given_twice",
+            f"the run counts {_and(twice)} already",
+            where="--stood",
             expected="each shaking once, as what is told twice would count twice",
-            remedy="leave it out: the run's own weights hold it")  # fmt: skip
+            remedy="leave it out: the run's own weights hold it",
+        )
 
 
 def joined(own: Weights, also: Weights) -> Weights:
@@ -175,10 +179,14 @@ def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
     if not len(known):
         messages = shakes["message"].dropna() if "message" in shakes else shakes["toppled"].dropna()
         reason = messages.mode()
-        raise InputError("stood.no_answer", f"none of {len(shakes)} shakes with {name} has an answer"
-            + (f" ({reason.iloc[0]})" if len(reason) else ""), where="--stood",
+        raise InputError(
+            "stood.no_answer",
+            f"none of {len(shakes)} shakes with {name} has an answer"
+            + (f" ({reason.iloc[0]})" if len(reason) else ""),
+            where="--stood",
             expected="a motion that the engine of the run shakes the rock with",
-            remedy="see 'toppling records show' of the motion, or leave it out")  # fmt: skip
+            remedy="see 'toppling records show' of the motion, or leave it out",
+        )
     base = known["base"].to_numpy(int)
     answered = np.bincount(base, minlength=draws)
     standing = np.bincount(base[~known["toppled"].to_numpy(bool)], minlength=draws)

@@ -146,10 +146,13 @@ def _target_of(asked: TargetSpec) -> Target:
             tree for tree in read_hazard(asked.hazard) if tree.measure == (asked.measure or tree.measure)
         ]
         if len(trees) != 1 or len(trees[0].curves) != 1 or trees[0].measure not in LEVEL_MEASURES:
-            raise InputError("hazard.several_curves",
+            raise InputError(
+                "hazard.several_curves",
                 f"holds {sum(len(tree.curves) for tree in trees)} curves of {', '.join(t.measure for t in trees)}",
-                where=str(asked.hazard), expected=f"one hazard curve, of one of {', '.join(LEVEL_MEASURES)}",
-                remedy="write the curve that is meant as two columns, or state its measure in the target")  # fmt: skip
+                where=str(asked.hazard),
+                expected=f"one hazard curve, of one of {', '.join(LEVEL_MEASURES)}",
+                remedy="write the curve that is meant as two columns, or state its measure in the target",
+            )
         return Target("rate", trees[0].measure, hazard=trees[0].curves[0])
     if asked.at is not None:
         return Target("probability", asked.measure, intensity=asked.at)
@@ -164,9 +167,13 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
     wanted = [target.measure] if target.measure else list(LEVEL_MEASURES)
     usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
     if not usable:
-        raise InputError("ensemble.measure_missing", f"not every record has a {' or '.join(wanted)} above 0",
-            where=where, expected="a measure by which levels can be chosen",
-            remedy="ask for another measure, or leave such records out")  # fmt: skip
+        raise InputError(
+            "ensemble.measure_missing",
+            f"not every record has a {' or '.join(wanted)} above 0",
+            where=where,
+            expected="a measure by which levels can be chosen",
+            remedy="ask for another measure, or leave such records out",
+        )
     return usable
 
 

@@ -159,9 +159,13 @@ def read_seismograms(
     found = [one for path in paths if (path / CATALOG).is_file() for one in of_ensemble(path)]
     given = [path for path in paths if not (path / CATALOG).is_file()]
     if metadata and not given:
-        raise UsageError("metadata.no_file_given",
+        raise UsageError(
+            "metadata.no_file_given",
             "--metadata describes files, but only ensembles were given, which have their own metadata",
-            where=str(metadata), expected="files of seismograms", remedy="leave it out")  # fmt: skip
+            where=str(metadata),
+            expected="files of seismograms",
+            remedy="leave it out",
+        )
     files = record_files(given)
     if not files:
         return Seismograms(found)
@@ -180,10 +184,13 @@ def read_seismograms(
         if record.quality in {"processed", "drifting"}
     ]
     if not came.records:
-        raise InputError("record.none_found",
+        raise InputError(
+            "record.none_found",
             f"none of {len(files)} files gave a seismogram: {'; '.join(remarks)}",
-            where=", ".join(map(str, paths)), expected="three-component seismograms",
-            remedy="a metadata table adds what the files do not state (--metadata)")  # fmt: skip
+            where=", ".join(map(str, paths)),
+            expected="three-component seismograms",
+            remedy="a metadata table adds what the files do not state (--metadata)",
+        )
     return Seismograms(found + of_records(came.records), remarks, list(came.warnings))
 
 
@@ -322,11 +329,13 @@ def _with_seismograms(
     chosen = [(site, seismograms_of(site, given)) for site in sites]
     if not any(found for _, found in chosen):
         stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
-        raise InputError("rocks.no_seismograms", f"none of {len(given)} seismograms is at a site of the table",
+        raise InputError(
+            "rocks.no_seismograms",
+            f"none of {len(given)} seismograms is at a site of the table",
             where="check",
             expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
-            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'"
-        )  # fmt: skip
+            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
+        )
     return chosen
 
 

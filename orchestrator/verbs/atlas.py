@@ -85,9 +85,13 @@ def _rocks_of(opened: list[Run]) -> list[Run]:
     found = [rock for run in opened for rock in (run.rocks or (run,))]
     ids = [run.scene_id() for run in found]
     if twice := [name for name, count in Counter(filter(None, ids)).items() if count > 1]:
-        raise InputError("rock.given_twice", f"the rock of scene {twice[0]} is there twice",
+        raise InputError(
+            "rock.given_twice",
+            f"the rock of scene {twice[0]} is there twice",
             where=", ".join(str(run.path) for run, name in zip(found, ids, strict=True) if name == twice[0]),
-            expected="each rock once", remedy="leave one of the runs out")  # fmt: skip
+            expected="each rock once",
+            remedy="leave one of the runs out",
+        )
     return found
 
 

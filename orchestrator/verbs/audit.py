@@ -56,10 +56,13 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     rows = drawn(run)
     count = jobs or affordable(campaign, rows)
     if min(count, len(rows)) < LEAST_JOBS:
-        raise InputError("audit.too_few_jobs",
-            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs is too small", where=str(run),
+        raise InputError(
+            "audit.too_few_jobs",
+            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs is too small",
+            where=str(run),
             expected=f"at least {LEAST_JOBS} jobs",
-            remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs")  # fmt: skip
+            remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
+        )
     with (
         kept_up(run, take_over=take_over),
         watcher() as watch,

@@ -67,8 +67,11 @@ def check(
         _check_table(table, seismograms, as_json=as_json)
         return
     if not seismograms or workers or out:
-        raise click.UsageError("--workers and --out apply to a table of rocks" if seismograms
-            else "Missing argument 'SEISMOGRAMS...'.")  # fmt: skip
+        raise click.UsageError(
+            "--workers and --out apply to a table of rocks"
+            if seismograms
+            else "Missing argument 'SEISMOGRAMS...'."
+        )
     with bar("shaking") as advance:
         checked = study.check(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)

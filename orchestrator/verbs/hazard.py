@@ -65,5 +65,6 @@ def years_of(values: str | None) -> float | None:
     years = float(values) if is_numeral(values) else math.nan
     if not 0 < years < math.inf:
         raise click.UsageError(
-            f"--values is {values!r}: give 'rate', or the years that probabilities are over")  # fmt: skip
+            f"--values is {values!r}: give 'rate', or the years that probabilities are over"
+        )
     return years

@@ -84,10 +84,13 @@ def init(
 
 def _check_least(least_m_s2: float, scene: Path) -> None:
     if not 0.0 < least_m_s2 < LARGEST_PGA_M_S2:
-        raise InputError("scene.toppling_unusable",
+        raise InputError(
+            "scene.toppling_unusable",
             f"the least constant acceleration that topples the rock is {least_m_s2:.3g} m/s2",
-            where=str(scene), expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
-            remedy="check in the scene's picture that rock and pedestal are separated correctly")  # fmt: skip
+            where=str(scene),
+            expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
+            remedy="check in the scene's picture that rock and pedestal are separated correctly",
+        )
 
 
 _BELOW_LEAST = 0.9

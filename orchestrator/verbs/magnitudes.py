@@ -177,16 +177,25 @@ def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
     pairs = [text.lower().partition("=") for text in models]
     names = [name for name, _, _ in pairs]
     if len(set(names)) < len(names):
-        raise InputError("model.given_twice", what=f"the models are {', '.join(names)}", where="--model",
-            expected="each model once", remedy="leave one of the two out")  # fmt: skip
+        raise InputError(
+            "model.given_twice",
+            what=f"the models are {', '.join(names)}",
+            where="--model",
+            expected="each model once",
+            remedy="leave one of the two out",
+        )
     if not any(weight for _, _, weight in pairs):
         return names, [1.0 / len(names)] * len(names)
     try:
         return names, [float(weight) for _, _, weight in pairs]
     except ValueError:
-        raise InputError("model.weights_unusable", what=f"the models are {', '.join(models)}",
-            where="--model", expected="NAME=WEIGHT for each of them, or for none",
-            remedy="give weights that sum to 1") from None  # fmt: skip
+        raise InputError(
+            "model.weights_unusable",
+            what=f"the models are {', '.join(models)}",
+            where="--model",
+            expected="NAME=WEIGHT for each of them, or for none",
+            remedy="give weights that sum to 1",
+        ) from None
 
 
 @dataclass(frozen=True, eq=False)

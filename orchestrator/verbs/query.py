@@ -58,7 +58,8 @@ def query(
         raise click.UsageError(
             f"{wrong if runs else 'a run is missing'}: give one run or more and one query, such as "
             f"toppling query {' '.join(runs) or 'RUN'} "
-            '"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe')  # fmt: skip
+            '"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
+        )
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     else:

@@ -179,10 +179,12 @@ def _refuse_unclear_request(
 ) -> None:
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
         raise click.UsageError(
-            "give --event with --radius or --stations, or --stations with --start and --end")  # fmt: skip
+            "give --event with --radius or --stations, or --stations with --start and --end"
+        )
     if (radius_km and stations) or bool(start) != bool(end):
         raise click.UsageError(
-            "give --radius or --stations, and --start and --end together: one of them would be ignored")  # fmt: skip
+            "give --radius or --stations, and --start and --end together: one of them would be ignored"
+        )
 
 
 @records.command()
@@ -243,5 +245,10 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
 
 def _no_record(files: int, where: str) -> InputError:
-    return InputError("record.none_found", f"none of {files} files gave a record{instead(Path(where))}",
-        where=where, expected="three-component records", remedy="see the table above")  # fmt: skip
+    return InputError(
+        "record.none_found",
+        f"none of {files} files gave a record{instead(Path(where))}",
+        where=where,
+        expected="three-component records",
+        remedy="see the table above",
+    )

@@ -122,5 +122,10 @@ def refuse_existing_ensemble(out: Path, replace: bool) -> None:
     from toppling.models.motions.ensemble import CATALOG
 
     if (out / CATALOG).exists() and not replace:
-        raise InputError("ensemble.exists", "an ensemble exists there already", where=str(out),
-            expected="a new folder", remedy="choose another --out, or replace it with --replace")  # fmt: skip
+        raise InputError(
+            "ensemble.exists",
+            "an ensemble exists there already",
+            where=str(out),
+            expected="a new folder",
+            remedy="choose another --out, or replace it with --replace",
+        )

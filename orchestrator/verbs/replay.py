@@ -68,8 +68,13 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         version = row["physics_version"]
         if spec.job_id != job_id:
             click.echo(f"The run was done with physics version {version}, not with this program's.", err=True)
-        raise InputError("replay.differs", "; ".join(filter(None, differing)), where=f"job {job_id}",
-            expected="the answer of the run", remedy=_whence(row["kernels"]))  # fmt: skip
+        raise InputError(
+            "replay.differs",
+            "; ".join(filter(None, differing)),
+            where=f"job {job_id}",
+            expected="the answer of the run",
+            remedy=_whence(row["kernels"]),
+        )
     else:
         click.echo("The answer is that of the run.")
 
@@ -125,16 +130,21 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
     run = opened.root
     path = run / "jobs.parquet"
     if not path.exists():
-        raise _error("run.no_plan", run, "the folder holds no plan (jobs.parquet)",
-            "give the folder that 'toppling run' made")  # fmt: skip
+        raise _error(
+            "run.no_plan",
+            run,
+            "the folder holds no plan (jobs.parquet)",
+            "give the folder that 'toppling run' made",
+        )
     required = has_digests(run)
     check(run / "campaign.toml", required=required)
     jobs = read_table(path, required=required)
     found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
     if len(found) != 1:
         what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"
-        raise _error("run.job_unknown", run, what,
-            'see the ids with: toppling query RUN "select job_id from results"')  # fmt: skip
+        raise _error(
+            "run.job_unknown", run, what, 'see the ids with: toppling query RUN "select job_id from results"'
+        )
     campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
     job_id = chosen.pop("job_id")
     # Plans of earlier versions are of one scene and do not name it.

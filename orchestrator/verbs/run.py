@@ -156,9 +156,13 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     if gone is None or not kept.is_file() or kept.samefile(campaign):
         return
     again = shlex.join(["toppling", "run", str(kept), "--out", str(folder)])
-    raise InputError("file.absent", f"{gone} is not there", where=str(campaign),
+    raise InputError(
+        "file.absent",
+        f"{gone} is not there",
+        where=str(campaign),
         expected="the folders that it names",
-        remedy=f"put it back, or go on with the copy that the run keeps: {again}")  # fmt: skip
+        remedy=f"put it back, or go on with the copy that the run keeps: {again}",
+    )
 
 
 def _carry_out(

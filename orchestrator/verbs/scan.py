@@ -25,7 +25,8 @@ _LEAST_REALISATIONS = 3
 def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     if 0 < realisations < _LEAST_REALISATIONS:
         raise click.BadParameter(
-            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}.")  # fmt: skip
+            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}."
+        )
     return realisations
 
 
@@ -280,7 +281,11 @@ def _coordinates(text: str, where: str) -> tuple[float, ...]:
     try:
         x, y, z = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
-        raise InputError("hint.place_unreadable", f"'{text}' is not a place", where=where,
+        raise InputError(
+            "hint.place_unreadable",
+            f"'{text}' is not a place",
+            where=where,
             expected="three numbers: x,y,z in survey coordinates",
-            remedy=f"write it like {where} 331250.1,3777309.2,480.3") from None  # fmt: skip
+            remedy=f"write it like {where} 331250.1,3777309.2,480.3",
+        ) from None
     return x, y, z

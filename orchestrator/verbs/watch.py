@@ -146,9 +146,13 @@ class _Replays:
                     self._failed[self._job] = said.strip() or "it ended without a page"
                 self._process = None
             if job in self._failed:
-                raise InputError("replay.failed", f"the replay failed: {self._failed.pop(job)}",
-                    where=f"job {job}", expected="a job of this run",
-                    remedy=f"try it outside: toppling replay {self._run} {job}")  # fmt: skip
+                raise InputError(
+                    "replay.failed",
+                    f"the replay failed: {self._failed.pop(job)}",
+                    where=f"job {job}",
+                    expected="a job of this run",
+                    remedy=f"try it outside: toppling replay {self._run} {job}",
+                )
             if self._process is None and not drawn.exists():
                 words = [sys.executable, "-P", "-m", "toppling", "replay", str(self._run), job]
                 self._process = subprocess.Popen(

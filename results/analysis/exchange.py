@@ -101,14 +101,19 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     curves = [_in_si(curve, path) for curve in curves]
     for curve in curves:
         if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
-            raise _curve_error("fragility.curve_unusable",
-                f"median {curve.median}, beta {curve.beta} of {curve.measure}", path)  # fmt: skip
+            raise _curve_error(
+                "fragility.curve_unusable",
+                f"median {curve.median}, beta {curve.beta} of {curve.measure}",
+                path,
+            )
     counts = Counter(curve.measure for curve in curves)
     several = [f"{count} curves over {measure}" for measure, count in counts.items() if count > 1]
     if several:
-        raise _curve_error("fragility.several_curves",
+        raise _curve_error(
+            "fragility.several_curves",
             f"holds {', '.join(several)}: give each rock, and each limit state, its own file",
-            path)  # fmt: skip
+            path,
+        )
     return {curve.measure: curve for curve in curves}
 
 
@@ -118,10 +123,13 @@ def _in_si(curve: Lognormal, path: Path) -> Lognormal:
     if known is None or known[0] == curve.measure:
         return curve
     if measure_of(curve.measure):
-        raise InputError("fragility.unit_unknown",
-            f"the measure {curve.measure!r} names no unit of its median", where=str(path),
+        raise InputError(
+            "fragility.unit_unknown",
+            f"the measure {curve.measure!r} names no unit of its median",
+            where=str(path),
             expected=f"a column of the results, such as {known[0]}, or a measure with its unit",
-            remedy=f"write {known[0]} with the median in SI, or {curve.measure} (g) or the like")  # fmt: skip
+            remedy=f"write {known[0]} with the median in SI, or {curve.measure} (g) or the like",
+        )
     return replace(curve, measure=known[0], median=known[1] * curve.median, resampled=None)
 
 
@@ -135,8 +143,9 @@ def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
     )
     found = [surface for surface in found if surface.measures == measures]
     if len(found) > 1:
-        raise _curve_error("fragility.several_curves",
-            f"holds {len(found)} surfaces over {' and '.join(measures)}", path)  # fmt: skip
+        raise _curve_error(
+            "fragility.several_curves", f"holds {len(found)} surfaces over {' and '.join(measures)}", path
+        )
     return found[0] if found else None
 
 
@@ -154,16 +163,21 @@ def _read(
     except InputError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise _curve_error("file.unreadable", f"cannot be read ({type(error).__name__}: {str(error)[:300]})",
-            path) from error  # fmt: skip
+        raise _curve_error(
+            "file.unreadable", f"cannot be read ({type(error).__name__}: {str(error)[:300]})", path
+        ) from error
 
 
 def _nrml(curves: list[Lognormal], name: str) -> str:
     known = [curve for curve in curves if curve.measure in OPENQUAKE or is_spectral(curve.measure)]
     if not known:
-        raise InputError("fragility.measure_not_in_format", what=f"no curve over {', '.join(OPENQUAKE)}",
-            where="NRML", expected="a measure that OpenQuake has a name for",
-            remedy="write CSV or JSON instead")  # fmt: skip
+        raise InputError(
+            "fragility.measure_not_in_format",
+            what=f"no curve over {', '.join(OPENQUAKE)}",
+            where="NRML",
+            expected="a measure that OpenQuake has a name for",
+            remedy="write CSV or JSON instead",
+        )
     ET.register_namespace("", _SPACE)
     root = ET.Element(f"{{{_SPACE}}}nrml")
     model = ET.SubElement(
@@ -343,7 +357,10 @@ def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
 
 def _suffix_error(path: Path) -> InputError:
     absent = not path.suffix and not path.exists()
-    return InputError("file.absent" if absent else "fragility.format_unknown",
-        "does not exist" if absent else f"the suffix is {path.suffix!r}{instead(path)}", where=str(path),
+    return InputError(
+        "file.absent" if absent else "fragility.format_unknown",
+        "does not exist" if absent else f"the suffix is {path.suffix!r}{instead(path)}",
+        where=str(path),
         expected="the folder of a run, or a file of curves: .xml (NRML), .csv or .json",
-        remedy="check the path" if absent else "rename the file by what it holds")  # fmt: skip
+        remedy="check the path" if absent else "rename the file by what it holds",
+    )

@@ -112,8 +112,13 @@ def beside_each_other(
     shared = _shared([jobs for _, jobs in chosen], runs)
     if only_shared and not (shared.records and shared.levels_m_s2):
         remedy = "leave --shared out, or compare rocks of one campaign"
-        raise InputError("atlas.nothing_shared", shared.sentence, where="atlas",
-            expected="records and levels in common", remedy=remedy)  # fmt: skip
+        raise InputError(
+            "atlas.nothing_shared",
+            shared.sentence,
+            where="atlas",
+            expected="records and levels in common",
+            remedy=remedy,
+        )
     found = []
     for run, (contact, jobs) in zip(runs, chosen, strict=True):
         used = jobs

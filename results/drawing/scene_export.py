@@ -23,8 +23,13 @@ def export_scene(scene: Scene, path: Path) -> None:
     Raises InputError if the file's extension is none of these.
     """
     if path.suffix.lower() not in _EXPORTS:
-        raise InputError("scene.format_unknown", f"cannot export to '{path.suffix}'", where=str(path),
-            expected=" or ".join(_EXPORTS), remedy="name the file by the format that you want")  # fmt: skip
+        raise InputError(
+            "scene.format_unknown",
+            f"cannot export to '{path.suffix}'",
+            where=str(path),
+            expected=" or ".join(_EXPORTS),
+            remedy="name the file by the format that you want",
+        )
     meshes = _meshes(scene)
     if path.suffix.lower() in (".glb", ".gltf"):
         parts = trimesh.Scene()

@@ -103,10 +103,14 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     except ValueError:
         ages = np.array([math.nan])
     if not (len(ages) and np.isfinite(ages).all() and (ages > 0).all()):
-        raise InputError("age.unreadable", what=f"{text!r} is no age", where=where,
+        raise InputError(
+            "age.unreadable",
+            what=f"{text!r} is no age",
+            where=where,
             expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages; an "
             "uncertainty in the unit of its age and of its size",
-            remedy="leave --age out for the statement about a single event")  # fmt: skip
+            remedy="leave --age out for the statement about a single event",
+        )
     return ages
 
 
@@ -136,10 +140,13 @@ def parse_since(text: str) -> Since:
     except ValueError:
         factor = math.nan
     if not factor > 1:
-        raise InputError("age.factor_unusable", what=f"the factor {stouter!r} of {text!r}",
+        raise InputError(
+            "age.factor_unusable",
+            what=f"the factor {stouter!r} of {text!r}",
             where="--fragile-since",
             expected="a number above 1, by which the rock's medians were higher before",
-            remedy="leave it out for a rock that could not topple before, such as a buried one")  # fmt: skip
+            remedy="leave it out for a rock that could not topple before, such as a buried one",
+        )
     return Since(parse_age(age, "--fragile-since"), factor)
 
 
@@ -156,10 +163,13 @@ def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: f
     draws = max([_AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
     random = np.random.default_rng(0)  # the same ages at every call
     if common_date and any(not np.array_equal(years, ages[0]) for years in ages):
-        raise InputError("age.dates_contradicted",
-            what="rocks that were uncovered together have different ages", where="--common-date",
+        raise InputError(
+            "age.dates_contradicted",
+            what="rocks that were uncovered together have different ages",
+            where="--common-date",
             expected="one --age for all of them",
-            remedy="give their one age, or leave --common-date out")  # fmt: skip
+            remedy="give their one age, or leave --common-date out",
+        )
     if common_date or len(ages) == 1 or draws == 1:
         drawn = np.column_stack([np.resize(years, draws) for years in ages])
     else:
@@ -268,13 +278,15 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
     if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):
         raise _file_error("age.columns_unknown", f"it has the columns {', '.join(names)}", path)
     if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
-        raise _file_error("age.decimals_ambiguous",
-            f"{rows[1][0]!r} may be decimals, or thousands with a dot between", path)  # fmt: skip
+        raise _file_error(
+            "age.decimals_ambiguous", f"{rows[1][0]!r} may be decimals, or thousands with a dot between", path
+        )
     try:
         table = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
     except ValueError as error:
-        raise _file_error("age.row_unreadable", f"it has a line that is no {' and '.join(names)} ({error})",
-            path) from error  # fmt: skip
+        raise _file_error(
+            "age.row_unreadable", f"it has a line that is no {' and '.join(names)} ({error})", path
+        ) from error
     years = table[:, 0] * unit
     weights = table[:, 1] if len(names) > 1 else np.ones(len(table))
     if not (len(table) and np.isfinite(table).all() and (years > 0).all()):

@@ -52,11 +52,13 @@ class HazardCurve:
         x, rate = self.intensity, self.annual_rate
         good = len(x) == len(rate) and np.isfinite(x).all() and np.isfinite(rate).all() and (x > 0).all()
         if not (good and (np.diff(x) > 0).all() and (rate > 0).all() and (np.diff(rate) <= 0).all()):
-            raise InputError("hazard.levels_not_rising",
-                what="intensities must rise and rates fall, all of them positive", where=self.source or self.name,
+            raise InputError(
+                "hazard.levels_not_rising",
+                what="intensities must rise and rates fall, all of them positive",
+                where=self.source or self.name,
                 expected="annual rates of exceedance that fall as the intensity rises, at two levels or more",
-                remedy="compute the curve at more levels, from where the rock hardly topples to where it always does"
-            )  # fmt: skip
+                remedy="compute the curve at more levels, from where the rock hardly topples to where it always does",
+            )
 
     def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Annual rate of exceedance at intensities within the curve, interpolated on logarithms."""
@@ -96,21 +98,33 @@ def _curve_of_rates(
     if len(x) > 1 and x[0] == 0:  # exceeded by every event: no level of a logarithmic curve
         x, rate = x[1:], rate[1:]
     if wrong := _wrong_levels(x):
-        raise InputError("hazard.levels_not_rising", what=wrong, where=where, expected=expected,
-            remedy="state each level once, in rising order, and leave out those of 0")  # fmt: skip
+        raise InputError(
+            "hazard.levels_not_rising",
+            what=wrong,
+            where=where,
+            expected=expected,
+            remedy="state each level once, in rising order, and leave out those of 0",
+        )
     if not (rate >= 0).all():
         worst = int(np.argmax(~(rate >= 0)))
-        raise InputError("hazard.rate_not_positive",
+        raise InputError(
+            "hazard.rate_not_positive",
             what=f"states {rate[worst]:g} at the level {x[worst]:g}: rates must fall, all of them positive",
-            where=where, expected=expected, remedy="correct the value, or leave the level out")  # fmt: skip
+            where=where,
+            expected=expected,
+            remedy="correct the value, or leave the level out",
+        )
     finite = np.where(np.isinf(rate), 1e300, rate)
     risen = finite[1:] > finite[:-1] * (1.0 + _PRINTED)
     if risen.any():
         index = int(np.argmax(risen))
-        raise InputError("hazard.rates_rise",
+        raise InputError(
+            "hazard.rates_rise",
             what=f"the value at {x[index + 1]:g} lies above that at {x[index]:g}: rates must fall",
-            where=where, expected=expected,
-            remedy="check the order of the columns, and the program that wrote them")  # fmt: skip
+            where=where,
+            expected=expected,
+            remedy="check the order of the columns, and the program that wrote them",
+        )
     falling = np.where(np.isinf(rate), rate, np.minimum.accumulate(finite))
     positive = (falling > 0) & np.isfinite(falling)
     return HazardCurve(
@@ -157,15 +171,22 @@ def curve_of(
         return _curve_of_rates(name, measure, x, p, **stated)
     where = str(stated.get("source") or name)
     if not 0 < years < math.inf:
-        raise InputError("hazard.time_unusable", what=f"an investigation time of {years:g} years",
-            where=where, expected="a time above 0",
-            remedy="state the years that the probabilities are over")  # fmt: skip
+        raise InputError(
+            "hazard.time_unusable",
+            what=f"an investigation time of {years:g} years",
+            where=where,
+            expected="a time above 0",
+            remedy="state the years that the probabilities are over",
+        )
     if not ((p >= 0) & (p <= 1)).all():
         worst = int(np.argmax(~((p >= 0) & (p <= 1))))
-        raise InputError("hazard.probability_out_of_range",
-            what=f"states the probability {p[worst]:g} at the level {x[worst]:g}", where=where,
+        raise InputError(
+            "hazard.probability_out_of_range",
+            what=f"states the probability {p[worst]:g} at the level {x[worst]:g}",
+            where=where,
             expected="probabilities of exceedance from 0 to 1",
-            remedy="if these are annual rates, say so in the file")  # fmt: skip
+            remedy="if these are annual rates, say so in the file",
+        )
     return _curve_of_rates(name, measure, x, annual_rate_of(p, years), years=years, **stated)
 
 

@@ -95,8 +95,11 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
     except (TypeError, ValueError, IndexError, KeyError):
         points = np.empty((0, 2))
     if not (len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()):
-        raise _fault_error("faults.line_unusable",
-            f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)  # fmt: skip
+        raise _fault_error(
+            "faults.line_unusable",
+            f"feature {number + 1} is no line of longitudes and latitudes in degrees",
+            path,
+        )
     return azimuthal_km(_straight(points), site)
 
 

@@ -70,11 +70,18 @@ class GroundMotionModel:
 
     def __post_init__(self) -> None:
         if self.name not in MODELS:
-            raise _model_error("model.unknown", f"{self.name!r} is no ground-motion model known here",
-                f"one of {', '.join(MODELS)}")  # fmt: skip
+            raise _model_error(
+                "model.unknown",
+                f"{self.name!r} is no ground-motion model known here",
+                f"one of {', '.join(MODELS)}",
+            )
         if self.measure not in MEASURES:
-            raise _model_error("measure.unknown", f"has no model of {self.measure}",
-                f"one of {', '.join(MEASURES)}", "--measure")  # fmt: skip
+            raise _model_error(
+                "measure.unknown",
+                f"has no model of {self.measure}",
+                f"one of {', '.join(MEASURES)}",
+                "--measure",
+            )
         limits = self._limits("v_s30")
         if not (self.vs30_m_s > 0 and (limits is None or limits[0] <= self.vs30_m_s <= limits[1])):
             expected = (
@@ -82,22 +89,29 @@ class GroundMotionModel:
                 if limits is None
                 else f"{limits[0]:g} to {limits[1]:g} m/s for {self.name}"
             )
-            raise _model_error("model.vs30_out_of_range", f"a Vs30 of {self.vs30_m_s:g} m/s", expected,
-                "--vs30")  # fmt: skip
+            raise _model_error(
+                "model.vs30_out_of_range", f"a Vs30 of {self.vs30_m_s:g} m/s", expected, "--vs30"
+            )
         options = next((one.options for one in self._class.PARAMS if one.name == "mechanism"), None)
         if options is not None and self.mechanism not in options:
-            raise _model_error("model.mechanism_unknown", f"{self.name} has no mechanism {self.mechanism!r}",
-                f"one of {', '.join(options)}")  # fmt: skip
+            raise _model_error(
+                "model.mechanism_unknown",
+                f"{self.name} has no mechanism {self.mechanism!r}",
+                f"one of {', '.join(options)}",
+            )
 
     @cached_property
     def _class(self) -> Any:
         try:
             pygmm = importlib.import_module("pygmm")
         except ImportError:
-            raise InputError("package.not_installed",
-                what="ground-motion models need the package pygmm, which is not installed", where="--model",
+            raise InputError(
+                "package.not_installed",
+                what="ground-motion models need the package pygmm, which is not installed",
+                where="--model",
                 expected="the optional extra 'gmm'",
-                remedy="pip install 'toppling[gmm]'") from None  # fmt: skip
+                remedy="pip install 'toppling[gmm]'",
+            ) from None
         return getattr(pygmm, MODELS[self.name])
 
     @property
@@ -138,8 +152,11 @@ class GroundMotionModel:
             try:
                 return self._read(model)
             except NotImplementedError:
-                raise _model_error("model.measure_not_given", f"{self.name} does not give {self.measure}",
-                    "a measure of the model") from None  # fmt: skip
+                raise _model_error(
+                    "model.measure_not_given",
+                    f"{self.name} does not give {self.measure}",
+                    "a measure of the model",
+                ) from None
 
     def _read(self, model: Any) -> tuple[float, float]:
         period = MEASURES[self.measure]
@@ -179,5 +196,6 @@ def _quiet() -> Iterator[None]:
 
 
 def _model_error(code: str, what: str, expected: str, where: str = "--model") -> InputError:
-    return InputError(code, what, where=where, expected=expected,
-        remedy="choose another model, or another measure")  # fmt: skip
+    return InputError(
+        code, what, where=where, expected=expected, remedy="choose another model, or another measure"
+    )

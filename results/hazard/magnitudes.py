@@ -85,10 +85,13 @@ def motion_grid(
     distances_km: instead of those; nearer and farther ones than the models are for count as the nearest and farthest.
     """
     if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
-        raise InputError("model.weights_unusable",
+        raise InputError(
+            "model.weights_unusable",
             what=f"the weights of {len(models)} models are {', '.join(f'{weight:g}' for weight in weights)}",
-            where="--model", expected="positive weights that sum to 1",
-            remedy="give NAME=WEIGHT for each model")  # fmt: skip
+            where="--model",
+            expected="positive weights that sum to 1",
+            remedy="give NAME=WEIGHT for each model",
+        )
     least, most = (end(one.magnitudes[n] for one in models) for n, end in enumerate((max, min)))
     near, far = (end(one.distances_km[n] for one in models) for n, end in enumerate((max, min)))
     magnitude = np.linspace(least, most, 1 + round((most - least) / _MAGNITUDE_STEP))

@@ -45,9 +45,13 @@ def check_place(asked: Place) -> None:
     Raises InputError if it is none.
     """
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
-        raise InputError("site.out_of_range", what=f"{asked[0]:g} {asked[1]:g} is no place on Earth",
-            where="--site", expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
-            remedy="give the longitude first: --site LONGITUDE LATITUDE")  # fmt: skip
+        raise InputError(
+            "site.out_of_range",
+            what=f"{asked[0]:g} {asked[1]:g} is no place on Earth",
+            where="--site",
+            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE",
+        )
 
 
 def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
@@ -58,9 +62,13 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
         known = some_of([*dict.fromkeys(filter(None, names))]) or "none that has a name"
-        raise InputError("site.unknown", f"has no site called {asked!r}: it has {known}", where=where,
+        raise InputError(
+            "site.unknown",
+            f"has no site called {asked!r}: it has {known}",
+            where=where,
             expected="the name of one of its sites",
-            remedy="give one of its names, or --site LONGITUDE LATITUDE")  # fmt: skip
+            remedy="give one of its names, or --site LONGITUDE LATITUDE",
+        )
     return found
 
 
@@ -74,11 +82,14 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     away_km = distance_km(east, north, asked)
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
-        raise InputError("site.too_far",
+        raise InputError(
+            "site.too_far",
             what=f"the nearest site to {asked[0]:g} {asked[1]:g}, at longitude {sites[number][0]:g} and latitude "
-            f"{sites[number][1]:g}, is {away_km[number]:.0f} km away", where=where,
+            f"{sites[number][1]:g}, is {away_km[number]:.0f} km away",
+            where=where,
             expected=f"a site within {SITE_REACH_KM:g} km",
-            remedy="see that the longitude comes first, or compute the hazard at the rock")  # fmt: skip
+            remedy="see that the longitude comes first, or compute the hazard at the rock",
+        )
     return number
 
 

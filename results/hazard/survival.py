@@ -51,10 +51,13 @@ def topples(fragility: Fragility, motions: Motions) -> Array:
     """
     lacking = [name for name in fragility.measures if name not in motions]
     if lacking:
-        raise InputError("hazard.measure_other",
-            what=f"states {', '.join(motions)}, and no {', '.join(lacking)}", where="--hazard",
+        raise InputError(
+            "hazard.measure_other",
+            what=f"states {', '.join(motions)}, and no {', '.join(lacking)}",
+            where="--hazard",
             expected=f"motions in {', '.join(fragility.measures)}, as the rock's fragility is over them",
-            remedy="choose another --measure, or compute fields of that measure too")  # fmt: skip
+            remedy="choose another --measure, or compute fields of that measure too",
+        )
     if isinstance(fragility, Surface):
         return fragility.probability(motions)
     return fragility.probability(motions[fragility.measure])

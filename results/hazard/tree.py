@@ -51,10 +51,13 @@ class HazardTree:
     def __post_init__(self) -> None:
         total = math.fsum(branch.weight for branch in self.branches)
         if not abs(total - 1.0) <= _WEIGHT_TOLERANCE:
-            raise InputError("hazard.weights_sum",
+            raise InputError(
+                "hazard.weights_sum",
                 what=f"the weights of {len(self.branches)} branches sum to {total:.6g}",
-                where=self.weights_from, expected="weights that sum to 1",
-                remedy="give every branch of the tree, with its weight")  # fmt: skip
+                where=self.weights_from,
+                expected="weights that sum to 1",
+                remedy="give every branch of the tree, with its weight",
+            )
 
     @property
     def site(self) -> Place | None:
@@ -130,10 +133,13 @@ def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
     levels = np.unique(np.concatenate([curve.levels for curve in curves]))
     levels = levels[(levels >= low) & (levels <= high)]
     if len(levels) < 2:
-        raise InputError("hazard.levels_not_shared",
-            what="the curves of the branches have fewer than two levels in common", where="--hazard",
+        raise InputError(
+            "hazard.levels_not_shared",
+            what="the curves of the branches have fewer than two levels in common",
+            where="--hazard",
             expected="branches that cover the same intensities",
-            remedy="compute all branches at the same levels")  # fmt: skip
+            remedy="compute all branches at the same levels",
+        )
     return levels, np.array([_rates_at(curve, levels) for curve in curves])
 
 

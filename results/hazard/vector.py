@@ -73,8 +73,9 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> tuple
     Raises InputError if the curves are over one measure, or the scatter is none.
     """
     if first.measure == second.measure:
-        raise _vector_error("hazard.measure_given_twice", f"two curves over {first.measure}",
-            "curves of two measures")  # fmt: skip
+        raise _vector_error(
+            "hazard.measure_given_twice", f"two curves over {first.measure}", "curves of two measures"
+        )
     if not 0 <= scatter < 5:
         raise _vector_error("hazard.scatter_unusable", f"a scatter of {scatter:g}", "a scatter near 0.45")
     low, high = math.log(first.intensity[0]) - _EXTENDED, math.log(first.intensity[-1]) + _EXTENDED
@@ -139,5 +140,10 @@ def _coupled(second: HazardCurve, part: Array, reached: Array, scatter: float) -
 
 
 def _vector_error(code: str, what: str, expected: str) -> InputError:
-    return InputError(code, what, where="--hazard", expected=expected,
-        remedy="give one curve of each measure, of one site and component")  # fmt: skip
+    return InputError(
+        code,
+        what,
+        where="--hazard",
+        expected=expected,
+        remedy="give one curve of each measure, of one site and component",
+    )

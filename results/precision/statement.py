@@ -73,9 +73,13 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
         return []
     content = read_json(path, required=True)
     if not isinstance(content, dict) or content.get("schema_version") != _SCHEMA_VERSION:
-        raise InputError("document.schema_version", "is of another layout", where=str(path),
+        raise InputError(
+            "document.schema_version",
+            "is of another layout",
+            where=str(path),
             expected=f"schema version {_SCHEMA_VERSION}",
-            remedy="remove it and go on with the run: it is written again")  # fmt: skip
+            remedy="remove it and go on with the run: it is written again",
+        )
     check_plan_id(run, path, content.get("plan_id"))
     return list(content["statements"])
 

@@ -30,8 +30,13 @@ def engine_named(name: str) -> Engine:
         If there is none.
     """
     if name not in ENGINES:
-        raise InputError("engine.unknown", f"no engine {name!r}", where="engine", expected=", ".join(ENGINES),
-            remedy=f"leave it out: {DEFAULT!r} does all")  # fmt: skip
+        raise InputError(
+            "engine.unknown",
+            f"no engine {name!r}",
+            where="engine",
+            expected=", ".join(ENGINES),
+            remedy=f"leave it out: {DEFAULT!r} does all",
+        )
     return ENGINES[name]
 
 
@@ -47,6 +52,11 @@ def options_of(preset: str | NumericalOptions, engine: str = DEFAULT) -> Numeric
     if isinstance(preset, NumericalOptions):
         return preset
     if not isinstance(preset, str) or preset not in presets:
-        raise InputError("engine.preset_unknown", f"no preset {preset!r}", where="preset",
-            expected=", ".join(PRESETS), remedy="'standard' suits most runs")  # fmt: skip
+        raise InputError(
+            "engine.preset_unknown",
+            f"no preset {preset!r}",
+            where="preset",
+            expected=", ".join(PRESETS),
+            remedy="'standard' suits most runs",
+        )
     return presets[preset]

@@ -167,6 +167,10 @@ class Engine:
         """Make sure that it is installed and knows the contact."""
         self.require()
         if (what := self.beyond(contact)) is not None:
-            raise InputError("engine.contact_unknown", what, where=f"engine {self.name}",
+            raise InputError(
+                "engine.contact_unknown",
+                what,
+                where=f"engine {self.name}",
                 expected="restitution 0 and one coefficient of friction",
-                remedy="shake with the default engine, or change the contact's properties")  # fmt: skip
+                remedy="shake with the default engine, or change the contact's properties",
+            )

@@ -328,10 +328,13 @@ def _component(
         file.refuse("record.unit_contradicted", first, what, "one unit of acceleration",
             "correct the text, or the names of the columns")  # fmt: skip
     if unit is None and column.unit:
-        no_unit = InputError("record.unit_unknown",
+        no_unit = InputError(
+            "record.unit_unknown",
             f"{column.unit!r} in the names of the columns does not say in which unit the samples are",
-            where=file.where(first), expected=f"one of {known_names()}",
-            remedy="correct it, or give a metadata table with the column 'unit' (--metadata)")  # fmt: skip
+            where=file.where(first),
+            expected=f"one of {known_names()}",
+            remedy="correct it, or give a metadata table with the column 'unit' (--metadata)",
+        )
     factor = unit.factor if unit else None if column.unit else above
     return file.channel(
         first,

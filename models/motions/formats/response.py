@@ -156,29 +156,37 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     there = [s for network, s in stations if network == stats.network]
     if not there:
         others = [f"{n.code}.{s.code}" for n in inventory for s in n]
-        raise _no_response("response.station_other",
+        raise _no_response(
+            "response.station_other",
             f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}",
-            path)  # fmt: skip
+            path,
+        )
     coded = [c for station in there for c in station if c.code == stats.channel]
     if not coded:
         codes = [c.code for s in there for c in s]
-        raise _no_response("response.channel_other",
+        raise _no_response(
+            "response.channel_other",
             f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}",
-            path)  # fmt: skip
+            path,
+        )
     location = location_of(stats, inventory)
     placed = [c for c in coded if c.location_code == location]
     if not placed:
         at = _some([repr(c.location_code) for c in coded])
-        raise _no_response("response.location_other",
+        raise _no_response(
+            "response.location_other",
             f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}",
-            path)  # fmt: skip
+            path,
+        )
     timed = [c for c in placed if c.is_active(time=stats.starttime)]
     if not timed:
         spans = [(_day(c.start_date, "the beginning"), _day(c.end_date, "today")) for c in placed]
         epochs = _some([f"{start} to {end}" for start, end in spans])
-        raise _no_response("response.epoch_other",
+        raise _no_response(
+            "response.epoch_other",
             f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}",
-            path)  # fmt: skip
+            path,
+        )
     answering = [c for c in timed if c.response is not None]
     if not answering:
         raise _no_response("response.missing", f"the StationXML names {name} without its response", path)
@@ -186,8 +194,11 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
-        raise _no_response("response.given_twice",
-            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path)  # fmt: skip
+        raise _no_response(
+            "response.given_twice",
+            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}",
+            path,
+        )
     return answering[0]
 
 

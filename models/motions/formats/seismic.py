@@ -276,9 +276,13 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
         what = f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration"
         refuse_file("record.not_acceleration", path, what, "acceleration (idep 8)",
             "differentiate it to acceleration first")  # fmt: skip
-    silent = InputError("record.unit_unknown", "SAC does not say in which unit its samples are",
-        where=str(path), expected="a unit in the metadata table",
-        remedy="give a metadata table with the column 'unit' (--metadata)")  # fmt: skip
+    silent = InputError(
+        "record.unit_unknown",
+        "SAC does not say in which unit its samples are",
+        where=str(path),
+        expected="a unit in the metadata table",
+        remedy="give a metadata table with the column 'unit' (--metadata)",
+    )
     return Converted(values, no_unit=silent)
 
 

@@ -51,9 +51,13 @@ class Content:
         """All rows, weighted if the run's records or bases have unequal weights."""
         frame = self.run.weighted(self.run.frame())
         if not frame["toppled"].notna().any():
-            raise InputError("run.no_answers", what=f"{len(frame)} jobs, none with an answer",
-                where=str(self.run.path), expected="finished jobs",
-                remedy="'toppling status RUN' shows how far the run is")  # fmt: skip
+            raise InputError(
+                "run.no_answers",
+                what=f"{len(frame)} jobs, none with an answer",
+                where=str(self.run.path),
+                expected="finished jobs",
+                remedy="'toppling status RUN' shows how far the run is",
+            )
         return frame
 
     @cached_property

@@ -68,10 +68,13 @@ def write_pdf(text: str, target: Path) -> Path:
 def _printed_by_browser(text: str, target: Path) -> Path:
     browser = next(filter(None, map(shutil.which, _BROWSERS.split())), None)
     if browser is None:
-        raise InputError("package.not_installed", "no program that prints to PDF is installed", where=str(target),
+        raise InputError(
+            "package.not_installed",
+            "no program that prints to PDF is installed",
+            where=str(target),
             expected="WeasyPrint, or Chromium, Chrome or Edge on the PATH",
-            remedy="'pip install weasyprint' (it needs the system library Pango), or print the page from a browser"
-        )  # fmt: skip
+            remedy="'pip install weasyprint' (it needs the system library Pango), or print the page from a browser",
+        )
     with tempfile.TemporaryDirectory() as folder, new_file(target) as hidden:
         source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_text(text, encoding="utf-8")

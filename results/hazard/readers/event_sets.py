@@ -59,8 +59,9 @@ def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd
     joined = rows.merge(known, on=EVENT, how="left", validate="many_to_one")
     if joined[BRANCH].isna().any():
         lost = joined.loc[joined[BRANCH].isna(), EVENT].iloc[0]
-        raise event_error("events.event_unknown", f"does not hold the event {lost} of {table.path.name}",
-            events.path)  # fmt: skip
+        raise event_error(
+            "events.event_unknown", f"does not hold the event {lost} of {table.path.name}", events.path
+        )
     return joined.astype({BRANCH: int})
 
 
@@ -69,9 +70,11 @@ def _realizations(
 ) -> tuple[dict[int, float], dict[int, str]]:
     if stated is None:
         if rows[BRANCH].nunique() > 1:
-            raise event_error("hazard.weights_missing",
+            raise event_error(
+                "hazard.weights_missing",
                 "has several branches, and no realizations file states their weights",
-                table.path)  # fmt: skip
+                table.path,
+            )
         number = int(rows[BRANCH].iloc[0]) if len(rows) else 0
         return {number: 1.0}, {number: ""}
     branches = stated.frame()
@@ -81,8 +84,11 @@ def _realizations(
         raise event_error("events.branch_unknown", f"lacks the branch {min(unknown)}", stated.path)
     total, least = sum(weights.values()), min(weights.values())
     if not abs(total - 1.0) < 1e-3 or least < 0:
-        raise event_error("hazard.weights_sum",
-            f"has weights that sum to {total:g}, the least of them {least:g}", stated.path)  # fmt: skip
+        raise event_error(
+            "hazard.weights_sum",
+            f"has weights that sum to {total:g}, the least of them {least:g}",
+            stated.path,
+        )
     paths = branches.get("branch_path", pd.Series("", index=branches.index)).astype(str)
     return weights, dict(zip(branches[BRANCH], paths, strict=True))
 
@@ -101,11 +107,15 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
         for name in [full if full in used else full.encode()[:_SITE_BYTES].decode(errors="ignore")]
     }
     if strangers := [name for name in used if name not in sites and name not in cut]:
-        raise event_error("site.unknown", f"does not hold the site {strangers[0]} of {table.path.name}",
-            mesh.path)  # fmt: skip
+        raise event_error(
+            "site.unknown", f"does not hold the site {strangers[0]} of {table.path.name}", mesh.path
+        )
     if len(sites) < len(places):
-        raise event_error("site.not_told_apart",
-            f"has sites that the fields cannot tell apart of {table.path.name}", mesh.path)  # fmt: skip
+        raise event_error(
+            "site.not_told_apart",
+            f"has sites that the fields cannot tell apart of {table.path.name}",
+            mesh.path,
+        )
     return sites
 
 
@@ -128,13 +138,15 @@ def _rates(
         option = "--event-rate, the annual rate of the scenario" if scenario else "--catalogue-years"
         if events is None:
             option += ", or --catalogue-years where they are a catalogue"
-        raise InputError("events.rate_missing",
-            what="is a scenario, or states no time: its events have no rate" if scenario
+        raise InputError(
+            "events.rate_missing",
+            what="is a scenario, or states no time: its events have no rate"
+            if scenario
             else "no ruptures file states the time that the events were simulated for",
             where=str(table.path),
             expected="investigation_time and ses_per_logic_tree_path in the first line of the ruptures file",
-            remedy=f"put the ruptures file beside it, or give {option}"
-        )  # fmt: skip
+            remedy=f"put the ruptures file beside it, or give {option}",
+        )
     return catalogue, lambda _: 1.0 / catalogue
 
 
@@ -187,23 +199,28 @@ def read_events(
     except InputError:
         raise
     except (ValueError, TypeError, LookupError, ArithmeticError) as error:
-        raise event_error("file.unreadable", f"cannot be read ({type(error).__name__}: {str(error)[:200]})",
-            table.path) from error  # fmt: skip
+        raise event_error(
+            "file.unreadable", f"cannot be read ({type(error).__name__}: {str(error)[:200]})", table.path
+        ) from error
 
 
 def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
     rows, counts = table.frame(), only_one("variations", beside)
     components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
     if len(components) > 1 or any(unit not in _CM_S2 for unit in units):
-        raise event_error("events.component_unknown",
+        raise event_error(
+            "events.component_unknown",
             f"has the components {', '.join(components)} in {', '.join(units)}, not one in cm/s²",
-            table.path)  # fmt: skip
+            table.path,
+        )
     if counts is None:
-        raise InputError("events.variations_missing",
+        raise InputError(
+            "events.variations_missing",
             what="does not state how many variations each rupture has, over which its probability is shared",
             where=str(table.path),
             expected="a CSV beside it with the columns Source_ID, Rupture_ID, Num_Rup_Vars",
-            remedy="export that table of the study from the database of variations (num_rvs)")  # fmt: skip
+            remedy="export that table of the study from the database of variations (num_rvs)",
+        )
     known = counts.frame()[[*RUPTURE, "Num_Rup_Vars"]].drop_duplicates()
     rows = rows.merge(known, on=RUPTURE, how="left", validate="many_to_one")
     if rows["Num_Rup_Vars"].isna().any():
@@ -211,8 +228,9 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
         raise event_error("events.rupture_unknown", f"lacks the rupture {first[0]}/{first[1]}", counts.path)
     p = rows["Rupture_Probability"].to_numpy(float)
     if not ((p >= 0) & (p < 1)).all():
-        raise event_error("hazard.probability_out_of_range", "has rupture probabilities outside 0 to 1",
-            table.path)  # fmt: skip
+        raise event_error(
+            "hazard.probability_out_of_range", "has rupture probabilities outside 0 to 1", table.path
+        )
     rows = rows.assign(annual_rate=-np.log1p(-p) / rows["Num_Rup_Vars"])
     source, *others = (rows[name].astype(str) for name in (*RUPTURE, "Rupture_Variation_ID"))
     rows[EVENT] = source.str.cat(others, sep="/")
@@ -247,8 +265,9 @@ def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> Event
                 what = (
                     f"the column {name!r} names no unit, which is g then, and a tenth of its motions exceed"
                 )
-                raise event_error("events.unit_missing",
-                    f"{what} {strong:.3g}: name it, such as {name} (m/s2)", table.path)  # fmt: skip
+                raise event_error(
+                    "events.unit_missing", f"{what} {strong:.3g}: name it, such as {name} (m/s2)", table.path
+                )
             bare.append(f"{name} names no unit, and is taken to be in g: {strong:.3g} g in a strong event")
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
@@ -268,8 +287,9 @@ def _of_rows(
     if (by_event.nunique() > 1).any() or not (
         np.isfinite(rows["annual_rate"]) & (rows["annual_rate"] >= 0)
     ).all():
-        raise event_error("events.rates_unusable",
-            "has rates that are negative, or an event of several rates", table.path)  # fmt: skip
+        raise event_error(
+            "events.rates_unusable", "has rates that are negative, or an event of several rates", table.path
+        )
     if rows.duplicated([EVENT, SITE]).any():
         raise event_error("events.given_twice", "states an event twice at one site", table.path)
     known = places.frame().drop_duplicates("Site_Name").set_index("Site_Name") if places else pd.DataFrame()

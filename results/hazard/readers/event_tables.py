@@ -153,8 +153,9 @@ def only_one(kind: str, tables: list[Table]) -> Table | None:
     found = [table for table in tables if kind_of(table) == kind]
     if len(found) > 1:
         names = ", ".join(table.path.name for table in found)
-        raise event_error("events.several_tables", f"holds several tables of {kind}: {names}",
-            found[0].path.parent)  # fmt: skip
+        raise event_error(
+            "events.several_tables", f"holds several tables of {kind}: {names}", found[0].path.parent
+        )
     return found[0] if found else None
 
 
@@ -166,16 +167,22 @@ def measure_factors(
     for name in table.header:
         measure = known(name.removeprefix(prefix)) if name.startswith(prefix) else None
         if measure and measure[0] in [column for column, _ in found.values()]:
-            raise event_error("events.measure_repeated",
-                f"states {measure[0]} in two columns, {name} the second", table.path)  # fmt: skip
+            raise event_error(
+                "events.measure_repeated",
+                f"states {measure[0]} in two columns, {name} the second",
+                table.path,
+            )
         if measure:
             found[name] = (
                 measure[0],
                 measure[1] * (ratio if measure[0] not in UNSCALED else 1.0),
             )
     if not found:
-        raise event_error("events.no_measure",
-            f"states no measure that is known here: {', '.join(table.header)}", table.path)  # fmt: skip
+        raise event_error(
+            "events.no_measure",
+            f"states no measure that is known here: {', '.join(table.header)}",
+            table.path,
+        )
     return found
 
 
@@ -190,9 +197,13 @@ def branch_of(
     for column, (measure, factor) in factors.items():
         values = pd.to_numeric(rows[column], errors="coerce").to_numpy(float)
         if wrong := values[~(np.isfinite(values) & (values >= 0))].tolist():
-            raise InputError("events.motion_negative", what=f"states a motion of {wrong[0]:g}",
-                where=f"{name}, {column}", expected="numbers of 0 and above",
-                remedy="remove the row, or correct it")  # fmt: skip
+            raise InputError(
+                "events.motion_negative",
+                what=f"states a motion of {wrong[0]:g}",
+                where=f"{name}, {column}",
+                expected="numbers of 0 and above",
+                remedy="remove the row, or correct it",
+            )
         grid = np.zeros((len(events), len(sites)))
         grid[event, site] = values * factor
         motions[measure] = grid

@@ -39,10 +39,13 @@ def surface_world(scene: Scene, step_s: float) -> tuple[Any, Any]:
         rock = wedges
     ground = ground_pieces(grounded.ground, 2.0 * grounded.size_m)
     if len(ground) > _MOST_PIECES["ground"]:
-        raise InputError("engine.too_many_pieces",
-            f"the pedestal's surface is of {len(ground)} convex pieces", where="engine mujoco",
+        raise InputError(
+            "engine.too_many_pieces",
+            f"the pedestal's surface is of {len(ground)} convex pieces",
+            where="engine mujoco",
             expected=f"at most {_MOST_PIECES['ground']} near the rock",
-            remedy="leave the engine out, or give a surface of fewer triangles")  # fmt: skip
+            remedy="leave the engine out, or give a surface of fewer triangles",
+        )
     for where, pieces in ((body, rock), (spec.worldbody, ground)):
         for number, points in enumerate(pieces):
             name = f"{'rock' if where is body else 'ground'} {number}"

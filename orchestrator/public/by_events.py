@@ -15,6 +15,7 @@ from toppling.orchestrator.public.hazard_question import Question, read_tree, sh
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import answered, basis_of
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name, within
@@ -66,7 +67,7 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
             what="holds fields of OpenQuake, which draws the residuals of two measures independently",
             where=events.source,
             expected="motions of one measure, or of two that are correlated as in earthquakes",
-            remedy="give one --measure; or the hazard curves of both, of which --correlation gives the joint rate",
+            remedy="give one --measure, or both hazard curves of which --correlation gives the joint rate",
         )
     return events, measures
 
@@ -122,7 +123,7 @@ def _placed(
                 what=f"has {len(events.sites)} sites: {known}",
                 where=events.source,
                 expected="the site of each rock",
-                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order",
+                remedy="choose one with --site (LON LAT, or its name), or one for each rock in order",
             )
         return [0] * len(names), [None] * len(names)
     if len(asked) not in (1, len(names)):
@@ -251,23 +252,18 @@ def _summary(
 def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any]:
     site = events.sites[rock.site]
     measures, basis = rock.fragility.measures, rock.fragility.basis
-    if len(measures) == 1:
-        curve = rock.fragility
-        median = within(curve.median, curve.strongest_shaken)  # type: ignore[union-attr]
-        words = (
-            f"median {median} {printed_unit(measures[0])} ({short_name(measures[0])}), "
-            f"beta {curve.beta:.2f}"  # type: ignore[union-attr]
-        )
-        numbers = {"median": curve.median, "beta": curve.beta}  # type: ignore[union-attr]
+    if isinstance(rock.fragility, Lognormal):
+        numbers: dict[str, Any] = {
+            "median": rock.curve.median, "beta": rock.curve.beta,
+            "fragility": f"median {within(rock.curve.median, rock.curve.strongest_shaken)} {printed_unit(measures[0])} "
+            f"({short_name(measures[0])}), beta {rock.curve.beta:.2f}",
+        }  # fmt: skip
     else:
-        a, *slopes = rock.fragility.coefficients  # type: ignore[union-attr]
-        terms = " ".join(
-            f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)
-        )
-        words = f"probit {a:.2f} {terms}"
-        numbers = {"coefficients": [a, *slopes]}
+        a, *slopes = rock.fragility.coefficients
+        terms = [f"{slope:+.2f} ln {short_name(one)}" for slope, one in zip(slopes, measures, strict=True)]
+        numbers = {"coefficients": [a, *slopes], "fragility": f"probit {a:.2f} {' '.join(terms)}"}
     return {
-        "name": rock.name, "age": rock.age, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
+        "name": rock.name, "age": rock.age, **numbers, "site": site.name, "site_distance_km": away,
         "site_longitude_deg": site.place[0] if site.place else None,
         "site_latitude_deg": site.place[1] if site.place else None,
     } | (asdict(basis) if basis else {})  # fmt: skip

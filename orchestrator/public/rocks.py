@@ -88,7 +88,7 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
             f"{one} and {other} lie {widest:,.0f} km apart",
             where="--hazard",
             expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
-            remedy="constrain each rock by its folder with its own hazard, or give a set of events with their sites",
+            remedy="constrain each rock by its folder with its own hazard, or give a set of events",
         )
     return max((km for km, _, name in far if name in places), default=0.0)
 

@@ -19,7 +19,7 @@ from toppling.results.drawing.report.constraint_page import (
     unfinished,
 )
 from toppling.results.drawing.style import save
-from toppling.results.hazard.export import write_event_openquake, write_openquake
+from toppling.results.hazard.export import write_openquake
 from toppling.results.hazard.update import Update
 
 _OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
@@ -38,9 +38,8 @@ def write_constraint(
     """
     yield from _write(statement, constraint.tables(), curve_drawings(constraint, statement), folder)
     update = constraint.update
-    tree = update.tree if update else None
-    if update and tree and len(tree.branches) > 1 and update.posterior is not None and tree.site:
-        yield from write_openquake(update, folder / "openquake", ratio)
+    if update:
+        yield from _hazard_after(update, folder, ratio)
     if constraint.random_rock is not None:
         yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
 
@@ -58,9 +57,14 @@ def write_events(
     Yields each file, once it is complete.
     """
     yield from _write(statement, tables, event_drawings(statement, tables), folder)
+    yield from _hazard_after(update, folder, ratio)
+
+
+def _hazard_after(update: Update, folder: Path, ratio: float) -> Iterator[Path]:
+    """The hazard with its posterior weights, where it has these and states its places."""
     placed = all(update.events.sites[rock.site].place for rock in update.rocks)
     if placed and len(update.events.branches) > 1 and update.posterior is not None:
-        yield from write_event_openquake(update, folder / "openquake", ratio)
+        yield from write_openquake(update, folder / "openquake", ratio)
 
 
 def _write(

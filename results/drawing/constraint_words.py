@@ -14,6 +14,12 @@ from toppling.results.weights import sentences
 _MOST_NAMED = 6
 """Branches that are stated one by one, at most."""
 
+_LARGEST_FACTOR = 1e3
+"""Of motions or rates that is stated; nobody asks by how many thousands a hazard may be multiplied."""
+
+_LEAST_SHARE = 5e-4
+"""Of a toppling rate, or of weight moved, that is stated: .1 % once it is rounded."""
+
 _LEAST_AGE_YEARS = 100.0
 """Fragile rocks are thousands of years old: a lower number is probably in thousands of years."""
 
@@ -36,22 +42,28 @@ def answer(statement: dict[str, Any]) -> list[str]:
     """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
     if "branches" not in statement:
         return []
+    alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
+    several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
+    standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
+    gone = counts["branches_rejected"]
+    if not several:
+        verdict = "inconsistent" if gone else "consistent"
+        first = f"The hazard is {verdict} with {standing} {at}: survival is {_percent(alive[0])}."
+        return [first, _allowed(statement)]
+    if gone == len(alive):
+        most = _percent(max(alive))
+        first = f"All {gone} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
+        return [first, _allowed(statement)]
     lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
-    counts, several = statement["decided"], len(statement["branches"]) > 1
-    if several:
-        alive, gone = [branch["survival"] for branch in statement["branches"]], counts["branches_rejected"]
-        weight = f", with {_percent(counts['weight_rejected'])} of the weight" if gone else ""
-        lines.append(
-            f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
-            f"{_percent(min(alive))} to {_percent(max(alive))}; {gone or 'none'} of them "
-            f"{'are' if gone > 1 else 'is'} rejected at {100 * statement['confidence']:g} %{weight}."
-        )
-        if counts["effective_branches_posterior"] is not None:
-            lines.append(
-                f"The weights count as {counts['effective_branches_prior']:.3g} equal branches before, and "
-                f"{counts['effective_branches_posterior']:.3g} after: that is how much the rocks decide."
-            )
-    return lines
+    weight = f", with {_percent(counts['weight_rejected'])} of the prior weight" if gone else ""
+    return [
+        *lines,
+        f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
+        f"{_percent(min(alive))} to {_percent(max(alive))}; {gone or 'none'} of them "
+        f"{'are' if gone > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
+        f"The branch set counts as {counts['effective_branches_prior']:.3g} equal branches by its prior weights, "
+        f"and {counts['effective_branches_posterior']:.3g} by its posterior weights.",
+    ]
 
 
 def by_site_and_measure(
@@ -76,9 +88,7 @@ def _falls(statement: dict[str, Any]) -> list[str]:
 
 
 def _fall(statement: dict[str, Any]) -> str:
-    """How the motion at a rate falls; empty for a single branch, whose weight cannot change."""
-    if len(statement["branches"]) < 2:
-        return ""
+    """How the motion at a rate falls; empty where no rate is reached or supported."""
     by_rate = {row["annual_rate"]: row for row in statement["changes"]}
     for rate in _FIRST_RATES:
         row = by_rate[rate]
@@ -93,10 +103,10 @@ def _fall(statement: dict[str, Any]) -> str:
         )  # fmt: skip
         level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
         others = "" if row["level_posterior_mean_low"] is None else (
-            f"; the mean would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
+            f"; it would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
             f"{_varying(statement)} (95 %)"
         )  # fmt: skip
-        return f"The {rate_words(rate)} {measure} {goes} {level}{spread}{others}."
+        return f"The {rate_words(rate)} {measure} of the mean hazard {goes} {level}{spread}{others}."
     return ""
 
 
@@ -109,7 +119,7 @@ def rate_words(rate: float) -> str:
 def _allowed(statement: dict[str, Any]) -> str:
     """Factors that the mean of the branches, or the one curve, may be multiplied by."""
     of = statement["mean"]
-    which = "the hazard" if len(statement["branches"]) == 1 else "the branches' mean"
+    which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
     least = _percent(1.0 - statement["confidence"])
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
@@ -121,15 +131,15 @@ def _allowed(statement: dict[str, Any]) -> str:
 
 
 def _with_ends(row: dict[str, Any], name: str) -> str:
-    value = "any factor" if row[name] is None else f"{row[name]:.3g}"
+    value = "any factor" if row[name] is None or row[name] > _LARGEST_FACTOR else f"{row[name]:.3g}"
     low, high = row[f"{name}_low"], row[f"{name}_high"]
-    if low is None:
+    if low is None or value == "any factor":
         return value
     return f"{value} ({low:.3g} {'or more' if high is None else f'to {high:.3g}'}, 95 %)"
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
+    return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{100 * share:.3g} %"
 
 
 def _varying(statement: dict[str, Any]) -> str:
@@ -209,10 +219,10 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
     """Fragility of a rock of a statement."""
-    return str(
-        rock.get("fragility")
-        or f"median {within(rock['median'], rock.get('strongest_shaken'))} {unit_of(measure)}, beta {rock['beta']:.2f}"
+    words = rock.get("fragility") or (
+        f"median {within(rock['median'], rock.get('strongest_shaken'))} {unit_of(measure)}, beta {rock['beta']:.2f}"
     )
+    return f"{words} ({rock['toppled']:,} topplings in {rock['jobs']:,} jobs)" if rock.get("jobs") else words
 
 
 def _single_event_lines(statement: dict[str, Any]) -> list[str]:
@@ -265,8 +275,7 @@ def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> 
     elif unexceeded > rock["strongest_shaken"]:
         lines.append(
             f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
-            f"{rock['strongest_shaken']:.3g} {unit} ({rock['toppled']} toppled of {rock['jobs']} jobs, "
-            f"{rock['records']} records)"
+            f"{rock['strongest_shaken']:.3g} {unit} ({rock['records']} records)"
         )
     return lines
 
@@ -279,15 +288,13 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     few = len(branches) <= _MOST_NAMED
     lines = []
     for branch in branches if few else [*branches[: _MOST_NAMED - 1], branches[-1]]:
-        verdict = "rejected" if branch["rejected"] else "kept"
+        verdict = "inconsistent" if branch["rejected"] else "consistent"
+        weights = ""
+        if len(branches) > 1 and branch["posterior_weight"] is not None:
+            weights = f"; weight {branch['prior_weight']:.3g}, posterior {branch['posterior_weight']:.3g}"
         lines.append(
-            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
-            f"survival {branch['survival']:.3g}, {verdict}; "
-            + (
-                "the rocks survive under no branch"
-                if branch["posterior_weight"] is None
-                else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
-            )
+            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, survival {branch['survival']:.3g}, "
+            f"{verdict} at {100 * statement['confidence']:g} %{weights}"
         )
         if few:
             lines += [*_reserved(branch, statement), *_taken_at(branch)]
@@ -301,9 +308,6 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
         lines.append(
             f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
         )
-    if all(branch["rejected"] for branch in branches):
-        ranked = branches[0]["posterior_weight"] is not None
-        lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
     return lines
 
 
@@ -312,17 +316,16 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
     lines = []
     for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
         rows = [row for row in statement["levels"] if row["level"] == level]
+        if rows[0]["moved"] < _LEAST_SHARE:
+            continue
         lines.append(
             f"logic-tree level {level}: the rocks move {_percent(rows[0]['moved'])} of its weight ("
             + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
             + ")"
         )
-    if shares := statement.get("parts"):
-        lines.append(
-            "Of the toppling rate, "
-            + ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in shares)
-            + "."
-        )
+    if shares := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_SHARE]:
+        named = ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in shares)
+        lines.append(f"Of the toppling rate, {named}.")
     return lines
 
 
@@ -348,8 +351,8 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
             lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
     if branch.get("survival_least", 1.0) < least <= branch["survival"]:
         lines.append(
-            f"  including it, survival would be {branch['survival_least']:.3g} and the branch rejected: give a curve "
-            "that extends further"
+            f"  including it, survival would be {branch['survival_least']:.3g} and the branch inconsistent: give a "
+            "curve that extends further"
         )
     return lines
 
@@ -365,6 +368,10 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
     branches, models = statement["branches"], statement["models"]
     of = "1 branch" if len(branches) == 1 else f"{len(branches)} branches"
     lines = [f"This rests on {statement['events']:,} events of {of}."]
+    if not any(row["level_prior_mean"] for row in statement["changes"]):
+        lines.append(
+            f"Fewer than ten events support a rate of {rate_words(RATES[0])} or less: none is stated."
+        )
     few = [row["name"] for row in branches if 0 < row["effective_events"] < _FEW_EVENTS]
     none = [row["name"] for row in branches if row["effective_events"] == 0]
     if few:

@@ -60,7 +60,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
             _draw_named(axes, branches, verdicts, shown)
         elif verdicts is not None:
             weights = verdicts["posterior_weight"].fillna(verdicts["prior_weight"]).to_numpy()
-            label = f"; {int(verdicts['rejected'].sum()) or 'none'} rejected"
+            label = f"; {int(verdicts['rejected'].sum()) or 'none'} inconsistent"
             _draw_branches(
                 axes, branches, weights, f"{len(branches)} hazard curves, darker with more weight{label}"
             )
@@ -120,7 +120,7 @@ def _draw_named(
 def _verdict(row: pd.Series) -> str:
     survival = row["survival"]
     words = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
-    return f": survival {words}, {'rejected' if row['rejected'] else 'not rejected'}"
+    return f": survival {words}, {'inconsistent' if row['rejected'] else 'consistent'}"
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
@@ -269,12 +269,12 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
     before, after = (branches[f"{name}_weight"].fillna(0.0) for name in ("prior", "posterior"))
     most = max(before.max(), after.max())
     axes.scatter(
-        middle, places, 60 * before / most, facecolors="none", edgecolors="0.3", lw=0.8, label="weight before"
+        middle, places, 60 * before / most, facecolors="none", edgecolors="0.3", lw=0.8, label="prior weight"
     )
-    axes.scatter(middle, places, 60 * after / most, color=MAIN_COLOUR, lw=0, label="weight after", zorder=3)
+    axes.scatter(middle, places, 60 * after / most, color=MAIN_COLOUR, lw=0, label="posterior", zorder=3)
     axes.axvline(1.0 - confidence, color="0.3", lw=0.7, ls="--")
     axes.text(
-        1.0 - confidence, len(branches) - 0.45, " rejected left of here", size=6.5, ha="right", va="bottom"
+        1.0 - confidence, len(branches) - 0.45, " inconsistent below", size=6.5, ha="right", va="bottom"
     )
     axes.set(
         xscale="log", xlabel="probability that all rocks stand", ylim=(-0.6, len(branches) + 0.3),

@@ -57,7 +57,7 @@ class HazardCurve:
                 what="intensities must rise and rates fall, all of them positive",
                 where=self.source or self.name,
                 expected="annual rates of exceedance that fall as the intensity rises, at two levels or more",
-                remedy="compute the curve at more levels, from where the rock hardly topples to where it always does",
+                remedy="compute more levels, from where the rock hardly topples to where it always does",
             )
 
     def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import write_text
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.measure_names import UNSCALED, imt_of
-from toppling.results.hazard.tree import FRACTILES, common_levels, statistics_of
+from toppling.results.hazard.tree import FRACTILES, statistics_of
 from toppling.results.hazard.update import Update
 
 _YEARS_OF_RATES = 50.0
@@ -35,52 +35,39 @@ class _Curves:
 
 
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
-    """Write realizations.csv with the Bayes weights, the curve of each branch, and their updated mean and fractiles.
+    """Write realizations.csv with the posterior weights, each branch's curve, and their updated mean and fractiles.
 
-    update: its curves state their site.
+    Those of a set of events are counted from them at the rocks' sites, with probabilities in `_YEARS_OF_EVENTS`, so
+    that their mean over branches is that of the rates.
+
+    update: its sites state their places.
     folder: made if absent.
     ratio: by which the hazard's motions were multiplied: the files are for its own component again.
     Yields each file once it is complete.
     """
-    assert update.posterior is not None
-    assert update.after is not None
-    assert update.tree is not None
-    tree = update.tree
-    levels, rates = common_levels(tree.curves)
-    numbers = [number if one.number is None else one.number for number, one in enumerate(tree.branches)]
-    branches = {number: one.path or one.name for number, one in zip(numbers, tree.branches, strict=True)}
-    site = tree.site_name, tree.site or (0.0, 0.0)
-    kinds = _kinds(numbers, rates[:, None], update.after.mean[None], {
-        q: rate[None] for q, rate in update.after.fractiles.items()
-    })  # fmt: skip
-    curves = _Curves(tree.measure, levels / ratio, [site], kinds)
-    yield from _write(folder, branches, update.posterior, [curves], tree.years or _YEARS_OF_RATES)
-
-
-def write_event_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
-    """The same of a set of events: curves counted from them at the rocks' sites, which state their places.
-
-    Probabilities are in `_YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.
-
-    folder: made if absent.
-    ratio: by which the motions were multiplied.
-    Yields each file once it is complete.
-    """
-    assert update.posterior is not None
-    numbers = range(len(update.events.branches))
-    places = {site: update.events.sites[site] for site in dict.fromkeys(rock.site for rock in update.rocks)}
+    tree, events, weights = update.tree, update.events, update.posterior
+    assert weights is not None
+    branches = tree.branches if tree else events.branches
+    own_numbers = [getattr(one, "number", None) for one in branches]
+    numbers = [number if own is None else own for number, own in enumerate(own_numbers)]
+    paths = [getattr(one, "path", "") or one.name for one in branches]
+    places = list(dict.fromkeys(rock.site for rock in update.rocks))
+    sites = [(site.name, site.place or (0.0, 0.0)) for site in map(events.sites.__getitem__, places)]
+    if tree:
+        sites = [(tree.site_name, tree.site or (0.0, 0.0))]
     curves = []
     for measure in update.rocks[0].fragility.measures:
-        levels, rates = update.counted(measure, list(places))
-        after = [statistics_of(levels, of_site, update.posterior) for of_site in rates.swapaxes(0, 1)]
+        levels, rates = update.counted(measure, places)
+        after = [
+            statistics_of(levels, one, weights, tree.years if tree else None) for one in rates.swapaxes(0, 1)
+        ]
         kinds = _kinds(numbers, rates, np.array([one.mean for one in after]), {
             q: np.array([one.fractiles[q] for one in after]) for q in FRACTILES
         })  # fmt: skip
-        sites = [(site.name, site.place or (0.0, 0.0)) for site in places.values()]
         own = levels if measure in UNSCALED else levels / ratio
         curves.append(_Curves(measure, own, sites, kinds))
-    branches = {number: update.events.branches[number].name for number in numbers}
-    yield from _write(folder, branches, update.posterior, curves, _YEARS_OF_EVENTS)
+    years = _YEARS_OF_EVENTS if tree is None else tree.years or _YEARS_OF_RATES
+    yield from _write(folder, dict(zip(numbers, paths, strict=True)), weights, curves, years)
 
 
 def _kinds(

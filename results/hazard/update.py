@@ -50,8 +50,11 @@ from toppling.results.hazard.tree import (
 RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
 """Annual rates at which motions are compared; those of 475 and 2475 years are 10 and 2 % in 50 years."""
 
-_LEVELS = 40
-"""At which the rates of exceedance of a set of events are counted."""
+_LEVELS = 60
+"""Order statistics of the motions of a set of events, at most, at which rates of exceedance are counted."""
+
+_LEAST_EVENTS = 10.0
+"""Effective number of events that support a rate: with fewer it is uncertain by more than 1 / sqrt(10), a third."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +69,18 @@ class Exceedance:
     years: float | None = None
     # Of the one branch, as its files state them: they stand in for fractiles over branches.
     stated: dict[float, Array] | None = None
+    # (branches, n): sum of squares of the single events' rates; None for curves.
+    squares: Array | None = None
 
-    def statistics(self, weights: Array | None, *, after: bool = False) -> Statistics | None:
-        """Mean and fractiles under some weights; None where these are not known."""
-        if weights is None:
-            return None
+    def statistics(self, weights: Array, *, after: bool = False) -> Statistics:
+        """Mean and fractiles under some weights, null where too few events support them."""
         found = statistics_of(self.levels, self.rates, weights, self.years)
+        if self.squares is not None:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                effective = (weights @ self.rates) ** 2 / (weights**2 @ self.squares)  # Kish
+            few = ~(effective > _LEAST_EVENTS - 1e-6)  # rounded
+            fractiles = {q: np.where(few, math.nan, rates) for q, rates in found.fractiles.items()}
+            return Statistics(self.levels, np.where(few, math.nan, found.mean), fractiles)
         if self.stated is None:
             return found
         unknown = {q: np.full(len(self.levels), math.nan) for q in FRACTILES}
@@ -113,9 +122,8 @@ class Update:
 
     @cached_property
     def posterior(self) -> Array | None:
-        """Posterior weights (Bayes); None where no branch lets the rocks survive."""
-        weights = branch_weights(self.events.prior, self.survival)
-        return None if np.isnan(weights).any() else weights
+        """Posterior weights (Bayes); None where all branches are inconsistent with the rocks: no update is one."""
+        return None if self.rejected.all() else branch_weights(self.events.prior, self.survival)
 
     @cached_property
     def draws(self) -> Draws | None:
@@ -137,12 +145,9 @@ class Update:
         table = pd.DataFrame({"name": [*(branch.name for branch in self.events.branches), MEAN]})
         drawn: dict[str, Array] = {}
         if self.draws is not None:
+            drawn = {"survival": np.exp(-self.draws.topplings), "scale_factor": self.draws.factors}
             with np.errstate(divide="ignore"):
-                rate_factors = -math.log(chance) / self.draws.topplings
-            drawn = {
-                "survival": np.exp(-self.draws.topplings), "scale_factor": self.draws.factors,
-                "rate_factor": rate_factors,
-            }  # fmt: skip
+                drawn["rate_factor"] = -math.log(chance) / self.draws.topplings
         for name, values in (
             ("survival", self._survivals),
             ("scale_factor", scale_factors(self.rocks, self.events, self.exposure, chance)),
@@ -161,7 +166,7 @@ class Update:
         A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
         Returns DataFrame: one row a branch: name, toppling_rate (annual, any of the rocks), rejected, prior_weight,
-        posterior_weight (null where no branch lets the rocks survive), and columns of `factors`. Of a set of events
+        posterior_weight (null where all branches are rejected), and columns of `factors`. Of a set of events
         also model, events and effective_events (Kish's number of those that bear the toppling rate); of curves
         unstated_below and unstated_above (shares of the rate outside the curve's points, not counted:
         `results.hazard`) and survival_least (with these counted).
@@ -215,35 +220,48 @@ class Update:
             return [_of_tree(self.tree, self.events.sites[0].name)]
         places = dict.fromkeys(rock.site for rock in self.rocks)
         found = [
-            Exceedance(measure, self.events.sites[at].name, levels, rates[:, 0])
+            Exceedance(
+                measure, self.events.sites[at].name, levels, rates[:, 0],
+                squares=self._above(measure, [at], levels, 2)[:, 0] if self.events.sampled else None,
+            )
             for at in places
             for measure in self.rocks[0].fragility.measures
             for levels, rates in [self.counted(measure, [at])]
-        ]
+        ]  # fmt: skip
         return [one for one in found if len(one.levels)]
 
     @property
     def before(self) -> Statistics:
         """Mean and fractiles of the first hazard under the prior weights."""
-        found = self.exceedances[0].statistics(self.events.prior)
-        assert found is not None
-        return found
+        return self.exceedances[0].statistics(self.events.prior)
 
     @property
     def after(self) -> Statistics | None:
         """Mean and fractiles of the first hazard under the posterior weights."""
-        return self.exceedances[0].statistics(self.posterior, after=True)
+        return self._after(self.exceedances[0])
+
+    def _after(self, of: Exceedance) -> Statistics | None:
+        return None if self.posterior is None else of.statistics(self.posterior, after=True)
 
     def counted(self, measure: str, sites: Sequence[int]) -> tuple[Array, Array]:
-        """Levels, and each branch's rate of events above them at sites (branches, sites, levels); none felt, none."""
-        branches = self.events.branches
-        felt = np.concatenate([branch.motions[measure][:, sites].ravel() for branch in branches])
-        felt = felt[felt > 0]
-        if not len(felt):
-            return np.empty(0), np.empty((len(branches), len(sites), 0))
-        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, _LEVELS)
-        return levels, np.array([
-            [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
+        """Levels, and each branch's rate of events that reach them at sites (branches, sites, levels); none felt, none.
+
+        Levels are those of curves, or order statistics of the motions, ever more apart.
+        """
+        if self.tree is not None:
+            levels, rates = common_levels(self.tree.curves)
+            return levels, rates[:, None]
+        felt = np.concatenate([one.motions[measure][:, sites].ravel() for one in self.events.branches])
+        falling = np.sort(felt[felt > 0])[::-1]
+        ranks = np.unique(np.geomspace(1, max(len(falling), 1), _LEVELS).round().astype(int))
+        levels = np.unique(falling[ranks - 1]) if len(falling) else falling
+        return levels, self._above(measure, sites, levels, 1)
+
+    def _above(self, measure: str, sites: Sequence[int], levels: Array, power: int) -> Array:
+        """Sum of a power of the rates of the events that reach some levels: (branches, sites, levels)."""
+        return np.array([
+            [_exceeded(one.motions[measure][:, site], one.rate**power, levels) for site in sites]
+            for one in self.events.branches
         ])  # fmt: skip
 
     def _drawn_means(self, of: Exceedance) -> Array | None:
@@ -269,7 +287,7 @@ class Update:
 
     def _updated(self, of: Exceedance) -> pd.DataFrame:
         table = pd.DataFrame({"measure": of.measure, "site": of.site, "level": of.levels})
-        after = of.statistics(self.posterior, after=True)
+        after = self._after(of)
         for name, one in (("prior", of.statistics(self.events.prior)), ("posterior", after)):
             table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
             for q in FRACTILES:
@@ -293,8 +311,7 @@ class Update:
         return _stacked([self._changes(one) for one in self.exceedances])
 
     def _changes(self, of: Exceedance) -> pd.DataFrame:
-        before, after = of.statistics(self.events.prior), of.statistics(self.posterior, after=True)
-        assert before is not None
+        before, after = of.statistics(self.events.prior), self._after(of)
         means = None if after is None else self._drawn_means(of)
         rows = []
         for rate in RATES:
@@ -323,7 +340,7 @@ def _of_tree(tree: HazardTree, site: str) -> Exceedance:
 def _exceeded(values: Array, rate: Array, levels: Array) -> Array:
     order = np.argsort(values)
     summed = np.concatenate([np.cumsum(rate[order][::-1])[::-1], [0.0]])
-    return summed[np.searchsorted(values[order], levels, side="right")]
+    return summed[np.searchsorted(values[order], levels, side="left")]
 
 
 def _stacked(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -94,7 +94,9 @@ TEXTS = [
 """Files that are refused: by what reader, and what is named."""
 
 
-@pytest.mark.parametrize(("read", "text", "named"), TEXTS, ids=lambda part: getattr(part, "__name__", str(part)[:40]))
+@pytest.mark.parametrize(
+    ("read", "text", "named"), TEXTS, ids=lambda part: getattr(part, "__name__", str(part)[:40])
+)
 def test_what_a_file_asks_for_is_refused_by_name_before_it_is_made(tmp_path, read, text, named):
     path = tmp_path / ("file.toml" if read in (Campaign.read, read_toml) else "file.csv")
     path.write_text(text)

@@ -100,14 +100,6 @@ def test_updated_motions_hold_the_truth_in_95_of_100_standing_sites():
     assert 0.93 <= np.mean(inside) <= 0.97
 
 
-def test_survival_is_the_share_of_drawn_histories_in_which_the_rock_stands():
-    random = np.random.default_rng(3)
-    curve, rock = hazard(), Lognormal("pgv_m_s", 1.2, 0.4)
-    told = survival(toppling_rate([rock], curve), 5000.0)
-    share = np.mean([history_spares(random, curve, rock, 5000.0) for _ in range(2000)])
-    assert told == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / 2000))
-
-
 def test_a_true_hazard_is_rejected_by_at_most_five_of_a_hundred_rocks():
     """A branch is rejected where survival is below 5 %: a rock that stands under the truth is then a rare one."""
     random = np.random.default_rng(4)

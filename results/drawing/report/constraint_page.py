@@ -86,8 +86,8 @@ def event_drawings(statement: dict[str, Any], tables: Mapping[str, pd.DataFrame]
     """Survival of branches, and the hazard before and after at each site, of each measure."""
     places = len(by_site_and_measure(statement["updated"], ""))
     caption = (
-        "Survival of each branch (circles: weights before; dots: after; lines: 95 %), and rates of exceedance before "
-        "and after the branches are weighted by it"
+        "Survival of each branch (circles: prior weights; dots: posterior weights; lines: 95 %), and rates of "
+        "exceedance before and after the branches are weighted by it"
         + (f", of the first {MOST_PANELS} of {places} sites and measures." if places > MOST_PANELS else ".")
     )
     branches, updated, confidence = tables["branches"], tables.get("updated"), statement["confidence"]
@@ -179,7 +179,7 @@ def _changes(statement: dict[str, Any], document: Document) -> str:
         caption = (
             f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
             f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after. "
-            "Empty where the curves do not reach."
+            "Empty where the hazard does not reach, or fewer than ten events support the rate."
         )
         parts.append(document.table(table, caption))
     return "".join(parts)
@@ -202,11 +202,11 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {
-            "branch": row["name"], "weight before": digits(row.get("prior_weight")),
-            "after": digits(row.get("posterior_weight")),
+            "branch": row["name"], "prior weight": digits(row.get("prior_weight")),
+            "posterior weight": digits(row.get("posterior_weight")),
             "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
             "rates at most times": _with_ends(row, "rate_factor"),
-            "verdict": "" if "rejected" not in row else "rejected" if row["rejected"] else "kept",
+            "verdict": "" if "rejected" not in row else "inconsistent" if row["rejected"] else "consistent",
         }
         for row in rows
     ])  # fmt: skip
@@ -232,8 +232,8 @@ def _levels(statement: dict[str, Any], document: Document) -> str:
         return ""
     rows = [{**row, "percent": 100 * row["moved"]} for row in statement["levels"]]
     names = {
-        "level": "level", "percent": "weight moved (%)", "choice": "choice", "prior_weight": "before",
-        "posterior_weight": "after",
+        "level": "level", "percent": "weight moved (%)", "choice": "choice", "prior_weight": "prior weight",
+        "posterior_weight": "posterior weight",
     }  # fmt: skip
     caption = "Levels of the logic tree by how much of their weight the rocks move from one choice to others."
     return document.table(_picked(rows, names), caption)
@@ -243,8 +243,8 @@ def _models(statement: dict[str, Any], document: Document) -> str:
     if len(statement.get("models", ())) < 2:
         return ""
     names = {
-        "model": "model", "branches": "branches", "survival": "survival", "prior_weight": "before",
-        "posterior_weight": "after", "bayes_factor": "over the average",
+        "model": "model", "branches": "branches", "survival": "survival", "prior_weight": "prior weight",
+        "posterior_weight": "posterior weight", "bayes_factor": "over the average",
     }  # fmt: skip
     caption = (
         "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average."

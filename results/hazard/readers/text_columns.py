@@ -70,11 +70,8 @@ def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
         file.refuse("hazard.no_header", f"states neither measure nor unit nor time: its first line is {named[:40]!r}",
                "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
     if any(name.lower() in ("event_id", "eid") for name in header):
-        file.refuse(
-            "hazard.is_of_events",
-            f"is of events, with the columns {named}",
-            "a set of events has the columns annual_rate and measures with their units, such as PGA (g)",
-        )
+        file.refuse("hazard.is_of_events", f"is of events, with the columns {named}",
+            "a set of events has the columns annual_rate and measures with their units, such as PGA (g)")  # fmt: skip
     measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
     values = [index for index, name in enumerate(header) if says_value(name)]
     if len(header) == 2 and len(measures) == 1:

@@ -10,7 +10,6 @@ from click.testing import CliRunner
 from refusals import refused
 from small_campaigns import planned_in
 
-from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, write_json
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -28,14 +27,13 @@ from toppling.workers.job import Assets, run_job
 AUDIT = f"{AUDIT_FOLDER}/{REFERENCE}"
 VERBS = {
     "query": ["query", "RUN", "select count(*) n from results"],
-    "query --spread": ["query", "RUN", "--spread"],
     "query --describe": ["query", "RUN", "--describe"],
     "fragility": ["fragility", "RUN"],
     "constrain": ["constrain", "RUN", "--age", "10000"],
     "status": ["status", "RUN"],
     "report": ["report", "RUN"],
     "replay": ["replay", "RUN", "JOB"],
-    "audit": ["audit", "RUN", "--jobs", "10"],
+    "audit": ["audit", "RUN", "--jobs", "40"],
     "resume": ["run", "CAMPAIGN", "--out", "RUN"],
 }
 
@@ -43,7 +41,7 @@ VERBS = {
 def finished_run(folder, width_m):
     """A run of a block of some width, complete, with an audit and with weights of bases."""
     folder.mkdir()
-    periods_s, levels = (0.6 + width_m, 1.0 + width_m), [2, 4, 6, 50 * width_m]
+    periods_s, levels = (0.6 + width_m, 1.0 + width_m), [*(0.5 * step for step in range(1, 10)), 50 * width_m]
     block = Scene.block(width_m, 0.2, 0.6)
     planned = planned_in(folder, periods_s, block, pga_m_s2=levels, preset="fast", audit=0)
     run = folder / "run"
@@ -105,9 +103,8 @@ CASES = [
 @pytest.mark.parametrize(("name", "verb"), CASES)
 def test_a_file_of_another_run_is_refused_by_name(swap, runs, name, verb):
     done = call(VERBS[verb], swap(name), runs[0])
-    assert isinstance(done.exception, InputError), done.output
+    assert done.exception.code in ("run.file_foreign", "run.weights_unreadable"), done.output
     assert Path(name).name in str(done.exception)
-    assert "another" in str(done.exception)
 
 
 @pytest.mark.parametrize("name", [*ALWAYS_READ, "run.json", "results.parquet", *IN_AUDITS])
@@ -142,10 +139,10 @@ def test_a_run_of_an_earlier_version_is_compared_by_ids(swap, name, tmp_path):
 
 def test_own_files_are_believed_also_after_they_were_copied(runs, tmp_path):
     run = shutil.copytree(runs[0], tmp_path / "run")
-    assert open_run(run).table().num_rows == 16
+    assert open_run(run).table().num_rows == 40
     state = json.loads(CliRunner().invoke(cli, ["status", str(run), "--json"]).stdout)
     assert state["state"] == "complete"
-    assert state["audit"]["jobs"] == 16
+    assert state["audit"]["jobs"] == 40
 
 
 @pytest.mark.parametrize("verb", ["query", "status", "resume"])
@@ -154,7 +151,6 @@ def test_a_part_that_cannot_be_opened_is_an_error_and_stays_where_it_is(runs, tm
     part = run / "parts" / f"part-{'0' * 20}-{'a' * 8}.parquet"
     part.symlink_to("/proc/self/mem")  # opens, and answers with EIO
     done = call(VERBS[verb], run, runs[0])
-    assert isinstance(done.exception, InputError), done.output
-    assert "cannot be opened (Input/output error)" in str(done.exception)
+    assert done.exception.code == "file.not_opened", done.output
     assert part.name in str(done.exception)
     assert part.is_symlink()

@@ -13,7 +13,6 @@ from click.testing import CliRunner
 from refusals import refused
 from small_campaigns import campaign_in
 
-from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
@@ -182,8 +181,7 @@ def test_a_campaign_whose_scene_is_gone_points_to_the_copy_that_its_run_keeps(ca
     (tmp_path / "campaign.toml").write_text(text)
     asked = ["run", str(tmp_path / "campaign.toml"), "--out", str(run_folder)]
     error = CliRunner().invoke(cli, asked).exception
-    assert isinstance(error, InputError)
-    assert "gone is not there" in str(error)
+    assert error.code == "file.absent"
     assert f"toppling run {run_folder / 'campaign.toml'} --out {run_folder}" in error.remedy
 
 

@@ -142,15 +142,14 @@ def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
     write_part(other, [row | {"max_tilt_deg": row["max_tilt_deg"] + 1.0}])
     done = told("replay", other, row["job_id"], "--out", tmp_path / "out")
     assert done.exit_code == 1
-    assert "max_tilt_deg" in str(done.exception)
+    assert done.exception.code == "replay.differs"
     assert (tmp_path / "out" / "replay.gif").exists()
 
 
-@pytest.mark.parametrize(("job", "what"), [("", "4 jobs begin"), ("none", "no job begins")])
-def test_what_names_no_single_job_is_refused(run, tmp_path, job, what):
+@pytest.mark.parametrize("job", ["", "none"])
+def test_what_names_no_single_job_is_refused(run, tmp_path, job):
     done = told("replay", run[0], job, "--out", tmp_path / "out")
-    assert done.exit_code == 1
-    assert what in str(done.exception)
+    assert done.exception.code == "run.job_unknown"
     assert not (tmp_path / "out").exists()
 
 
@@ -201,5 +200,4 @@ def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, to
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
     (tmp_path / "odd.txt").write_text("no seismogram\n")
     done = told("check", scene, tmp_path / "odd.txt")
-    assert done.exit_code == 1
-    assert "none of 1 files" in str(done.exception)
+    assert done.exception.code == "record.none_found"

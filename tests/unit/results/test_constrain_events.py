@@ -52,7 +52,7 @@ def events(tmp_path):
 
 
 def two_branches(place):
-    """Two branches of 100 years at two sites: the second branch's motions are twice the first's."""
+    """Two branches of 1000 years at two sites: the second branch's motions are twice the first's."""
     folder = place / "calculation"
     folder.mkdir()
     random = np.random.default_rng(0)
@@ -62,7 +62,7 @@ def two_branches(place):
         for site in ("aa", "bb"):
             fields.append(f"{event},{0.12 * (1 + event % 2) * random.lognormal(0, 0.7):.5E},{site}")
     line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=7{}\"\n"
-    times = ", investigation_time=50.0, ses_per_logic_tree_path=2"
+    times = ", investigation_time=50.0, ses_per_logic_tree_path=20"
     texts = {
         "gmf-data_1.csv": line.format("") + "\n".join(fields),
         "events_1.csv": line.format("") + "\n".join(catalogue),
@@ -141,9 +141,9 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
 
 
 def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_interval(rocks, events):
-    given = (*rocks, "--hazard", events, "--site", "aa", "--age", "100000")
+    given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
     told = told_by(*given)
-    assert [branch["survival"] for branch in told["branches"]] == [0.0, 0.0]
+    assert [branch["survival"] for branch in told["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
     for one in (told["mean"], *told["branches"]):
         assert 0.0 < one["rate_factor_low"] < one["rate_factor"] < one["rate_factor_high"]
     said = constrain(*given)
@@ -155,7 +155,7 @@ def test_a_rock_that_no_event_can_topple_keeps_every_branch(events, tmp_path):
     rock = write_curves(tmp_path / "rock.json", [Lognormal("pga_m_s2", 1e4, 0.3)])
     done = constrain(rock, "--hazard", events, "--site", "aa", "--age", "100000")
     assert done.exit_code == 0, done.output
-    assert "none of them is rejected" in done.stdout
+    assert "none of them is inconsistent" in done.stdout
 
 
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
@@ -198,20 +198,19 @@ def test_two_measures_at_once_need_events_that_correlate_them_which_the_engines_
     fields = tmp_path / "gmf-data_1.csv"
     fields.write_text("event_id,gmv_PGA,gmv_PGV,custom_site_id\n0,.8,100,aa\n1,.3,30,aa\n")
     refused = constrain(rock, "--hazard", fields, "--catalogue-years", "1000", *asked)
-    assert refused.exit_code != 0
-    assert "independently" in str(refused.exception)
+    assert refused.exception.code == "events.residuals_independent"
     assert constrain(rock, "--hazard", fields, "--catalogue-years", "1000", *asked[:2]).exit_code == 0
 
 
 def test_a_set_of_events_stands_alone_and_its_options_need_it(rocks, events, tmp_path):
     both = constrain(rocks[0], "--hazard", events, "--hazard", events, "--age", "300", "--site", "aa")
-    assert "give it alone" in str(both.exception)
+    assert both.exception.code == "events.given_with_others"
     curve = tmp_path / "curve.csv"
     curve.write_text("PGA,annual_rate\n0.05,1e-2\n0.5,1e-4\n2,1e-6\n")
     alone = constrain(rocks[0], "--hazard", curve, "--age", "300", "--event-rate", "0.1")
     assert "--event-rate applies" in alone.output
     twins = constrain(rocks[0], rocks[0], "--hazard", events, "--age", "300", "--site", "aa")
-    assert "the same rock" in str(twins.exception)
+    assert twins.exception.code == "rock.given_twice"
 
 
 @pytest.fixture
@@ -285,7 +284,7 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
             {name: row[name] for name in number}, rel=1e-4
         )
     twins = constrain(run, *asked, "--measure", "pga_m_s2+pgv_m_s")
-    assert "the same rock" in str(twins.exception)
+    assert twins.exception.code == "rock.given_twice"
 
 
 @pytest.mark.usefixtures("empty_figures")
@@ -299,9 +298,15 @@ def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events
     again = told_by(rocks[0], "--hazard", out / "openquake", *asked)
     for row, before in zip(again["branches"], told["branches"], strict=True):
         assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
-    rates = [row["rate_posterior_mean"] for row in told["updated"]]
-    found = [row["rate_prior_mean"] for row in again["updated"]]
-    # At .3 a year, the mean of probabilities in a year is not that of rates.
+    rates, found = (
+        [
+            row[name]
+            for row, full in zip(one["updated"], told["updated"], strict=True)
+            if full["rate_posterior_mean"]
+        ]
+        for one, name in ((told, "rate_posterior_mean"), (again, "rate_prior_mean"))
+    )
+    assert len(rates) > 10
     assert found == pytest.approx(rates, rel=0.05)
 
 

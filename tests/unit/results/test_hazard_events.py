@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
+from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
@@ -257,21 +257,6 @@ def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_pat
     assert any("3 variations" in note for note in events.notes)
 
 
-def test_one_event_topples_with_its_fragility():
-    one = EventBranch("one", np.array([1e-3]), {"pga_m_s2": np.array([[0.5 * G]])})
-    assert any_topples([ROCK], one.motions)[0] @ one.rate == pytest.approx(0.5e-3)
-    told = survival([ROCK], one, exposure(joint_ages([parse_age("2000")])))
-    assert told == pytest.approx(math.exp(-1.0))
-
-
-def test_rocks_that_feel_the_same_events_survive_more_often_than_independent_ones():
-    branch, once = a_branch(0), exposure(joint_ages([parse_age("20")]))
-    both = exposure(joint_ages([parse_age("20")] * 2))
-    twin = Standing("twin", ROCK.fragility)
-    alone = survival([ROCK], branch, once)
-    assert alone**2 < survival([ROCK, twin], branch, both) < alone
-
-
 def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand():
     """Brute force: Poisson events over each rock's own age, each toppling each rock by chance."""
     branch = a_branch(1, events=12, rate=2e-3, strength=4.0)
@@ -296,16 +281,6 @@ def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand()
     assert told == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / histories))
 
 
-def test_a_rock_that_was_stouter_topples_less_often_before():
-    branch = a_branch(4)
-    plain = exposure(joint_ages([parse_age("50")]))
-    since = parse_since("20:1.5")
-    late = exposure(joint_ages([parse_age("50")]), [since])
-    rock = Standing("rock", ROCK.fragility, since=since)
-    young = exposure(joint_ages([parse_age("20")]))
-    assert survival([ROCK], branch, plain) < survival([rock], branch, late) < survival([ROCK], branch, young)
-
-
 def test_the_model_under_which_all_rocks_stand_is_ranked_first():
     events = a_set(
         a_branch(5, "strong", strength=4.0, weight=0.7), a_branch(5, "weak", strength=1.0, weight=0.3)
@@ -320,6 +295,20 @@ def test_the_model_under_which_all_rocks_stand_is_ranked_first():
     models = models_table(update)
     assert models["model"][0] == "weak"
     assert models["prior_weight"] @ models["bayes_factor"] == pytest.approx(1.0)
+
+
+def test_a_rate_of_exceedance_is_stated_where_ten_events_support_it():
+    branches = [a_branch(n, str(n), events=50, rate=1 / 500, strength=0.3 * (1 + n % 3)) for n in range(10)]
+    update = Update([ROCK], a_set(*branches), exposure(joint_ages([parse_age("50")])))
+    (one,) = update.exceedances
+    felt = np.sort(np.concatenate([branch.motions["pga_m_s2"][:, 0] for branch in branches]))[::-1]
+    assert set(one.levels) <= set(felt)  # order statistics
+    mean = one.statistics(update.events.prior).mean
+    reached = np.array([(felt >= level).sum() for level in one.levels])
+    np.testing.assert_allclose(mean[reached >= 10], reached[reached >= 10] / 5000)
+    assert np.isnan(mean[reached < 10]).all()
+    stated = update.changes["level_prior_mean"].notna()
+    assert (stated == (update.changes["annual_rate"] >= 1 / 475)).all()
 
 
 def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them():

@@ -213,8 +213,7 @@ def test_a_damaged_file_of_a_run_is_named(run_folder, name):
     victim.write_bytes(content)
     verb = ["replay", str(run_folder), "0"] if name == "jobs.parquet" else ["report", str(run_folder)]
     done = CliRunner().invoke(cli, verb)
-    assert isinstance(done.exception, InputError)
-    assert f"{victim}: is damaged (" in str(done.exception)
+    assert (done.exception.code, done.exception.where) == ("file.damaged", str(victim))
 
 
 @pytest.fixture

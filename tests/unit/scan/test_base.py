@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from patches import LEVEL
 
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import Base, Underside, hidden_base
@@ -12,7 +13,6 @@ from toppling.models.rock import Rock
 from toppling.models.scan.close import close_rock
 from toppling.models.scan.crevice import Grid
 from toppling.models.scan.ground import pedestal_ground
-from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
@@ -75,38 +75,35 @@ def test_relief_is_drawn_where_the_rim_hangs_and_none_where_it_is_sharp():
 
 def test_a_cliff_beside_the_base_takes_no_support_away():
     """The pedestal ends 5 mm beside a block's edge, less than a cell of its mesh: the block tips over its own edge."""
-    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
     rock = box(0.51, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
     along = np.arange(-2.0, 2.0, 0.02)
     x, y = (each.ravel() for each in np.meshgrid(along, along))
     points = np.column_stack([x, y, np.where(x < 0.515, 0.0, -1.0)])
     surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, level)
+    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, LEVEL)
     azimuths = np.arange(0.0, 360.0, 15.0)
     on_surface, on_plane = (
         np.array(quasi_static_toppling_m_s2(rock, pedestal, 9.81, azimuths))[:, 1]
-        for pedestal in (found.pedestal, Pedestal(level.point_m, level.normal))
+        for pedestal in (found.pedestal, Pedestal(LEVEL.point_m, LEVEL.normal))
     )
     assert len(found.edges_m) == 1
     np.testing.assert_allclose(on_surface, on_plane, rtol=1e-6)
 
 
 def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():
-    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
     rock = box(0.5, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
     along = np.arange(-2.0, 2.0, 0.02)
     x, y = (each.ravel() for each in np.meshgrid(along, along))
     strays = np.random.default_rng(2).uniform([-0.8, 0.5, 0.05], [0.8, 0.8, 0.2], (20, 3))
     points = np.vstack([np.column_stack([x, y, np.zeros(len(x))]), strays])
     surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(points), bool), rock, level)
+    found = pedestal_ground(surfels, np.ones(len(points), bool), rock, LEVEL)
     # A cell of the mesh is 0.033 m: what lies lower is taken for the surface's own relief, and there is none.
     assert np.abs(found.pedestal.vertices_m[:, 2]).max() < 1e-3
 
 
 def test_a_bump_seen_below_a_wide_flat_face_does_not_reach_into_the_rock():
     """A block on a low foot: the pedestal, seen 3 mm too high below its face of two triangles, would lift the rock."""
-    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
     foot, block = trimesh.creation.box((0.6, 0.6, 0.1)), trimesh.creation.box((1.6, 1.6, 1.0))
     mesh = trimesh.boolean.union(
         [foot.apply_translation([0, 0, 0.05]), block.apply_translation([0, 0, 0.52])]
@@ -116,7 +113,7 @@ def test_a_bump_seen_below_a_wide_flat_face_does_not_reach_into_the_rock():
     x, y = (each.ravel() for each in np.meshgrid(along, along))
     points = np.column_stack([x, y, 0.023 * np.exp(-((x - 0.55) ** 2 + y**2) / 0.01)])
     surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, level)
+    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, LEVEL)
     assert contact_feet_m(rock, found.pedestal)[:, 2].min() > -1e-9
 
 
@@ -129,8 +126,7 @@ def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
     surfels = Surfels(points[observed], table.face_normals[face[observed]], np.zeros(observed.sum()), 0.03)
     grid = Grid.over(np.array([-0.45, -0.45]), np.array([0.45, 0.45]), 0.01)
     base = Base(grid, np.zeros(grid.shape), (np.abs(grid.nodes_m) < 0.4).all(axis=-1))
-    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
-    rock = close_rock(surfels, np.ones(observed.sum(), bool), base, level).rock
+    rock = close_rock(surfels, np.ones(observed.sum(), bool), base, LEVEL).rock
     # The octree's cells are 0.07 m wide, and round the edges off by as much.
     np.testing.assert_allclose(np.ptp(rock.vertices_m, axis=0), [7.0, 1.6, 1.0], atol=0.07)
     assert rock.volume_m3 == pytest.approx(table.volume, rel=0.03)

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from patches import LEVEL
 from refusals import refused
 
 from toppling.models.hidden_base.inspection import Inspection
@@ -11,11 +12,9 @@ from toppling.models.hidden_base.near_interface import NearInterface, near_the_i
 from toppling.models.hidden_base.observed import hidden_part
 from toppling.models.hidden_base.underside import Underside, hidden_base
 from toppling.models.scan.close import about_hull, close_rock
-from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels, orient
 
 HALF_M, HEIGHT_M, CLEAR_M, FOOT_M, VOXEL_M = 0.2, 1.2, 0.16, 0.08, 0.012
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
 def sides_of(half_m, low_m, high_m, middle_m=(0.0, 0.0), pitch_m=VOXEL_M):

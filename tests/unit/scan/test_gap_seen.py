@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
+from patches import LEVEL
 
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, hidden_part
 from toppling.models.hidden_base.underside import Underside
-from toppling.models.scan.interface import Interface
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
 def rings(radii_m, heights_m):

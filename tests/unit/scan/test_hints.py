@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from patches import LEVEL
 from refusals import refused
 
 from toppling.models.hidden_base import evidence as base_kinds
@@ -24,12 +25,10 @@ from toppling.models.hidden_base.standing import (
 )
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.rock import Rock
-from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.scan.surfels import Surfels
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 STD_M = np.full(3, 0.004)
 
 

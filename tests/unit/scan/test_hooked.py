@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from patches import LEVEL
 
 from toppling.models.hidden_base.statics import hooked_m_s2
 from toppling.models.rock import Rock
@@ -37,5 +38,4 @@ def test_a_hooked_rock_is_held_by_the_moment_of_the_face_at_the_depth_of_its_leg
 
 
 def test_a_pedestal_without_an_edge_hooks_nothing():
-    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
-    np.testing.assert_array_equal(hooked_m_s2(hook(), level, np.array([0.0, 180.0])), 0.0)
+    np.testing.assert_array_equal(hooked_m_s2(hook(), LEVEL, np.array([0.0, 180.0])), 0.0)

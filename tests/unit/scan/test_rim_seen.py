@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from patches import LEVEL
 
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.unexplained import unseen_rim
-
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
 def told(azimuths_deg, interface=LEVEL):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from patches import LEVEL
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
@@ -9,7 +10,6 @@ from toppling.models.hidden_base.underside import Underside
 from toppling.models.scan.interface import Edge, Interface
 
 HEIGHT_M, PITCH_M = 2.0, 0.012
-LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 CENTRE_M = np.array([0.3, -0.2])
 
 

@@ -26,6 +26,9 @@ _AT_A_POINT, _ON_A_LINE = 1e-12, 1e-10
 _MISSED = 500.0
 """Times what is right: by so much a contact that sticks may miss its floor, as gaps are not equal."""
 
+_SHARED_ANEW = 12
+"""Times at most that a load is shared by weights which follow it; a load at the base's edge takes the most."""
+
 _ZERO, _NO_MOMENTS = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -38,6 +41,15 @@ class _Clamped(NamedTuple):
     spin: Vector
     moment: Vector  # of their impulses about their middle
     bends: _Symmetric  # of this a contact takes, over its way from the middle
+
+
+class _Sharing(NamedTuple):
+    """How contacts take a load, each times its weight."""
+
+    total: float  # of the weights
+    centre_m: Vector  # of the weights
+    share: Vector  # of the force
+    bending: Vector  # of the moment, over the way from the centre
 
 
 @inner
@@ -58,7 +70,7 @@ def stick_at_once(at: Touching) -> bool:
         if _all_stick(at, clamped, shares):
             _apply(at, clamped, shares)
             return True
-    return False
+    return _share_by_load(at, clamped)
 
 
 @inner
@@ -104,6 +116,101 @@ def _shares(at: Touching, clamped: _Clamped, kept: float) -> tuple[float, Vector
             moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
     n = clamped.number
     return kept, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
+
+
+@inner
+def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
+    """Let all contacts at rest share the load, each by a weight that follows what it presses; whether they all stick.
+
+    The impulses are a weight times a linear function of the place. A weight is multiplied by what that function presses
+    there, none where it would pull, so that the load's centre becomes that of the weights and friction is shared as
+    pressure is. Changes nothing where they do not stick.
+    """
+    weights = at.room.weights
+    force, moment = clamped.force, clamped.moment
+    for i in range(at.number):
+        one = at.contacts[i]
+        if at.room.sticks[i] == 1:
+            force = plus(force, 1.0, one.impulse)
+            moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
+        weights[i] = 1.0 if _rests(at, one, clamped) else 0.0
+    for _ in range(_SHARED_ANEW):
+        sharing = _sharing(at, clamped.middle_m, force, moment)
+        if not sharing.total > 0.0:
+            return False
+        all_press, all_hold = True, True
+        for i in range(at.number):
+            if weights[i] > 0.0:
+                one = at.contacts[i]
+                new = _weighted_impulse(at, i, sharing)
+                pressed = dot(new, one.normal)
+                all_press = all_press and pressed > 0.0
+                all_hold = all_hold and _friction(new, one.normal) <= at.friction[0] * pressed
+        if all_press and all_hold:
+            _take_weighted(at, clamped, sharing)
+            return True
+        for i in range(at.number):
+            if weights[i] > 0.0:
+                weights[i] = max(dot(_weighted_impulse(at, i, sharing), at.contacts[i].normal), 0.0)
+    return False
+
+
+@inner
+def _rests(at: Touching, one: Any, clamped: _Clamped) -> bool:
+    """Whether a contact is at rest once the motion has changed."""
+    lacks = minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
+    return max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= _MISSED * at.enough_m_s
+
+
+@inner
+def _sharing(at: Touching, middle_m: Vector, force: Vector, moment: Vector) -> _Sharing:
+    """How contacts with weights take a force and a moment about a place; of no weight where they cannot."""
+    total, own, spread = 0.0, _ZERO, _NO_MOMENTS
+    for i in range(at.number):
+        w = at.room.weights[i]
+        total, own = total + w, plus(own, w, minus(at.contacts[i].arm_m, middle_m))
+    if not total > 0.0:
+        return _Sharing(0.0, _ZERO, _ZERO, _ZERO)
+    centre = plus(middle_m, 1.0 / total, own)
+    for i in range(at.number):
+        w, r = at.room.weights[i], minus(at.contacts[i].arm_m, centre)
+        spread = (
+            spread[0] + w * r[0] * r[0], spread[1] + w * r[1] * r[1], spread[2] + w * r[2] * r[2],
+            spread[3] + w * r[0] * r[1], spread[4] + w * r[0] * r[2], spread[5] + w * r[1] * r[2],
+        )  # fmt: skip
+    wide = spread[0] + spread[1] + spread[2]
+    xx, yy, zz = wide - spread[0], wide - spread[1], wide - spread[2]
+    smallest = _determinant((xx, yy, zz, -spread[3], -spread[4], -spread[5]))
+    if not smallest > _ON_A_LINE * wide**3:
+        return _Sharing(0.0, _ZERO, _ZERO, _ZERO)
+    bends = _inverse((xx, yy, zz, -spread[3], -spread[4], -spread[5]))
+    about = minus(moment, cross(minus(centre, middle_m), force))
+    share = force[0] / total, force[1] / total, force[2] / total
+    return _Sharing(total, centre, share, _times(bends, about))
+
+
+@inner
+def _determinant(a: _Symmetric) -> float:
+    xx, yy, zz, xy, xz, yz = a
+    return xx * (yy * zz - yz * yz) + xy * (xz * yz - xy * zz) + xz * (xy * yz - xz * yy)
+
+
+@inner
+def _weighted_impulse(at: Touching, i: int, sharing: _Sharing) -> Vector:
+    w = at.room.weights[i]
+    p = plus(sharing.share, 1.0, cross(sharing.bending, minus(at.contacts[i].arm_m, sharing.centre_m)))
+    return w * p[0], w * p[1], w * p[2]
+
+
+@inner
+def _take_weighted(at: Touching, clamped: _Clamped, sharing: _Sharing) -> None:
+    for k in range(3):
+        at.velocity[k] += clamped.force[k]
+        at.velocity[3 + k] += clamped.spin[k]
+    for i in range(at.number):
+        new = _weighted_impulse(at, i, sharing)
+        for k in range(3):
+            at.contacts[i].impulse[k] = new[k]
 
 
 @inner

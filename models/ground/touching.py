@@ -30,6 +30,7 @@ class SolverRoom(NamedTuple):
     off: Array  # (6,): by how much a velocity is not what its impulses make of the free one
     matrix: Array  # (6, 6): the derivative of that by the velocity
     stiffness: Array  # (contacts,): impulse over velocity
+    weights: Array  # (contacts,): by which contacts that stick share the load
     sticks: Indices  # (contacts,): those that are to stick
     states: Indices  # (contacts,): open, sticks or slips, at the velocity that was looked at
     toward: Array  # (contacts, 4): of one that slips, direction of its friction, and what turns that
@@ -43,6 +44,7 @@ def solver_room(most: int) -> SolverRoom:
         np.zeros(6),
         np.zeros(6),
         np.zeros((6, 6)),
+        np.zeros(most),
         np.zeros(most),
         np.zeros(most, np.int64),
         np.zeros(most, np.int64),

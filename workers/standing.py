@@ -41,8 +41,10 @@ _WAYS, _TILT_STEP_DEG, _FARTHEST_DEG = 8, 2.0, 40.0
 """In which a rock is tipped to find the least energy that overturns it, and by how much at a time, and at most."""
 
 
-def holds(body: GroundedBody, pose: Array, loads_m_s2: Array, *, rolls: bool = False) -> bool:
-    """Whether the contacts in a pose surely hold some loads (n, 3); those on the border of their cone are asked.
+def holds(
+    body: GroundedBody, pose: Array, loads_m_s2: Array, *, rolls: bool = False, share: float = _SURE_SHARE
+) -> bool:
+    """Whether contacts in a pose hold loads (n, 3) with a share of friction; those on their cone's border are asked.
 
     Loads as specific forces, in the axes of the support. rolls: or in one that a rounded base would roll into.
     """
@@ -50,7 +52,7 @@ def holds(body: GroundedBody, pose: Array, loads_m_s2: Array, *, rolls: bool = F
         return False
     found = body.near_contacts if rolls else body.contacts
     near = _outermost_contacts(found(pose, TOUCHING_SHARE * body.size_m))
-    columns = wrenches(near["arm_m"], near["normal"], _SURE_SHARE * body.friction[0])
+    columns = wrenches(near["arm_m"], near["normal"], share * body.friction[0])
     leaning = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) / -loads_m_s2[:, 2]
     if not are_held(columns, loads_m_s2[leaning.argmax()][None], body.size_m).all():
         return False

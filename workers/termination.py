@@ -98,7 +98,7 @@ def _rests(seen: Seen) -> bool:
     if not slow or now.over_plane:
         return False
     body = problem.scene.grounded
-    return standing.holds(body, seen.pose, body.load_m_s2()[None])
+    return standing.holds(body, seen.pose, body.load_m_s2()[None], share=1.0)
 
 
 def _too_little_energy(seen: Seen) -> bool:

@@ -109,7 +109,7 @@ def test_a_scene_whose_pedestal_is_elsewhere_is_refused_too():
     far = np.array([[126.0, -1, 0], [128, -1, 0], [128, 1, 0], [126, 1, 0]])
     pedestal = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), far, np.array([[0, 1, 2], [0, 2, 3]]))
     with refused("rock.apart_from_pedestal"):
-        _ = Scene(ROCK, pedestal).ground
+        _ = Scene(ROCK, pedestal).grounded
 
 
 def test_a_mesh_is_a_rock_in_metres_by_the_unit_that_somebody_states(tmp_path):

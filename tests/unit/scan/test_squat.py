@@ -59,7 +59,7 @@ def test_a_rock_that_is_small_in_its_cloud_is_found_where_the_user_points():
     normal = truth.pedestal.normal
     plain = np.column_stack([far, -(far @ normal[:2]) / normal[2] - 0.05 + rng.normal(0.0, 0.01, len(far))])
     points = np.vstack([cloud.points_m, plain])
-    with refused("scan.no_crease"):
+    with refused("scan.nothing_stands"):
         segment(points, virtual.DEMO_ORIGIN_M)
     top = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2]
     found = segment(points, virtual.DEMO_ORIGIN_M, near_m=top).label[: len(label)]

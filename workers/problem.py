@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from toppling.models.compiled import Flags
-from toppling.models.ground.body import RESTING_SHARE
+from toppling.models.ground.body import GROUND_REACH, RESTING_SHARE
 from toppling.models.ground.points import ContactModel, contact_of
 from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
@@ -95,12 +95,15 @@ class Problem:
         )
 
     def is_beyond_scan(self, pose: Array) -> bool:
-        """Whether the centre of mass is plumb over where the scan ends, and with it not the ground.
+        """Whether the rock is where no ground is known: plumb over where the scan ends, or beyond what is looked at.
 
         A mesh that goes on for more of the rock's height beside it ends with the scan: a scanned pedestal keeps .6 of
         it.
         """
         contact = self.contact
+        gone_m = math.hypot(pose[0] - contact.com_m[0], pose[1] - contact.com_m[1])
+        if gone_m > GROUND_REACH * contact.half_diagonal_m - self.farthest_m:
+            return True
         com = (contact.scene_from_support @ pose[:3] + contact.origin_m)[:2]
         lines, is_near = _ends_of_pedestal(self.scene)
         beyond = lines[:, :2] @ com + lines[:, 2] > 0.0

@@ -39,7 +39,7 @@ from toppling.models.rock import Rock
 from toppling.models.rounded.patches import patches_of, smooth_mesh_of
 from toppling.models.support import TOPPLED_TILT_DEG
 
-_GROUND_REACH = 4.0
+GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
 
 _OFTEN = 1.3
@@ -337,7 +337,7 @@ class GroundedBody:
                 rock, vertices_m=np.array(hull.vertices), faces=np.array(hull.faces, np.int64)
             )
         body_m = (rock.vertices_m - rock.com_m) @ turn @ axes
-        reach, far = FOUND_WITHIN * size, _GROUND_REACH * size
+        reach, far = FOUND_WITHIN * size, GROUND_REACH * size
         ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
         around = com + _OFTEN * (body_m @ axes.T).min(axis=0), com + _OFTEN * (body_m @ axes.T).max(axis=0)
         ground = contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach, often_m=around)

@@ -442,8 +442,9 @@ def test_a_rock_that_lands_on_its_next_face_within_a_look_had_begun_to_fall_befo
     assert (np.diff(height[told:fallen]) <= 0.0).all()
 
 
-def test_a_rock_that_slides_past_the_end_of_its_scan_has_no_answer():
-    scene = on_a_table((1.0, 1.0, 0.2), 1.24, friction=0.2)  # scans keep .6 heights beside the rock
+@pytest.mark.parametrize("table_m", [1.24, 20.0])  # scans keep .6 heights beside the rock; 4 R are looked at
+def test_a_rock_that_slides_past_the_ground_that_is_known_has_no_answer(table_m):
+    scene = on_a_table((1.0, 1.0, 0.2), table_m, friction=0.2)
     push = Motion(np.outer([*np.full(200, 9.0), 0.0], [1.0, 0.0, 0.0]), 0.005)
     result = shake(scene, push, "fast")
     assert (result.status, result.outcome, result.ended_by) == ("failed", None, "left_ground")

@@ -91,10 +91,31 @@ def test_friction_that_no_motion_depends_on_goes_where_it_would_let_a_contact_sl
     np.testing.assert_allclose(velocity[:3] + np.cross(velocity[3:], contacts["arm_m"]), 0.0, atol=1e-14)
 
 
+@pytest.mark.parametrize("more_places", [0, 12])
+@pytest.mark.parametrize("uneven", [1, 4])
+def test_a_load_that_lies_within_the_base_is_shared_without_pulls_or_slips(more_places, uneven):
+    random = np.random.default_rng(1)
+    for _ in range(500):
+        inner = np.column_stack([random.uniform(-0.2, 0.2, (more_places, 2)), np.full(more_places, -0.6)])
+        contacts, _ = group(np.vstack([FACE, inner]))
+        pressed, leans = random.uniform(size=len(contacts)) ** uneven, random.uniform(-0.2, 0.2, 2)
+        held = np.column_stack([pressed * leans[0], pressed * leans[1], pressed])
+        contacts["impulse"] = [0.0, 0.0, 1e-3]
+        before = contacts["impulse"].copy()
+        start = -effect(contacts) @ (held - before).ravel()
+        velocity = start.copy()
+        assert stick(contacts, (0.8, 0.8), np.linalg.inv(INERTIA_M2), velocity, solver_room(len(contacts)))
+        impulse = contacts["impulse"]
+        assert (np.hypot(*impulse[:, :2].T) <= 0.8 * impulse[:, 2] + 1e-12).all()
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
+        given = effect(contacts) @ (impulse - before).ravel()
+        np.testing.assert_allclose(start + given, velocity, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("why", "more"),
     [
-        ("one pulls", {"impulse": [[0.0, 0.0, 0.01]] * 4}),
+        ("one pulls however they share", {"impulse": [[0.0, 0.0, 0.001]] * 4}),
         ("all slip", {"friction": 0.001}),
         ("none carries", {"impulse": [[0.0, 0.0, 0.0]] * 4}),
         ("an open one closes", {"floor_m_s": [0.0] * 3 + [0.5], "impulse": [[0.0, 0.0, 1.0]] * 3 + [[0.0] * 3]}),

@@ -271,7 +271,7 @@ def test_a_rock_that_is_thrown_gains_no_energy_at_any_friction(left, right, rest
     for friction in (0.3, 0.8, 1.5, 3.0, 3.0):
         scene = block_on(left, right, half_height=0.3)
         shaking = thrown(as_surface(scene.with_contact(ContactProperties.of(friction, restitution))), random)
-        assert shaking.run() in ("rest", "tilted", "fallen")
+        assert shaking.run() in ("rest", "tilted", "fallen", "left_ground")
         sim, count = shaking.sim, shaking.last + 1
         velocity, height_m = (
             sim.velocity[:count],

@@ -71,19 +71,10 @@ def blind_rock(seed: int) -> tuple[virtual.Truth, str, list[virtual.Station]]:
 def _superellipsoid(random: np.random.Generator, height_m: float) -> virtual.Mesh:
     """Between ball and box, rough, leaning and turned, its foot flattened to a base at height 0."""
     sphere = trimesh.creation.icosphere(subdivisions=6)
-    up, round_ = random.uniform(0.35, 1.0, 2)
+    up, around = random.uniform(0.35, 1.0, 2)
     width = height_m * random.uniform(0.35, 0.9)
     depth = width * random.uniform(0.6, 1.0)
-    latitude = np.arcsin(np.clip(sphere.vertices[:, 2], -1.0, 1.0))
-    longitude = np.arctan2(sphere.vertices[:, 1], sphere.vertices[:, 0])
-    across = _power(np.cos(latitude), up)
-    points = 0.5 * np.column_stack(
-        [
-            width * across * _power(np.cos(longitude), round_),
-            depth * across * _power(np.sin(longitude), round_),
-            height_m * _power(np.sin(latitude), up),
-        ]
-    )
+    points = superellipsoid(np.asarray(sphere.vertices), (width, depth, height_m), up, around)
     waves = np.cos(points @ random.normal(0.0, 6.0 / height_m, (3, 8)) + random.uniform(0.0, 2 * np.pi, 8))
     points *= 1.0 + random.uniform(0.01, 0.05) * (waves / np.arange(2, 10)).sum(axis=1, keepdims=True)
     turn = random.uniform(0.0, 2 * np.pi)
@@ -93,6 +84,20 @@ def _superellipsoid(random: np.random.Generator, height_m: float) -> virtual.Mes
     )
     points[:, 2] = np.maximum(points[:, 2] - points[:, 2].min() - height_m * random.uniform(0.06, 0.25), 0.0)
     return points, np.asarray(sphere.faces, np.int64)
+
+
+def superellipsoid(places: Array, size_m: tuple[float, float, float], up: float, around: float) -> Array:
+    """Places (n, 3) of the unit ball's surface carried onto one between ball and box, by its two exponents."""
+    latitude = np.arcsin(np.clip(places[:, 2], -1.0, 1.0))
+    longitude = np.arctan2(places[:, 1], places[:, 0])
+    across = _power(np.cos(latitude), up)
+    return 0.5 * np.column_stack(
+        [
+            size_m[0] * across * _power(np.cos(longitude), around),
+            size_m[1] * across * _power(np.sin(longitude), around),
+            size_m[2] * _power(np.sin(latitude), up),
+        ]
+    )
 
 
 def _power(values: Array, exponent: float) -> Array:
@@ -190,7 +195,9 @@ def _at_rest_on(
     relief_m = (
         width_m * random.uniform(*RELIEF) * _shape(kind, points_m[:, :2], hull, flat.mean(axis=0), random)
     )
-    relief_m += width_m * random.uniform(*ROUGHNESS) * _roughness(points_m[:, :2] / width_m, random)
+    relief_m += (
+        width_m * random.uniform(*ROUGHNESS) * waves(points_m[:, :2] / width_m, (4.0, 30.0), 40, random)
+    )
     fades = np.exp(-points_m[:, 2] / (0.15 * float(np.ptp(points_m[:, 2]))))
     shaped = points_m + np.column_stack([np.zeros((len(points_m), 2)), fades * relief_m])
     for _ in range(12):  # the weight's line moves a little with the base
@@ -234,10 +241,11 @@ def _shape(
     return np.zeros(len(places_m))
 
 
-def _roughness(places: Array, random: np.random.Generator) -> Array:
-    """Waves of several lengths, of standard deviation 1."""
-    waves = random.normal(size=(2, 40)) * random.uniform(4.0, 30.0, 40)
-    return np.cos(places @ waves + random.uniform(0.0, 2.0 * np.pi, 40)).sum(axis=1) / np.sqrt(20.0)
+def waves(places: Array, numbers: tuple[float, float], count: int, random: np.random.Generator) -> Array:
+    """So many waves (n,), their numbers within a range, over places (n, 2 or 3): standard deviation 1."""
+    ways = random.normal(size=(places.shape[1], count)) * random.uniform(*numbers, count)
+    phase = random.uniform(0.0, 2.0 * np.pi, count)
+    return np.asarray(np.cos(places @ ways + phase).sum(axis=1) / np.sqrt(0.5 * count))
 
 
 def _encloses(corner: Array, point: Array) -> bool:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import manifold3d
 import numpy as np
 import trimesh
+from blind_rocks import superellipsoid, waves
 
-from toppling.models.arrays import Array, Indices
+from toppling.models.arrays import Array
 from toppling.models.frames import (
     STANDARD_GRAVITY_M_S2,
     horizontal_unit_vector,
@@ -27,8 +28,6 @@ TESTED = ("dents", "slab", "pillar", "tilted")
 LEAST_TOPPLING_M_S2 = 0.6
 """A rock that topples under less would hardly stand."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
-
-_Mesh = tuple[Array, Indices]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ def family_rock(family: str, seed: int) -> FamilyRock:
         limits = np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, AZIMUTHS_DEG))[:, 1]
         if limits.min() > LEAST_TOPPLING_M_S2 and np.isfinite(limits).all():
             break
-    over = (rock.vertices_m @ tilt) * [1.0, 1.0, 1.0]
+    over = rock.vertices_m @ tilt
     foot = over[over[:, 2] < 0.03 * rock.height_m, :2]
     middle = foot.mean(axis=0)
     reach = float(np.linalg.norm(foot - middle, axis=1).max())
@@ -131,34 +130,20 @@ def _plants(truth: virtual.Truth, random: np.random.Generator) -> Array:
 
 def _waves(points: Array, number: float, random: np.random.Generator) -> Array:
     """Waves (n,) of several lengths over places of size one, standard deviation about one."""
-    ways = random.normal(size=(3, 30)) * random.uniform(0.3 * number, 2.0 * number, 30)
-    return np.asarray(
-        np.cos(points @ ways + random.uniform(0.0, 2.0 * np.pi, 30)).sum(axis=1) / np.sqrt(15.0)
-    )
+    return waves(points, (0.3 * number, 2.0 * number), 30, random)
 
 
-def _ball() -> _Mesh:
+def _ball() -> virtual.Mesh:
     ball = trimesh.creation.icosphere(subdivisions=4)
     return np.asarray(ball.vertices, float), np.asarray(ball.faces, np.int64)
 
 
 def _superellipsoid(
     random: np.random.Generator, size: tuple[float, float], square: tuple[float, float]
-) -> _Mesh:
+) -> virtual.Mesh:
     """Between ball and box, one high, its foot cut off."""
     points, faces = _ball()
-    up, around = random.uniform(*square, 2)
-    latitude, longitude = np.arcsin(points[:, 2].clip(-1.0, 1.0)), np.arctan2(points[:, 1], points[:, 0])
-
-    def power(values: Array, exponent: float) -> Array:
-        return np.asarray(np.sign(values) * np.abs(values) ** exponent)
-
-    across = power(np.cos(latitude), up)
-    points = 0.5 * np.column_stack([
-        size[0] * across * power(np.cos(longitude), around),
-        size[1] * across * power(np.sin(longitude), around),
-        power(np.sin(latitude), up),
-    ])  # fmt: skip
+    points = superellipsoid(points, (*size, 1.0), *random.uniform(*square, 2))
     points *= 1.0 + random.uniform(0.01, 0.05) * _waves(points, 4.0, random)[:, None]
     points[:, 2] += 0.04 * random.normal() * points[:, 0]
     floor = points[:, 2].min() + random.uniform(0.05, 0.2)
@@ -167,26 +152,26 @@ def _superellipsoid(
     return points, faces
 
 
-def _weathered(random: np.random.Generator) -> _Mesh:
+def _weathered(random: np.random.Generator) -> virtual.Mesh:
     return _superellipsoid(random, (random.uniform(0.4, 0.9), random.uniform(0.4, 0.8)), (0.35, 0.8))
 
 
-def _slab(random: np.random.Generator) -> _Mesh:
+def _slab(random: np.random.Generator) -> virtual.Mesh:
     return _superellipsoid(random, (random.uniform(0.7, 1.1), random.uniform(0.28, 0.4)), (0.3, 0.6))
 
 
-def _pillar(random: np.random.Generator) -> _Mesh:
+def _pillar(random: np.random.Generator) -> virtual.Mesh:
     return _superellipsoid(random, (random.uniform(0.25, 0.4), random.uniform(0.25, 0.35)), (0.3, 0.6))
 
 
-def _egg(random: np.random.Generator) -> _Mesh:
+def _egg(random: np.random.Generator) -> virtual.Mesh:
     points, faces = _ball()
     points = 0.5 * points * [random.uniform(0.8, 1.2), random.uniform(0.7, 1.0), 1.0]
     points *= 1.0 + random.uniform(0.005, 0.02) * _waves(points, 5.0, random)[:, None]
     return points, faces
 
 
-def _dents(random: np.random.Generator) -> _Mesh:
+def _dents(random: np.random.Generator) -> virtual.Mesh:
     points, faces = _ball()
     for _ in range(int(random.integers(12, 25))):
         way = random.normal(size=3)
@@ -196,7 +181,7 @@ def _dents(random: np.random.Generator) -> _Mesh:
     return 0.55 * points * [random.uniform(0.6, 1.0), random.uniform(0.6, 0.9), 1.0], faces
 
 
-def _blobs(random: np.random.Generator) -> _Mesh:
+def _blobs(random: np.random.Generator) -> virtual.Mesh:
     body = manifold3d.Manifold()
     for number in range(3):
         ball = manifold3d.Manifold.sphere(1.0, 48).scale(tuple(random.uniform(0.25, 0.4, 3)))
@@ -207,7 +192,7 @@ def _blobs(random: np.random.Generator) -> _Mesh:
     return points, np.array(mesh.tri_verts, np.int64)
 
 
-def _mushroom(random: np.random.Generator) -> _Mesh:
+def _mushroom(random: np.random.Generator) -> virtual.Mesh:
     share = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 41)))
     stem, neck = random.uniform(0.3, 0.55), random.uniform(0.25, 0.45)
     cap = np.sqrt(np.maximum(1.0 - ((share - neck - 0.15) / (0.85 - neck)) ** 2, 0.0))
@@ -229,7 +214,7 @@ def _mushroom(random: np.random.Generator) -> _Mesh:
     return points, faces
 
 
-_BODIES: dict[str, Callable[[np.random.Generator], _Mesh]] = {
+_BODIES: dict[str, Callable[[np.random.Generator], virtual.Mesh]] = {
     "weathered": _weathered, "mushroom": _mushroom, "blobs": _blobs, "egg": _egg,
     "dents": _dents, "slab": _slab, "pillar": _pillar, "tilted": _weathered,
 }  # fmt: skip

@@ -29,7 +29,7 @@ import numpy as np
 from blind_rocks import base_rock, blind_rock, true_hints
 from comparison import Job, Setting, answers, draw_jobs
 from numpy.typing import NDArray
-from pages import put
+from pages import put, table
 from scipy.stats import t as student_t
 from squat_rocks import beside_the_contact, member
 
@@ -398,17 +398,6 @@ def cost(million: float) -> dict[str, float]:
         "processor s": used.ru_utime + used.ru_stime,
         "peak memory GB": used.ru_maxrss * 1024 / 1e9,
     }
-
-
-def table(rows: dict[str, dict[str, float]], first: str) -> str:
-    """Markdown."""
-    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-    lines = [f"| {first} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
-    lines += [
-        f"| {name} | {' | '.join(f'{row[c]:.2f}' if c in row else '' for c in columns)} |"
-        for name, row in rows.items()
-    ]
-    return "\n".join(lines)
 
 
 def bases(given: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from pages import put
+from pages import put, table
 from rock_families import AZIMUTHS_DEG, LEARNT, TESTED, family_rock
 
 from toppling.models.errors import InputError
@@ -80,11 +80,7 @@ def main() -> None:
         rows[family] = {
             column: float(np.mean([row[column] for row in found if column in row])) for column in columns
         } | {"rocks": float(len(found))}
-    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-    lines = [f"| family | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
-    for name, row in rows.items():
-        lines.append(f"| {name} | {' | '.join(f'{row[c]:.2f}' if c in row else '' for c in columns)} |")
-    put(PAGE, "families", "\n".join(lines))
+    put(PAGE, "families", table(rows, "family"))
 
 
 if __name__ == "__main__":

@@ -221,22 +221,15 @@ def _peaks(surfels: Surfels, edges: Indices) -> list[tuple[int, float]]:
 
 
 def _cut_at(
-    surfels: Surfels, edges: Indices, peak: int, height: float, border: Flags | None = None
+    surfels: Surfels, edges: Indices, peak: int, height: float, border: Flags | bool = False
 ) -> Candidate | None:
     """Cut a peak off as if it were so high; the border is no part of it."""
     points = surfels.points_m
     level = points[peak, 2] - height
     high = (points[:, 2] > level + 0.4 * height) & (np.hypot(*(points[:, :2] - points[peak, :2]).T) < height)
-    seeds = _component_of(peak, high, edges)
-    axis = np.median(points[seeds, :2], axis=0)
-    reach = 1.2 * height + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
-    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (points[:, 2] < level - height)
-    if border is not None:
-        far |= border
-    far &= ~seeds
-    if not far.any():
-        return None
-    return cut_between(surfels, edges, seeds, far, peak)
+    other = (points[:, 2] < level - height) | border
+    seeds, far = _seeds_and_far(points, edges, peak, high, other, height)
+    return cut_between(surfels, edges, seeds, far, peak) if far.any() else None
 
 
 def cut_between(
@@ -311,12 +304,18 @@ def thing_and_rest(
     peak: one of them.
     height_m: (k,), over the plane.
     """
-    points = surfels.points_m
-    seeds = _component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)
+    high, below = thing & (height_m > 0.4 * height_m[peak]), height_m < -_ABOVE_VOXELS * surfels.voxel_m
+    return _seeds_and_far(surfels.points_m, edges, peak, high, below, height_m[peak])
+
+
+def _seeds_and_far(
+    points: Array, edges: Indices, peak: int, high: Flags, other: Flags, height_m: float
+) -> tuple[Flags, Flags]:
+    """What is high and joined with a peak, and what is far beside that in its height or known to be another's."""
+    seeds = _component_of(peak, high, edges)
     axis = np.median(points[seeds, :2], axis=0)
-    reach = 1.2 * height_m[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
-    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -_ABOVE_VOXELS * surfels.voxel_m)
-    return seeds, far & ~seeds
+    reach = 1.2 * height_m + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    return seeds, ((np.hypot(*(points[:, :2] - axis).T) > reach) | other) & ~seeds
 
 
 def _component_of(member: int, among: Flags, edges: Indices) -> Flags:

@@ -1,7 +1,5 @@
 """Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say or none shows."""
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -20,15 +18,6 @@ _RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
 """What is farther from where the user points than this many of its heights is not meant."""
-_LEAST_LOOP = 3
-"""Places of an outline that lie in a plane."""
-_TERRACE_HEIGHTS, _TERRACE, _LEAST_TERRACE = 1.2, (0.25, 0.9), 40
-"""How near to a thing such a top lies, in its heights, how high, as shares of the way from the ground to the thing's
-top, and how many of its patches are enough."""
-_LOW_SHARE = 0.1
-"""Of a terrace's patches, those lower than which it is said to begin."""
-_STEEP = 0.4
-"""Upward part of the normals of a cliff's face at most."""
 _JOINED_VOXELS = 3.0
 """Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
@@ -100,25 +89,17 @@ def look_around(
     points_m: Array, near_m: Array, coarse: Surfels, candidates: list[Candidate]
 ) -> tuple[Surfels, list[Candidate]]:
     """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
-    for around in _circles_around(points_m, near_m, coarse, _CIRCLES):
+    away = np.hypot(*(points_m[:, :2] - near_m).T)
+    extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
+    for share in _CIRCLES:
+        around = points_m[away < share * extent_m]
+        if len(around) < _FEWEST_AROUND:
+            break
         closer = surfels_of(around)
         found = find_candidates(around, closer)
         if lies_on(near_m, found):
             return closer, found
     return coarse, candidates
-
-
-def _circles_around(
-    points_m: Array, near_m: Array, coarse: Surfels, shares: Sequence[float]
-) -> Iterator[Array]:
-    """Points (k, 3) within ever smaller shares of the cloud's extent from a place, while there are enough."""
-    away = np.hypot(*(points_m[:, :2] - near_m).T)
-    extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
-    for share in shares:
-        around = points_m[away < share * extent_m]
-        if len(around) < _FEWEST_AROUND:
-            return
-        yield around
 
 
 def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candidate:

@@ -169,7 +169,6 @@ def _relabelled(
     flat = interface.over(points_m)
     rock = flat[label == ROCK]
     low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
-    check_seen(len(low), "rock", given=given)
     margin = 0.12 * height_m
     grid = Grid.over(
         low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / _CELLS_PER_HEIGHT

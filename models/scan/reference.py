@@ -106,8 +106,9 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
         raise _not_understood(f"keys that state the unit of heights alone ({up} m)", where)
     if up is None and 0 < values.get(_VERTICAL_CODE, 0) < _USER_DEFINED:
         up = _vertical(int(values[_VERTICAL_CODE]))
-    return _reference(plane["name"] if plane else "GeoTIFF keys", plane["epsg"] if plane else None, stated,
-        up)  # fmt: skip
+    return _reference(
+        plane["name"] if plane else "GeoTIFF keys", plane["epsg"] if plane else None, stated, up
+    )
 
 
 def of_words(text: str, where: str) -> Reference | None:

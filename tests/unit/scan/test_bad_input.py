@@ -127,7 +127,7 @@ def long(make, what):
     ("make", "where", "what"),
     [
         long(bare_slope, NOTHING_STANDS),
-        (rock_alone, "station0.xyz", "nothing in the cloud stands on anything"),
+        (rock_alone, "station0.xyz", NOTHING_STANDS),
         long(pedestal_alone, NOTHING_STANDS),
         long(foot_hidden, NOTHING_STANDS),
         long(leaning, "outside any support"), long(lip, "hangs below the interface"),

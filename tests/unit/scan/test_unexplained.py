@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 from patches import BLOCK, LEVEL, VOXEL_M, box, ground, seen_of, together, wall
+from refusals import refused
 
-from tests.refusals import refused
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import Candidate, find_candidates
 from toppling.models.scan.choice import choose

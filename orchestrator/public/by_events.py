@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import finite
@@ -24,15 +23,15 @@ from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Fra
 from toppling.results.hazard.places import distance_km, nearest, of_name
 from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.hazard.survival import topples
-from toppling.results.hazard.tree import Branch, HazardTree
-from toppling.results.hazard.update import Update, leave_one_out, models_table
+from toppling.results.hazard.tree import HazardTree
+from toppling.results.hazard.update import Update
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
 
 def judged_by_events(
     question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
-) -> tuple[Update, dict[str, Any], dict[str, pd.DataFrame]]:
-    """What events say of rocks that stand: the update, the statement for JSON, and tables by name.
+) -> tuple[Update, dict[str, Any]]:
+    """What events say of rocks that stand: the update, and the statement for JSON.
 
     jobs: of those rocks that are runs.
     advance: called before each bootstrap sample of records.
@@ -50,8 +49,7 @@ def judged_by_events(
     for rock in rocks:  # before anything is computed
         topples(rock.fragility, {name: np.empty(0) for name in events.measures})
     update = Update(rocks, events, exposure(question.joint_ages, question.since), question.confidence)
-    tables = _tables(update)
-    return update, _summary(update, tables, measures, away_km), tables
+    return update, _summary(update, measures, away_km)
 
 
 def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
@@ -205,31 +203,13 @@ def _joint_branches(
         for one, other in zip(first.branches, second.branches, strict=True)
     ]
     branches = tuple(
-        replace(events, name=branch.name, model=_model(branch), weight=branch.weight)
+        replace(events, name=branch.name, model=branch.model, weight=branch.weight)
         for (events, _), branch in zip(joints, first.branches, strict=True)
     )
     return branches, max(misfit for _, misfit in joints)
 
 
-def _model(branch: Branch) -> str:
-    return branch.path.partition("~")[2] or branch.name
-
-
-def _tables(update: Update) -> dict[str, pd.DataFrame]:
-    """Tables by name, those that hold something."""
-    found = {
-        "branches": update.branches, "models": models_table(update), "left_out": leave_one_out(update),
-        "updated": update.updated, "changes": update.changes,
-    }  # fmt: skip
-    return {name: table for name, table in found.items() if len(table)}
-
-
-def _summary(
-    update: Update,
-    tables: Mapping[str, pd.DataFrame],
-    measures: tuple[str, ...],
-    away_km: Sequence[float | None],
-) -> dict[str, Any]:
+def _summary(update: Update, measures: tuple[str, ...], away_km: Sequence[float | None]) -> dict[str, Any]:
     """The statement, for JSON.
 
     away_km: of each rock's site from the place that was asked for.
@@ -242,11 +222,10 @@ def _summary(
             _rock(rock, events, away) | {"age_years": float(np.median(years))}
             for rock, away, years in zip(update.rocks, away_km, update.exposure.of_rocks, strict=True)
         ],
-        "mean": update.factors.iloc[-1].to_dict(), "decided": update.decided,
-        "intervals_carry": list(update.draws.carries) if update.draws else [],
+        **update.of_all_branches,
         "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
     }  # fmt: skip
-    return finite(summary | {name: table.to_dict("records") for name, table in tables.items()})
+    return finite(summary | {name: table.to_dict("records") for name, table in update.tables.items()})
 
 
 def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any]:

@@ -200,14 +200,14 @@ def _by_events(
 ) -> RockStatement:
     """What rocks say event by event."""
     ratio = question.asked.ratio
-    update, content, tables = judged_by_events(question, jobs, advance)
+    update, content = judged_by_events(question, jobs, advance)
     source = Path(update.events.source)
     files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
     warnings = _warnings(question.paths, [rock.fragility.basis for rock in update.rocks])
     content |= {"hazard_ratio": ratio, "warnings": warnings}
 
     def write(out: Path, stated: dict[str, Any]) -> int:
-        return sum(1 for _ in write_events(update, stated, tables, out, ratio))
+        return sum(1 for _ in write_events(update, stated, out, ratio))
 
     return RockStatement(content, all_words(content), warnings, files, write)
 

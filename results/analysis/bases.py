@@ -62,9 +62,14 @@ def base_spread(jobs: pd.DataFrame, score: Array) -> BaseSpread | None:
         return None
     by_record = records_weight(jobs)
     weight = np.ones(len(jobs)) if by_record is None else by_record.to_numpy(float)
-    of_base = jobs.get("base_weight", pd.Series(1.0, jobs.index)).groupby(jobs["realisation"]).first()
-    base = np.searchsorted(of_base.index, jobs["realisation"])
-    return spread_of(jobs["toppled"].to_numpy(bool), score, base, weight, of_base.to_numpy(float))
+    base, of_base = bases_of(jobs)
+    return spread_of(jobs["toppled"].to_numpy(bool), score, base, weight, of_base)
+
+
+def bases_of(jobs: pd.DataFrame) -> tuple[Indices, Array]:
+    """Number of each job's realisation, which has a base of its own, and the weights of these."""
+    _, first, base = np.unique(jobs["realisation"], return_index=True, return_inverse=True)
+    return base, jobs.get("base_weight", pd.Series(1.0, jobs.index)).to_numpy(float)[first]
 
 
 def spread_of(

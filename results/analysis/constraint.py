@@ -23,7 +23,7 @@ from toppling.results.hazard.survival import (
     unexceeded,
 )
 from toppling.results.hazard.tree import HazardTree, sources
-from toppling.results.hazard.update import Update, levels_table, parts_table
+from toppling.results.hazard.update import Update
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +47,11 @@ class Constraint:
         """One fragility of the site; None for a single rock."""
         return random_rock(self.rocks)
 
+    @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Tables by name, those that hold something."""
-        found = {"rejected": self.bound}
-        if update := self.update:
-            found |= {
-                "branches": update.branches, "updated": update.updated, "changes": update.changes,
-                "levels": levels_table(update), "parts": parts_table(update),
-            }  # fmt: skip
-        return {name: table for name, table in found.items() if table is not None and len(table)}
+        rejected = {} if self.bound is None else {"rejected": self.bound}
+        return rejected | (self.update.tables if self.update else {})
 
     def summary(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
         """Everything, as JSON holds it: SI units, None where a number is not known or has no bound."""
@@ -71,17 +67,11 @@ class Constraint:
                 "median": site.curve.median, "beta": site.curve.beta, "beta_within": site.beta_within,
                 "beta_between": site.beta_between, "median_low": low, "median_high": high, "beyond": site.beyond,
             }  # fmt: skip
-        summary |= {name: table.to_dict("records") for name, table in self.tables().items()}
+        summary |= {name: table.to_dict("records") for name, table in self.tables.items()}
         if (update := self.update) and (tree := update.tree):
             for row, branch in zip(summary["branches"], tree.branches, strict=True):
                 row |= _place(branch.curve, asked)
-            summary |= {
-                "mean": update.factors.iloc[-1].to_dict(),
-                "decided": update.decided,
-                "intervals_carry": list(update.draws.carries) if update.draws else [],
-                "hazard": _hazard(tree),
-                "hazard_ratio": ratio,
-            }
+            summary |= update.of_all_branches | {"hazard": _hazard(tree), "hazard_ratio": ratio}
         return finite(summary)
 
 

@@ -36,7 +36,7 @@ def write_constraint(
     ratio: by which the hazard's motions were multiplied.
     Yields each file, once it is complete.
     """
-    yield from _write(statement, constraint.tables(), curve_drawings(constraint, statement), folder)
+    yield from _write(statement, constraint.tables, curve_drawings(constraint, statement), folder)
     update = constraint.update
     if update:
         yield from _hazard_after(update, folder, ratio)
@@ -45,18 +45,13 @@ def write_constraint(
 
 
 def write_events(
-    update: Update,
-    statement: dict[str, Any],
-    tables: dict[str, pd.DataFrame],
-    folder: Path,
-    ratio: float = 1.0,
+    update: Update, statement: dict[str, Any], folder: Path, ratio: float = 1.0
 ) -> Iterator[Path]:
     """Write all that rocks say under a set of events, as `write_constraint` does.
 
-    tables: by name: branches, updated and others of the statement.
     Yields each file, once it is complete.
     """
-    yield from _write(statement, tables, event_drawings(statement, tables), folder)
+    yield from _write(statement, update.tables, event_drawings(statement, update.tables), folder)
     yield from _hazard_after(update, folder, ratio)
 
 

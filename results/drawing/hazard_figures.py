@@ -239,8 +239,8 @@ def events_figure(
 ) -> Figure:
     """Survival of each branch, and rates of exceedance before and after at each site, of each measure.
 
-    branches: from `EventUpdate.branches`.
-    updated: from `EventUpdate.updated`, with its `measure` and `site`; None where no event is felt at the rocks'
+    branches: from `Update.branches`.
+    updated: from `Update.updated`, with its `measure` and `site`; None where no event is felt at the rocks'
     sites.
     """
     hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]

@@ -160,7 +160,7 @@ def events_of_tree(tree: HazardTree, rocks: Sequence[Standing], mean: HazardCurv
         motions = {tree.measure: intensity[:, None]}
         found += [EventBranch(curve.name, rate, motions) for curve, rate in zip(some, rates, strict=True)]
     branches = tuple(
-        replace(events, name=one.name, weight=one.weight, model=one.path.partition("~")[2] or one.name)
+        replace(events, name=one.name, weight=one.weight, model=one.model)
         for events, one in zip(found[:-1], tree.branches, strict=True)
     )
     site = EventSite(tree.site_name or "site", tree.site)

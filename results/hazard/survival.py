@@ -134,7 +134,7 @@ def rejected_rate(
     F(x) is 0.
     """
     motions = {rocks[0].fragility.measures[0]: np.asarray(intensity, float).reshape(-1, 1)}
-    topple = any_topples([replace(rock, site=0) for rock in rocks], motions, exposure.states)
+    topple = any_topples(rocks, motions, exposure.states)
     return np.array([greatest_rate(row, 1.0 - confidence) for row in topple.T @ exposure.years])
 
 

@@ -35,6 +35,11 @@ class Branch:
     path: str = ""
     number: int | None = None  # of OpenQuake's realisation
 
+    @property
+    def model(self) -> str:
+        """Its ground-motion model, as the path has it; its name where that has none."""
+        return self.path.partition("~")[2] or self.name
+
 
 @dataclass(frozen=True, eq=False)
 class HazardTree:
@@ -151,27 +156,17 @@ def _rates_at(curve: HazardCurve, levels: Array) -> Array:
     return np.where(levels > curve.intensity[-1], 0.0, rates)
 
 
-def statistics(tree: HazardTree, weights: ArrayLike | None = None) -> Statistics:
-    """Mean and fractiles of a tree under some weights of its branches, its own if none are given.
-
-    weights: (branches,).
-    """
-    share = tree.weights if weights is None else np.asarray(weights, float)
-    return statistics_of(*common_levels(tree.curves), share, tree.years)
+def statistics(tree: HazardTree) -> Statistics:
+    """Mean and fractiles of a tree under its own weights."""
+    return statistics_of(*common_levels(tree.curves), tree.weights, tree.years)
 
 
-def statistics_of(
-    levels: Array,
-    rates: Array,
-    weights: Array,
-    years: float | None = None,
-    fractiles: Sequence[float] = FRACTILES,
-) -> Statistics:
+def statistics_of(levels: Array, rates: Array, weights: Array, years: float | None = None) -> Statistics:
     """Mean and fractiles of the rates of branches (branches, levels): of their probabilities over a time, if given."""
     values = rates if years is None else probability_of(rates, years)
     back = (lambda x: x) if years is None else (lambda x: annual_rate_of(np.minimum(x, 1.0), years))
     return Statistics(
-        levels, back(weights @ values), {q: back(weighted_fractile(values, weights, q)) for q in fractiles}
+        levels, back(weights @ values), {q: back(weighted_fractile(values, weights, q)) for q in FRACTILES}
     )
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
-from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (
     HazardCurve,
@@ -107,8 +107,13 @@ class Update:
         return cls(rocks, events_of_tree(tree, rocks, _mean_of(tree)), exposure, confidence, tree)
 
     @cached_property
+    def _rates(self) -> Array:
+        """Of events that topple any of the rocks in each of their states: each branch, and the mean hazard last."""
+        return rates_by_state(self.rocks, self.events.groups, self.exposure.states)
+
+    @cached_property
     def _survivals(self) -> Array:
-        return survivals(self.rocks, self.events, self.exposure)
+        return np.array([self.exposure.survival(row) for row in self._rates])
 
     @property
     def survival(self) -> Array:
@@ -131,7 +136,8 @@ class Update:
         return draws_of(self.rocks, self.events, self.exposure, 1.0 - self.confidence)
 
     def _interval(self, values: Array) -> Array:
-        return ends(values) if self.draws is None else self.draws.interval(values)
+        assert self.draws is not None  # whose values these are
+        return self.draws.interval(values)
 
     @cached_property
     def factors(self) -> pd.DataFrame:
@@ -141,7 +147,6 @@ class Update:
         %, over all that is drawn; null where nothing is known to vary).
         """
         chance = 1.0 - self.confidence
-        exposed = rates_by_state(self.rocks, self.events.groups, self.exposure.states) @ self.exposure.years
         table = pd.DataFrame({"name": [*(branch.name for branch in self.events.branches), MEAN]})
         drawn: dict[str, Array] = {}
         if self.draws is not None:
@@ -151,7 +156,7 @@ class Update:
         for name, values in (
             ("survival", self._survivals),
             ("scale_factor", scale_factors(self.rocks, self.events, self.exposure, chance)),
-            ("rate_factor", [greatest_rate(row, chance) for row in exposed]),
+            ("rate_factor", [greatest_rate(row, chance) for row in self._rates @ self.exposure.years]),
         ):
             table[name] = values
             table[f"{name}_low"] = table[f"{name}_high"] = math.nan
@@ -196,7 +201,7 @@ class Update:
 
     def _survival_under(self, curve: HazardCurve) -> float:
         alone = HazardTree(curve.measure, (Branch(curve.name, 1.0, curve),))
-        return float(survivals(self.rocks, events_of_tree(alone, self.rocks, curve), self.exposure)[0])
+        return float(Update.of_curves(self.rocks, alone, self.exposure).survival[0])
 
     @property
     def decided(self) -> dict[str, float | None]:
@@ -212,6 +217,29 @@ class Update:
             "weight_rejected": float(prior[gone].sum()),
             "branches_rejected": int(gone.sum()),
         }
+
+    @property
+    def of_all_branches(self) -> dict[str, Any]:
+        """What a statement says of all branches together."""
+        return {
+            "mean": self.factors.iloc[-1].to_dict(),
+            "decided": self.decided,
+            "intervals_carry": list(self.draws.carries) if self.draws else [],
+        }
+
+    @cached_property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables by name, those that hold something."""
+        found = {
+            "branches": self.branches,
+            "models": models_table(self),
+            "left_out": leave_one_out(self),
+            "updated": self.updated,
+            "changes": self.changes,
+            "levels": _levels_table(self),
+            "parts": _parts_table(self),
+        }
+        return {name: table for name, table in found.items() if len(table)}
 
     @cached_property
     def exceedances(self) -> list[Exceedance]:
@@ -230,18 +258,24 @@ class Update:
         ]  # fmt: skip
         return [one for one in found if len(one.levels)]
 
+    @cached_property
+    def _judged(self) -> list[tuple[Exceedance, Statistics, Statistics | None]]:
+        """Each hazard with its mean and fractiles under the prior and under the posterior weights."""
+        prior, new = self.events.prior, self.posterior
+        return [
+            (one, one.statistics(prior), None if new is None else one.statistics(new, after=True))
+            for one in self.exceedances
+        ]
+
     @property
     def before(self) -> Statistics:
         """Mean and fractiles of the first hazard under the prior weights."""
-        return self.exceedances[0].statistics(self.events.prior)
+        return self._judged[0][1]
 
     @property
     def after(self) -> Statistics | None:
         """Mean and fractiles of the first hazard under the posterior weights."""
-        return self._after(self.exceedances[0])
-
-    def _after(self, of: Exceedance) -> Statistics | None:
-        return None if self.posterior is None else of.statistics(self.posterior, after=True)
+        return self._judged[0][2]
 
     def counted(self, measure: str, sites: Sequence[int]) -> tuple[Array, Array]:
         """Levels, and each branch's rate of events that reach them at sites (branches, sites, levels); none felt, none.
@@ -265,8 +299,8 @@ class Update:
         ])  # fmt: skip
 
     def _drawn_means(self, of: Exceedance) -> Array | None:
-        """Posterior mean rates of each draw (draws, levels); None where nothing varies, or no draw survives."""
-        if self.draws is None:
+        """Posterior mean rates of each draw (draws, levels); None where nothing varies, or all is inconsistent."""
+        if self.draws is None or self.posterior is None:
             return None
         weights = drawn_weights(self.events.prior, np.exp(-self.draws.topplings[:, :-1]))
         if not len(weights):
@@ -283,17 +317,16 @@ class Update:
         over branches), rate_posterior_mean_low and _high (95 %, over all that is drawn), change_percent (of the mean
         rate).
         """
-        return _stacked([self._updated(one) for one in self.exceedances])
+        return _stacked([self._updated(*one) for one in self._judged])
 
-    def _updated(self, of: Exceedance) -> pd.DataFrame:
+    def _updated(self, of: Exceedance, before: Statistics, after: Statistics | None) -> pd.DataFrame:
         table = pd.DataFrame({"measure": of.measure, "site": of.site, "level": of.levels})
-        after = self._after(of)
-        for name, one in (("prior", of.statistics(self.events.prior)), ("posterior", after)):
+        for name, one in (("prior", before), ("posterior", after)):
             table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
             for q in FRACTILES:
                 table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
         table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
-        if after is not None and (means := self._drawn_means(of)) is not None:
+        if (means := self._drawn_means(of)) is not None:
             table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = self._interval(means)
         with np.errstate(invalid="ignore", divide="ignore"):
             table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
@@ -308,11 +341,10 @@ class Update:
         level_change_percent (of the mean's motion), rate_change_percent (of the mean's rate at the prior's motion).
         Null where a curve does not reach the rate.
         """
-        return _stacked([self._changes(one) for one in self.exceedances])
+        return _stacked([self._changes(*one) for one in self._judged])
 
-    def _changes(self, of: Exceedance) -> pd.DataFrame:
-        before, after = of.statistics(self.events.prior), self._after(of)
-        means = None if after is None else self._drawn_means(of)
+    def _changes(self, of: Exceedance, before: Statistics, after: Statistics | None) -> pd.DataFrame:
+        means = self._drawn_means(of)
         rows = []
         for rate in RATES:
             low, high = _level_interval(of.levels, means, rate, self._interval)
@@ -391,7 +423,7 @@ def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
     return 100.0 * (math.exp(np.interp(math.log(level), np.log(x), np.log(rates))) / rate - 1.0)
 
 
-def levels_table(update: Update) -> pd.DataFrame:
+def _levels_table(update: Update) -> pd.DataFrame:
     """Choices of the logic tree's levels before and after, the level that the rocks move most first.
 
     Returns DataFrame: level, moved (share of the weight that changes its choice: half the sum of absolute changes),
@@ -411,7 +443,7 @@ def levels_table(update: Update) -> pd.DataFrame:
     return _stacked(sorted(tables, key=lambda table: -table["moved"].iloc[0]))
 
 
-def parts_table(update: Update) -> pd.DataFrame:
+def _parts_table(update: Update) -> pd.DataFrame:
     """Shares of the toppling rate that contributions to the hazard have: by source type, by ground-motion model.
 
     Returns DataFrame: part, toppling_rate (annual), share; empty where the files state no contributions.

@@ -18,6 +18,7 @@ from scipy.stats import f, t
 
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
+from toppling.results.analysis.bases import bases_of
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 
 _STEPS, _SMALL_STEP = 200, 1e-9
@@ -53,8 +54,7 @@ def answers_of(
     toppled = rows["toppled"].to_numpy(bool).astype(float)
     record = rows["record_id"].map(records).to_numpy(np.int64)
     weight = rows["record_weight"].to_numpy(float) if "record_weight" in rows else np.ones(len(rows))
-    _, first, base = np.unique(rows["realisation"], return_index=True, return_inverse=True)
-    of_base = rows["base_weight"].to_numpy(float)[first] if "base_weight" in rows else np.ones(len(first))
+    base, of_base = bases_of(rows)
     usable = [name for name in measures if (rows[name].fillna(0.0) > 0).all()]
     return {
         name: Answers(

@@ -27,6 +27,9 @@ LOST = "the connection to the scheduler is lost"
 BACK_WITHIN_S = 120.0
 """A scheduler of somebody else that is gone has this long to be started again."""
 
+CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
+"""Options of a worker that shows no pages: Dask's ask for no key."""
+
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
 _LOOK_S, _WAIT_S, _SAID_AFTER_S = 0.1, 1.0, 60.0
 
@@ -44,8 +47,7 @@ class Absence:
         elif not self._said and time.monotonic() - self._since >= _SAID_AFTER_S:
             self._said = True
             address = getattr(self._client.scheduler, "address", "the scheduler")
-            closed = "--no-dashboard --dashboard-address 127.0.0.1:0"
-            remedy = f"start some with 'dask worker {address} --nthreads 1 {closed}'"
+            remedy = f"start some with 'dask worker {address} --nthreads 1 {CLOSED}'"
             if self._client.cluster is not None:
                 remedy = "look at the queue of the batch system and at the logs of its jobs, or at run.log"
             log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, address, remedy)

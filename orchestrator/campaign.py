@@ -267,6 +267,12 @@ class Campaign:
     target: TargetSpec | None = None
     sites: tuple[Site, ...] = ()
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the specifications of all jobs have in common."""
+        names = ("preset", "engine", "peak_displacement_m", "unmeasured")
+        return {name: getattr(self, name) for name in names}
+
     def with_precision(self, precision: float) -> "Campaign":
         """The same campaign, to end once its target is known so well.
 

@@ -16,7 +16,7 @@ from distributed.security import Security
 
 from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError, UsageError
-from toppling.orchestrator.admission import BACK_WITHIN_S
+from toppling.orchestrator.admission import BACK_WITHIN_S, CLOSED
 from toppling.orchestrator.cluster_supervisor import let_resize
 from toppling.orchestrator.interrupt import Uninterrupted, kept_from_children
 from toppling.orchestrator.local_workers import LocalWorkers
@@ -272,8 +272,6 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     chosen = {VARIABLE: "1"} | {name: os.environ.get(name) for name in KERNEL_VARIABLES}
     exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
     prologue = [line for name in ("env-extra", "job-script-prologue") for line in configured.get(name) or []]
-    # Dask's pages ask for no key.
-    closed = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
     try:
         with kept_from_children():  # what submits and takes back batch jobs
             named = {name.lower(): name for name in vars(jobqueue)}
@@ -282,7 +280,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
                 processes=cores,
                 security=None if has_certificates else write_key(Path(secrets)),
                 job_script_prologue=[*prologue, *exports],
-                worker_extra_args=[*closed, *(configured.get("worker-extra-args") or [])],
+                worker_extra_args=[*CLOSED.split(), *(configured.get("worker-extra-args") or [])],
                 scheduler_options={"dashboard_address": "127.0.0.1:0"}
                 | (configured.get("scheduler-options") or {}),
                 **given,

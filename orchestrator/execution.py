@@ -160,12 +160,12 @@ class Execution:
             # A key never returns, not even in another session: Dask would hand out the old answer.
             batches[f"{self._session}-{self.tasks}"] = batch
         if batches:
-            budget = self._budget_s
-            scenes = self.plan.columns["scene_id"]
+            budget, scenes = self._budget_s, self.plan.columns["scene_id"]
+            settings = self.plan.campaign.settings
             calls = {}
             for key, batch in batches.items():
                 jobs = self.plan.batch(np.array(batch.jobs))
-                calls[key] = self.work.run_keys[scenes[batch.jobs[0]]], self.plan.settings, jobs, budget
+                calls[key] = self.work.run_keys[scenes[batch.jobs[0]]], settings, jobs, budget
             self.cluster.submit(self.task, calls)
             self._flying |= batches
 

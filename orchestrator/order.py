@@ -31,7 +31,7 @@ JOBS_OF_A_SCENE = 128
 """Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
 
 JOBS_OF_A_ROCK = 256
-"""Of an atlas so many jobs go out with one rock before the next: as many as a batch holds at most."""
+"""Of an atlas so many jobs go out with one rock before the next, and a batch, which is of one rock, ends there."""
 
 _Codes = NDArray[np.integer]
 
@@ -57,6 +57,13 @@ def diagonal(*sizes: int) -> NDArray[np.int64]:
         turned = (place + place // math.lcm(count, size)) % size
         cells = np.column_stack([cells[place % count], turned])
     return cells
+
+
+def _along_diagonal(*sizes: int) -> NDArray[np.int64]:
+    """For each cell of a grid its place on that diagonal."""
+    places = np.empty(sizes, np.int64)
+    places[tuple(diagonal(*sizes).T)] = np.arange(places.size)
+    return places
 
 
 def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
@@ -91,7 +98,9 @@ def balanced_order(
     cell = _cells(random, turn, level, azimuth, scene, scenes)
     rank = pd.Series(cell).groupby(turn * scenes + scene).rank(method="first").to_numpy(np.int64) - 1
     visit, within = np.divmod(rank, jobs)
-    place = _scene_places(random, sizes)[scene]
+    # The round of scenes goes along a diagonal of their axes, whose values are shuffled.
+    shuffled = np.ix_(*(np.argsort(random.permutation(size)) for size in sizes))
+    place = _along_diagonal(*sizes)[shuffled].ravel()[scene]
     # A group of records is at the scene after that of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
@@ -105,8 +114,7 @@ def realisations_spread(records: int, levels: int, azimuths: int, count: int) ->
     there are realisations.
     """
     random = np.random.default_rng(_SEED)
-    along = np.zeros((levels, azimuths), np.int64)
-    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    along = _along_diagonal(levels, azimuths)
     shifts = [_shared_out(random, records, size)[:, None] for size in (levels, azimuths)]
     level, azimuth = (
         (np.arange(size) + shift) % size for size, shift in zip(along.shape, shifts, strict=True)
@@ -135,8 +143,7 @@ def _cells(
 ) -> NDArray[np.int64]:
     """For each job the place of its level and azimuth on its record's diagonal in its scene."""
     records, levels, azimuths = (int(codes.max()) + 1 for codes in (turn, level, azimuth))
-    along = np.zeros((levels, azimuths), np.int64)
-    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    along = _along_diagonal(levels, azimuths)
     starts = []
     for size, codes in ((levels, level), (azimuths, azimuth)):
         shuffled = random.permutation(size)[codes]
@@ -150,12 +157,3 @@ def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[n
     """Numbers below `size`, every one once in each stretch of so many, in random order."""
     turns = [random.permutation(size) for _ in range(math.ceil(count / size))]
     return np.concatenate(turns)[:count]
-
-
-def _scene_places(random: np.random.Generator, sizes: tuple[int, ...]) -> NDArray[np.int64]:
-    """For each scene its place in the round of scenes: along a diagonal of its axes, whose values are shuffled."""
-    cells = diagonal(*sizes)
-    shuffled = [random.permutation(size)[cells[:, axis]] for axis, size in enumerate(sizes)]
-    place = np.empty(len(cells), np.int64)
-    place[np.ravel_multi_index(shuffled, sizes)] = np.arange(len(cells))
-    return place

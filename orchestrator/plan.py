@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -165,14 +164,8 @@ class Plan:
             record_id=record_id,
             record_sha=scene.record_sha[record_id],
             **dict(zip(AXES, axes, strict=True)),
-            **self.settings,
+            **self.campaign.settings,
         )
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What the specifications of all jobs have in common."""
-        names = ("preset", "engine", "peak_displacement_m", "unmeasured")
-        return {name: getattr(self.campaign, name) for name in names}
 
     def batch(self, rows: Rows) -> pa.Table:
         """Jobs as they travel to a worker: ids, records and axes."""

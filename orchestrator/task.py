@@ -155,7 +155,7 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
 
     Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
 
-    settings: what the specifications of all jobs have in common (`Plan.settings`).
+    settings: what the specifications of all jobs have in common (`Campaign.settings`).
     jobs: as `Plan.batch`.
     Returns pa.Table: under `SCHEMA`.
     Raises UnfitWorkerError if the machine refuses it a file, or the worker makes other ids of the jobs.

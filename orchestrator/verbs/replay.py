@@ -149,10 +149,9 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
     job_id = chosen.pop("job_id")
     # Plans of earlier versions are of one scene and do not name it.
     of_rock = _rock_of(opened, chosen.pop("scene_id", None))
-    return JobSpec(scene_id=Scene.load(of_rock.scene_folder).id,
-        record_sha=Ensemble.load(of_rock.ensemble_folder).sha(chosen["record_id"]), preset=campaign.preset,
-        engine=campaign.engine, peak_displacement_m=campaign.peak_displacement_m, unmeasured=campaign.unmeasured,
-        **chosen), job_id  # fmt: skip
+    scene, ensemble = Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder)
+    sha = ensemble.sha(chosen["record_id"])
+    return JobSpec(scene_id=scene.id, record_sha=sha, **campaign.settings, **chosen), job_id
 
 
 def _whence(kernels: str | None) -> str:

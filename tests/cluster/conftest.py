@@ -22,7 +22,6 @@ from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
-OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"
 STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 CAMPAIGN = """\
 scene = "scene"

@@ -1,4 +1,4 @@
-"""Loaded by workers in tests: jobs crash, hang, wait or lie as a file tells, or the worker is of another version."""
+"""Loaded by workers in tests: jobs crash, hang, fail or wait as a file tells, or no worker lives to join."""
 
 import json
 import os
@@ -9,25 +9,24 @@ from pathlib import Path
 from toppling.orchestrator import task
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
-OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"
 STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 
 
 def _strike(job_id):
-    """Let a job's fault happen; returns what its row is changed by."""
+    """Let a job's fault happen."""
     control = Path(os.environ[FAULTS_VARIABLE])
     if not control.exists():
-        return {}
+        return
     faults = json.loads(control.read_text())
     fault = faults.get(job_id) or faults.get("every")
     if fault is None:
-        return {}
+        return
     if "times" in fault:
         progress = control.with_name(f"{control.name}.{job_id}")
         with progress.open("a") as file:
             file.write("x")
         if progress.stat().st_size > fault["times"]:
-            return {}
+            return
     if fault["kind"] == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)
     elif fault["kind"] == "freeze":
@@ -38,20 +37,16 @@ def _strike(job_id):
         1 / 0  # noqa: B018  (the exception is the point)
     elif fault["kind"] == "wait":
         time.sleep(fault["seconds"])
-    return fault.get("changes", {})
 
 
 if not hasattr(task, "genuine_run_job"):
     task.genuine_run_job = task.run_job
 
     def run_job(spec, assets):
-        changes = _strike(spec.job_id)
-        return task.genuine_run_job(spec, assets) | changes
+        _strike(spec.job_id)
+        return task.genuine_run_job(spec, assets)
 
     task.run_job = run_job
-
-if OTHER_CODE_VARIABLE in os.environ:
-    task.code = lambda: os.environ[OTHER_CODE_VARIABLE]
 
 if STILLBORN_VARIABLE in os.environ:
     os.kill(os.getpid(), signal.SIGKILL)

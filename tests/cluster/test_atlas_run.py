@@ -128,7 +128,7 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
     for row in range(len(planned)):
         scene = planned.scenes[planned.columns["scene_id"][row]]
         run_key, batch = run_keys[planned.columns["scene_id"][row]], planned.batch(np.array([row]))
-        (answer,) = shake_batch(run_key, planned.settings, batch, 1.0).to_pylist()
+        (answer,) = shake_batch(run_key, planned.campaign.settings, batch, 1.0).to_pylist()
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         if row >= 24:
             gc.collect()

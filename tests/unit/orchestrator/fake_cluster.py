@@ -3,34 +3,11 @@
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-import numpy as np
 import pyarrow as pa
 
 from toppling.orchestrator.context import Answer
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.results.schema import SCHEMA
-
-
-def rows_of(asked, jobs):
-    """Rows that jobs of a plan could have: each stands, and all that is known of it is there."""
-    known, count = asked.asked(jobs) | asked.known(jobs), len(jobs)
-    numbers = (
-        "max_tilt_deg",
-        "residual_tilt_deg",
-        "residual_yaw_deg",
-        "slip_m",
-        "penetration_m",
-        "simulated_s",
-    )
-    columns = known | {name: np.zeros(count) for name in (*numbers, "time_step_s")} | {
-        "wall_s": np.full(count, 0.1), "steps": np.full(count, 100),
-        "toppled": [False] * count, "outcome": ["stands"] * count, "status": ["ok"] * count,
-        "ended_by": ["rest"] * count,
-    }  # fmt: skip
-    arrays = [
-        pa.array(columns.get(field.name, [None] * count), field.type, from_pandas=True) for field in SCHEMA
-    ]
-    return pa.Table.from_arrays(arrays, schema=SCHEMA)
 
 
 @dataclass

@@ -12,7 +12,6 @@ import pytest
 from distributed import SpecCluster
 from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.cluster import existing, gateway, job_script, local, queue
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 
@@ -93,35 +92,29 @@ def test_batch_systems_that_dask_knows_are_known(kind):
         assert CLOSED in job_script(kind)
 
 
-def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_that_it_has(tmp_path):
+def refusal_of_queue(code, interface, folder):
+    """The refusal, which says in one line what is wrong, of a batch system on a network interface."""
     pytest.importorskip("dask_jobqueue")
-    with (
-        dask.config.set(BATCH_JOB | {"jobqueue.slurm.interface": "ib17"}),
-        pytest.raises(InputError) as refused,
-        queue("slurm", 1, tmp_path),
-    ):
+    settings = BATCH_JOB | {"jobqueue.slurm.interface": interface}
+    with dask.config.set(settings), refused(code) as caught, queue("slurm", 1, folder):
         pass
-    assert refused.value.code == "cluster.queue_unconfigured"
-    assert "ib17" in refused.value.what
-    assert "'lo'" in refused.value.what
-    assert "scheduler-options" in refused.value.remedy
-    assert "\n" not in refused.value.what
+    assert "\n" not in caught.value.what
+    return caught.value
+
+
+def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_that_it_has(tmp_path):
+    refusal = refusal_of_queue("cluster.queue_unconfigured", "ib17", tmp_path)
+    assert "ib17" in refusal.what
+    assert "'lo'" in refusal.what
+    assert "scheduler-options" in refusal.remedy
 
 
 def test_a_batch_system_that_takes_no_job_is_told_in_one_line(tmp_path, monkeypatch):
-    pytest.importorskip("dask_jobqueue")
     (tmp_path / "sbatch").write_text("#!/bin/sh\necho no such partition >&2\nexit 1\n")
     (tmp_path / "sbatch").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    with (
-        dask.config.set(BATCH_JOB | {"jobqueue.slurm.interface": "lo"}),
-        pytest.raises(InputError) as refused,
-        queue("slurm", 1, tmp_path),
-    ):
-        pass
-    assert refused.value.code == "cluster.job_not_submitted"
-    assert "no such partition" in refused.value.what
-    assert "\n" not in refused.value.what
+    refusal = refusal_of_queue("cluster.job_not_submitted", "lo", tmp_path)
+    assert "no such partition" in refusal.what
 
 
 def gateway_with(monkeypatch, *names):
@@ -142,10 +135,9 @@ def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_one(monkeypa
     with gateway("second") as client:
         assert client == "client of second"
     for name in ("third", ""):
-        with pytest.raises(InputError) as refused, gateway(name):
+        with refused("cluster.gateway_name_unknown") as caught, gateway(name):
             pass
-        assert refused.value.code == "cluster.gateway_name_unknown"
-        assert "first, second" in refused.value.expected
+        assert "first, second" in caught.value.expected
     gateway_with(monkeypatch, "first")
     with gateway("") as client:
         assert client == "client of first"
@@ -153,9 +145,8 @@ def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_one(monkeypa
 
 def test_a_gateway_without_its_package_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "dask_gateway", None)
-    with pytest.raises(InputError) as refused, gateway("first"):
+    with refused("package.not_installed"), gateway("first"):
         pass
-    assert refused.value.code == "package.not_installed"
 
 
 class Batch(SpecCluster):

@@ -1,16 +1,18 @@
 """Jobs on their way through a cluster that is none: what is done again, given up, sent away, stored."""
 
 import json
+import sys
 from collections import Counter
 from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_cluster import FakeCluster, rows_of
+from fake_cluster import FakeCluster
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_campaigns import campaign_in
+from small_campaigns import planned_in
 
 from toppling.orchestrator import execution
 from toppling.orchestrator.answers import Asked
@@ -18,16 +20,18 @@ from toppling.orchestrator.context import RunError, RunProgress, Work
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.execution import Execution, work_off
 from toppling.orchestrator.journal import journal
-from toppling.orchestrator.plan import plan_of
 from toppling.results.store import finished_ids, newest_rows, result_files
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+from scaling import pretended_rows
 
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
     """Twenty-four jobs and their rows."""
     folder = tmp_path_factory.mktemp("inputs")
-    plan = plan_of(campaign_in(folder, (0.6, 1.0, 1.4), pga_m_s2=[2, 4, 6, 8], azimuth_deg=[0, 90]))
-    return plan, rows_of(Asked(plan, folder), np.arange(len(plan))), folder
+    plan = planned_in(folder, (0.6, 1.0, 1.4), pga_m_s2=[2, 4, 6, 8], azimuth_deg=[0, 90])
+    return plan, pretended_rows(Asked(plan, folder), np.arange(len(plan)), 0.1), folder
 
 
 class Session:

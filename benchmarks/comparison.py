@@ -49,9 +49,6 @@ _GROUPS = 20
 CONVERGED = "reference"
 """The preset that the others are compared with."""
 
-FLOOR = f"{CONVERGED}, disturbed"
-"""Name of the setting that shows the floor of chaos."""
-
 _Row = dict[str, object]
 
 

@@ -30,7 +30,11 @@ _PIECE_SHARE = 0.01
 """Edges are cut up into pieces of this share of the rock's size in plan before their neighbours are looked for."""
 
 _PAIRS_AT_A_TIME = 200_000
-"""Pairs of edges that are looked at together: some 50 MB."""
+"""Pairs of edges, or of triangles and places, that are looked at together: some 50 MB."""
+
+_MANY_POINTS, _SLENDER, _HALVINGS = 256, 0.15, 10
+"""Points in the circle around a triangle, and its share of that circle (.41 of an equilateral one, .19 of half of one):
+with more, and with less, it is halved, so often at most: points at a sharp corner remain in its circle."""
 
 
 @kept
@@ -121,12 +125,19 @@ def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
     rock_owner, rock_middle, rock_reach = _pieces(rock, low - longest, high + longest, longest)
     tree = cKDTree(rock_middle)
     radius = (1.0 + 1e-6) * (reach + rock_reach.max())
+    for piece, above in _near(tree, middle, radius):
+        yield _feet_where_they_cross(ground[owner[piece]], rock[rock_owner[above]])
+
+
+def _near(
+    tree: cKDTree, middle: Array, radius: Array
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Circles and the points of a tree in them, as two index arrays of pairs, some at a time."""
     count = tree.query_ball_point(middle, radius, return_length=True)
     batch = np.cumsum(count) // _PAIRS_AT_A_TIME
     for some in np.split(np.arange(len(middle)), np.flatnonzero(np.diff(batch)) + 1):
         near = chain.from_iterable(tree.query_ball_point(middle[some], radius[some]))
-        above = rock_owner[np.fromiter(near, int, count[some].sum())]
-        yield _feet_where_they_cross(ground[np.repeat(owner[some], count[some])], rock[above])
+        yield np.repeat(some, count[some]), np.fromiter(near, int, count[some].sum())
 
 
 def _pieces(
@@ -190,19 +201,50 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
     upright = np.abs(area) < _ROUNDING * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
-    centre = flat.mean(axis=1)
-    reach = np.linalg.norm(flat - centre[:, None], axis=2).max(axis=1)
-    found = cKDTree(places_m).query_ball_point(centre, (1.0 + 1e-6) * reach) if len(places_m) else []
-    count = np.array([len(each) for each in found], int)
-    place = np.fromiter(chain.from_iterable(found), int, count.sum())
-    face = np.repeat(np.arange(len(count)), count)
-    offset = places_m[place] - flat[face, 0]
-    share1 = (offset[:, 0] * edge2[face, 1] - offset[:, 1] * edge2[face, 0]) / area[face]
-    share2 = (edge1[face, 0] * offset[:, 1] - edge1[face, 1] * offset[:, 0]) / area[face]
-    inside = (share1 >= -1e-9) & (share2 >= -1e-9) & (share1 + share2 <= 1 + 1e-9)
     rise1, rise2 = corners[:, 1, 2] - corners[:, 0, 2], corners[:, 2, 2] - corners[:, 0, 2]
-    layer = corners[face, 0, 2] + share1 * rise1[face] + share2 * rise2[face]
     height = np.full(len(places_m), -np.inf if highest else np.inf)
     outermost = np.maximum if highest else np.minimum
-    outermost.at(height, place[inside], layer[inside])
+    tree = cKDTree(places_m)
+    owner, middle, radius = _circles(flat, tree)
+    for piece, place in _near(tree, middle, radius):
+        face = owner[piece]
+        offset = places_m[place] - flat[face, 0]
+        share1 = (offset[:, 0] * edge2[face, 1] - offset[:, 1] * edge2[face, 0]) / area[face]
+        share2 = (edge1[face, 0] * offset[:, 1] - edge1[face, 1] * offset[:, 0]) / area[face]
+        inside = (share1 >= -1e-9) & (share2 >= -1e-9) & (share1 + share2 <= 1 + 1e-9)
+        layer = corners[face, 0, 2] + share1 * rise1[face] + share2 * rise2[face]
+        outermost.at(height, place[inside], layer[inside])
     return np.where(np.isfinite(height), height, np.nan)
+
+
+def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array, Array]:
+    """Circles that together cover triangles (n, 3, 2), a little wider: whose each is, middle, radius.
+
+    A slender triangle is halved across its longest edge as long as its circle holds many points of a tree: most of them
+    lie beside it.
+    """
+    owner, done = np.arange(len(triangles)), []
+    wider = 1e-6 * np.linalg.norm(triangles - triangles.mean(axis=1)[:, None], axis=2).max(axis=1)
+    for count in range(_HALVINGS + 1):
+        middle, way = triangles.mean(axis=1), np.roll(triangles, -1, axis=1) - triangles
+        radius = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
+        area = 0.5 * np.abs(way[:, 0, 0] * way[:, 1, 1] - way[:, 0, 1] * way[:, 1, 0])
+        is_slender = area < _SLENDER * np.pi * radius**2
+        radius += wider[owner]
+        cut = (
+            is_slender
+            & (count < _HALVINGS)
+            & (tree.query_ball_point(middle, radius, return_length=True) > _MANY_POINTS)
+        )
+        done.append((owner[~cut], middle[~cut], radius[~cut]))
+        longest = np.linalg.norm(way[cut], axis=2).argmax(axis=1)
+        one, other, third = (
+            np.take_along_axis(triangles[cut], ((longest + k) % 3)[:, None, None], 1)[:, 0] for k in range(3)
+        )
+        half = 0.5 * (one + other)
+        triangles = np.concatenate(
+            [np.stack([one, half, third], axis=1), np.stack([half, other, third], axis=1)]
+        )
+        owner = np.tile(owner[cut], 2)
+    owners, middles, radii = zip(*done, strict=True)
+    return np.concatenate(owners), np.concatenate(middles), np.concatenate(radii)

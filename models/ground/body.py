@@ -284,11 +284,6 @@ class GroundedBody:
         return Rotation.from_quat(pose[3:]).inv().apply(self.scene_from_support[2])
 
     @cached_property
-    def ground_in_scene_m(self) -> Array:
-        """Vertices (n, 3) of the ground in the axes of the scene, from the support's origin."""
-        return self.ground.vertices_m @ self.scene_from_support.T
-
-    @cached_property
     def held(self) -> Array:
         """Half planes of the loads that hold the rock where it rests (:func:`equilibrium.held_polygon`)."""
         columns = self.wrenches(self.resting_pose)

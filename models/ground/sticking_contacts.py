@@ -57,7 +57,7 @@ def stick_at_once(at: Touching) -> bool:
     """Change impulses and velocity so that the contacts that carry now all stick; whether they can, else nothing.
 
     They cannot where one would pull or slip, or where one that carries nothing would close. If impulses that change
-    least do not lie in their cones, those that are smallest are tried.
+    least do not lie in their cones, those that are smallest are tried, and then those that follow the load.
     """
     for i in range(at.number):
         one = at.contacts[i]
@@ -88,12 +88,8 @@ def _clamp(at: Touching) -> _Clamped:
         spin = _times(mobility, cross(middle_m, force))
     else:
         on_a_line = wide - dot(along, _times(spread, along)) <= _ON_A_LINE * wide
-        if on_a_line:
-            bends = (1.0 / wide, 1.0 / wide, 1.0 / wide, 0.0, 0.0, 0.0)
-        else:
-            bends = _inverse(
-                (wide - spread[0], wide - spread[1], wide - spread[2], -spread[3], -spread[4], -spread[5])
-            )
+        even = (1.0 / wide, 1.0 / wide, 1.0 / wide, 0.0, 0.0, 0.0)
+        bends = even if on_a_line else _inverse(_moment_of_bending(spread))
         spin = _times(bends, turning)
         if on_a_line:
             spin = plus(spin, _roll(inertia, middle_m, along, missing, spin), along)
@@ -108,14 +104,21 @@ def _shares(at: Touching, clamped: _Clamped, kept: float) -> tuple[float, Vector
 
     Where none is kept, they share all that they carry together.
     """
+    force, moment = (clamped.force, clamped.moment) if kept > 0.0 else _carried(at, clamped)
+    n = clamped.number
+    return kept, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
+
+
+@inner
+def _carried(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
+    """What contacts carry together once the motion has changed: the force, and the moment about their middle."""
     force, moment = clamped.force, clamped.moment
-    for i in range(at.number if kept == 0.0 else 0):
+    for i in range(at.number):
         if at.room.sticks[i] == 1:
             one = at.contacts[i]
             force = plus(force, 1.0, one.impulse)
             moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
-    n = clamped.number
-    return kept, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
+    return force, moment
 
 
 @inner
@@ -126,28 +129,21 @@ def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
     there, none where it would pull, so that the load's centre becomes that of the weights and friction is shared as
     pressure is. Changes nothing where they do not stick.
     """
-    weights = at.room.weights
-    force, moment = clamped.force, clamped.moment
+    weights, (force, moment) = at.room.weights, _carried(at, clamped)
     for i in range(at.number):
-        one = at.contacts[i]
-        if at.room.sticks[i] == 1:
-            force = plus(force, 1.0, one.impulse)
-            moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
-        weights[i] = 1.0 if _rests(at, one, clamped) else 0.0
+        weights[i] = 1.0 if _rests(at, _lacks_then(at, at.contacts[i], clamped)) else 0.0
     for _ in range(_SHARED_ANEW):
         sharing = _sharing(at, clamped.middle_m, force, moment)
         if not sharing.total > 0.0:
             return False
-        all_press, all_hold = True, True
+        all_stick = True
         for i in range(at.number):
             if weights[i] > 0.0:
-                one = at.contacts[i]
-                new = _weighted_impulse(at, i, sharing)
-                pressed = dot(new, one.normal)
-                all_press = all_press and pressed > 0.0
-                all_hold = all_hold and _friction(new, one.normal) <= at.friction[0] * pressed
-        if all_press and all_hold:
-            _take_weighted(at, clamped, sharing)
+                all_stick = all_stick and _is_in_cone(at, i, _weighted_impulse(at, i, sharing))
+        if all_stick:
+            _move(at, clamped)
+            for i in range(at.number):
+                _take(at, i, _weighted_impulse(at, i, sharing))
             return True
         for i in range(at.number):
             if weights[i] > 0.0:
@@ -156,10 +152,15 @@ def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
 
 
 @inner
-def _rests(at: Touching, one: Any, clamped: _Clamped) -> bool:
-    """Whether a contact is at rest once the motion has changed."""
-    lacks = minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
-    return max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= _MISSED * at.enough_m_s
+def _lacks_then(at: Touching, one: Any, clamped: _Clamped) -> Vector:
+    """Velocity that a contact lacks once the motion has changed."""
+    return minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
+
+
+@inner
+def _rests(at: Touching, lacks_m_s: Vector) -> bool:
+    """Whether a contact that lacks so much velocity is at rest."""
+    return max(abs(lacks_m_s[0]), abs(lacks_m_s[1]), abs(lacks_m_s[2])) <= _MISSED * at.enough_m_s
 
 
 @inner
@@ -173,20 +174,29 @@ def _sharing(at: Touching, middle_m: Vector, force: Vector, moment: Vector) -> _
         return _Sharing(0.0, _ZERO, _ZERO, _ZERO)
     centre = plus(middle_m, 1.0 / total, own)
     for i in range(at.number):
-        w, r = at.room.weights[i], minus(at.contacts[i].arm_m, centre)
-        spread = (
-            spread[0] + w * r[0] * r[0], spread[1] + w * r[1] * r[1], spread[2] + w * r[2] * r[2],
-            spread[3] + w * r[0] * r[1], spread[4] + w * r[0] * r[2], spread[5] + w * r[1] * r[2],
-        )  # fmt: skip
-    wide = spread[0] + spread[1] + spread[2]
-    xx, yy, zz = wide - spread[0], wide - spread[1], wide - spread[2]
-    smallest = _determinant((xx, yy, zz, -spread[3], -spread[4], -spread[5]))
-    if not smallest > _ON_A_LINE * wide**3:
+        spread = _spread_with(spread, at.room.weights[i], minus(at.contacts[i].arm_m, centre))
+    bent = _moment_of_bending(spread)
+    if not _determinant(bent) > _ON_A_LINE * (spread[0] + spread[1] + spread[2]) ** 3:
         return _Sharing(0.0, _ZERO, _ZERO, _ZERO)
-    bends = _inverse((xx, yy, zz, -spread[3], -spread[4], -spread[5]))
     about = minus(moment, cross(minus(centre, middle_m), force))
     share = force[0] / total, force[1] / total, force[2] / total
-    return _Sharing(total, centre, share, _times(bends, about))
+    return _Sharing(total, centre, share, _times(_inverse(bent), about))
+
+
+@inner
+def _spread_with(spread: _Symmetric, weight: float, r: Vector) -> _Symmetric:
+    """The second moment of points, with one more of a weight at a place."""
+    return (
+        spread[0] + weight * r[0] * r[0], spread[1] + weight * r[1] * r[1], spread[2] + weight * r[2] * r[2],
+        spread[3] + weight * r[0] * r[1], spread[4] + weight * r[0] * r[2], spread[5] + weight * r[1] * r[2],
+    )  # fmt: skip
+
+
+@inner
+def _moment_of_bending(spread: _Symmetric) -> _Symmetric:
+    """Moment about their middle over the bending of pushes that grow with the way from it; of points' second moment."""
+    wide = spread[0] + spread[1] + spread[2]
+    return wide - spread[0], wide - spread[1], wide - spread[2], -spread[3], -spread[4], -spread[5]
 
 
 @inner
@@ -203,14 +213,18 @@ def _weighted_impulse(at: Touching, i: int, sharing: _Sharing) -> Vector:
 
 
 @inner
-def _take_weighted(at: Touching, clamped: _Clamped, sharing: _Sharing) -> None:
+def _move(at: Touching, clamped: _Clamped) -> None:
+    """Change the motion."""
     for k in range(3):
         at.velocity[k] += clamped.force[k]
         at.velocity[3 + k] += clamped.spin[k]
-    for i in range(at.number):
-        new = _weighted_impulse(at, i, sharing)
-        for k in range(3):
-            at.contacts[i].impulse[k] = new[k]
+
+
+@inner
+def _take(at: Touching, i: int, impulse: Vector) -> None:
+    """Give a contact its new impulse."""
+    for k in range(3):
+        at.contacts[i].impulse[k] = impulse[k]
 
 
 @inner
@@ -221,14 +235,10 @@ def _new_impulse(one: Any, clamped: _Clamped, shares: tuple[float, Vector, Vecto
 
 @inner
 def _apply(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> None:
-    for k in range(3):
-        at.velocity[k] += clamped.force[k]
-        at.velocity[3 + k] += clamped.spin[k]
+    _move(at, clamped)
     for i in range(at.number):
         if at.room.sticks[i] == 1:
-            new = _new_impulse(at.contacts[i], clamped, shares)
-            for k in range(3):
-                at.contacts[i].impulse[k] = new[k]
+            _take(at, i, _new_impulse(at.contacts[i], clamped, shares))
 
 
 @inner
@@ -236,11 +246,11 @@ def _moves_right(at: Touching, clamped: _Clamped) -> bool:
     """Whether with the change of the motion all that are to stick are at rest, and no other contact closes."""
     for i in range(at.number):
         one = at.contacts[i]
-        lacks = minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
+        lacks = _lacks_then(at, one, clamped)
         if at.room.sticks[i] == 0:
             if dot(lacks, one.normal) > at.enough_m_s:
                 return False
-        elif not max(abs(lacks[0]), abs(lacks[1]), abs(lacks[2])) <= _MISSED * at.enough_m_s:
+        elif not _rests(at, lacks):
             return False
     return True
 
@@ -249,13 +259,17 @@ def _moves_right(at: Touching, clamped: _Clamped) -> bool:
 def _all_stick(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> bool:
     """Whether the new impulses of all that are to stick press, and lie in their cones."""
     for i in range(at.number):
-        if at.room.sticks[i] == 1:
-            one = at.contacts[i]
-            new = _new_impulse(one, clamped, shares)
-            pressed = dot(new, one.normal)
-            if not (pressed > 0.0 and _friction(new, one.normal) <= at.friction[0] * pressed):
-                return False
+        if at.room.sticks[i] == 1 and not _is_in_cone(at, i, _new_impulse(at.contacts[i], clamped, shares)):
+            return False
     return True
+
+
+@inner
+def _is_in_cone(at: Touching, i: int, impulse: Vector) -> bool:
+    """Whether an impulse of a contact presses and does not slip."""
+    normal = at.contacts[i].normal
+    pressed = dot(impulse, normal)
+    return pressed > 0.0 and _friction(impulse, normal) <= at.friction[0] * pressed
 
 
 @inner
@@ -298,10 +312,7 @@ def _missing(at: Touching, middle_m: Vector, number: int) -> tuple[Vector, Vecto
         one = at.contacts[i]
         lacks, r = _missing_at(at, one), minus(one.arm_m, middle_m)
         total, turning = plus(total, 1.0, lacks), plus(turning, 1.0, cross(r, lacks))
-        spread = (
-            spread[0] + r[0] * r[0], spread[1] + r[1] * r[1], spread[2] + r[2] * r[2],
-            spread[3] + r[0] * r[1], spread[4] + r[0] * r[2], spread[5] + r[1] * r[2],
-        )  # fmt: skip
+        spread = _spread_with(spread, 1.0, r)
         if square(r) > far:
             far = square(r)
             size = math.sqrt(far)

@@ -41,6 +41,22 @@ def test_two_large_triangles_below_many_small_ones_are_found(cells, u, v):
     assert abs(height_below(places, vertices, faces, highest=True)[0] - 1.0) < 1e-12
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 45.0])
+def test_long_strips_have_the_heights_of_the_surface_that_they_make_up(turn_deg):
+    """Each crosses the whole surface: the circle around it holds all places, and it covers few."""
+    across = np.linspace(-1.0, 1.0, 201)
+    vertices = np.array([[x, y, x**2] for x in across for y in (-1.0, 1.0)])
+    first = 2 * np.arange(200)[:, None]
+    faces = np.concatenate([first + np.array(corners) for corners in ([0, 2, 3], [0, 3, 1])])
+    turn = np.radians(turn_deg)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    places = np.stack(np.meshgrid(np.linspace(-0.7, 0.7, 90), np.linspace(-0.7, 0.7, 90)), -1).reshape(-1, 2)
+    known = np.interp(places[:, 0], across, across**2)
+    vertices[:, :2] = vertices[:, :2] @ axes
+    found = height_below(places @ axes, vertices, faces, highest=True)
+    np.testing.assert_allclose(found, known, atol=1e-12)
+
+
 def test_no_places_have_no_heights():
     assert height_below(np.zeros((0, 2)), *lattice(3, 0.0), highest=True).shape == (0,)
 

@@ -1,4 +1,4 @@
-"""What the rows of runs say: shares, curves and their uncertainty. Nothing here draws."""
+"""Statistics of a run's result rows: toppling probabilities, fragility curves and their uncertainty. No drawing."""
 
 __all__ = [
     "SAMPLES", "audit_statistics", "bases", "constraint", "directions", "exchange", "fits", "fragility",
@@ -7,4 +7,4 @@ __all__ = [
 ]  # fmt: skip
 
 SAMPLES = 200
-"""Of resampled records, for intervals of 95 %."""
+"""Number of bootstrap resamples of the records, for intervals of 95 %."""

@@ -1,9 +1,9 @@
-"""How far a run's answers may be off: some of its own jobs, drawn at random, done again by a finer or other engine.
+"""How far a run's answers may be off: a random sample of its jobs is repeated with a finer or different engine.
 
-Only the difference between two answers to the same job is estimated from the sample; what the run says itself is known
-of all its jobs. A fragility's median is where the score of its likelihood vanishes, and the score is linear in the
-answers, so each answer that differs moves the median by an amount known beforehand (its influence). The shift of the
-median is a sum of influences over the jobs whose answers differ, which a random sample estimates as it does any total.
+Only the difference between two answers to the same job is estimated from the sample; the run's own answer is known
+for every job. A fragility's median is where the score of its likelihood vanishes, and the score is linear in the
+answers, so each differing answer moves the median by an amount known beforehand (its influence). The shift of the
+median is the sum of influences over the jobs whose answers differ, a total that a random sample estimates.
 """
 
 import math
@@ -41,12 +41,12 @@ JOB_COLUMNS = [
     "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "restitution",
     "realisation",
 ]  # fmt: skip
-"""What a job and its repetition have in common."""
+"""Columns that match a job with its repetition."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with the interval (95 %) that the drawing of the sample leaves; NaN where there is none."""
+    """An estimate with its 95 % sampling interval; NaN where it is undefined."""
 
     value: float
     low: float
@@ -54,15 +54,15 @@ class Estimate:
 
     @classmethod
     def around(cls, mean: float, half: float) -> "Estimate":
-        """With an interval as wide to either side."""
+        """Estimate with a symmetric interval of the given half width."""
         return cls(mean, mean - half, mean + half)
 
     def holds(self, truth: float) -> bool:
-        """Whether the interval holds a value."""
+        """Whether the interval contains a value."""
         return self.low <= truth <= self.high
 
     def text(self, form: str, unknown: str = "none") -> str:
-        """The number and its interval in words, each in a form such as '{:+.1f}'."""
+        """Format the estimate and its interval with a format such as '{:+.1f}'."""
         if math.isnan(self.value):
             return unknown
         value, low, high = (form.format(part) for part in (self.value, self.low, self.high))
@@ -73,20 +73,20 @@ class Estimate:
 class Audit:
     """How a run's answers differ from those of another engine or preset to the same jobs."""
 
-    by: str  # who did the jobs again
+    by: str  # engine or preset that repeated the jobs
     # Jobs compared, and the answered jobs that they were drawn from.
     jobs: int
     of_jobs: int
-    no_answer: int  # drawn jobs that have no answer the second time
-    # Jobs that topple in the run and stand when done again, and the other way round.
+    no_answer: int  # drawn jobs whose repetition has no answer
+    # Jobs that topple in the run and stand when repeated, and vice versa.
     flips_to_toppled: int
     flips_to_standing: int
-    share_shift: Estimate  # share toppled in the run less that when done again
-    # By how much the run's median PGA lies above that of the same jobs done again.
+    share_shift: Estimate  # fraction toppled in the run minus that of the repetitions
+    # By how much the run's median PGA lies above that of the repeated jobs.
     median_shift_percent: Estimate
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers, null where there is none; intervals as `..._low` and `..._high`."""
+        """Fields as JSON numbers, null where undefined; intervals as `..._low` and `..._high`."""
         content: dict[str, Any] = {}
         for name, value in asdict(self).items():
             if isinstance(value, dict):
@@ -98,13 +98,13 @@ class Audit:
 
     @property
     def agrees(self) -> bool:
-        """Whether neither the median nor the share toppled is known to differ."""
+        """Whether the intervals of both the median's shift and the toppled fraction's shift include zero."""
         median = self.median_shift_percent
         return self.share_shift.holds(0.0) and (math.isnan(median.value) or median.holds(0.0))
 
     @property
     def sentence(self) -> str:
-        """What a person should know."""
+        """Summary for a reader."""
         up, down = self.flips_to_toppled, self.flips_to_standing
         differ = f"{up + down} single answers differ ({up} topple that stand, {down} stand that topple"
         median, share = self.median_shift_percent, self.share_shift
@@ -117,7 +117,7 @@ class Audit:
 
     @property
     def why(self) -> str:
-        """What differs between the two, and so may differ in the answers."""
+        """Explanation of what differs between the two simulations."""
         what = (
             "steps are the finest" if self.by == REFERENCE else f"contacts and steps are those of {self.by}"
         )
@@ -125,7 +125,7 @@ class Audit:
 
 
 def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
-    """What the audits of a run say, by who did its jobs again, the reference first; empty where none was."""
+    """Audits of a run by the engine or preset that repeated its jobs, the reference first; empty without audits."""
     folder = run.path / AUDIT_FOLDER
     places = [place for place in folder.iterdir() if place.is_dir()] if folder.is_dir() else []
     rows = run.weighted(run.frame()) if places else pd.DataFrame()
@@ -144,12 +144,12 @@ def _repeated(place: Path) -> pd.DataFrame:
 
 
 def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
-    """One row an audit, as a table behind figures."""
+    """Table with one row per audit."""
     return pd.DataFrame([audit.to_json() for audit in audits.values()])
 
 
 def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
-    """The reference's numbers, and under `engines` those of other engines; empty without an audit."""
+    """JSON of the reference's audit, with those of other engines under `engines`; empty without an audit."""
     if not audits:
         return {}
     others = {name: audit.to_json() for name, audit in audits.items() if name != REFERENCE}
@@ -158,17 +158,17 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
 
 
 def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
-    """Compare answers with those to a random sample of the same jobs done again.
+    """Compare a run's answers with those of a random sample of its jobs, repeated.
 
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
-    repeated: rows of the same jobs done again.
-    measure: the intensity whose median is asked for.
+    repeated: rows of the repeated jobs.
+    measure: intensity measure of the median.
     Returns Audit or None: None for fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
     again = repeated[[*JOB_COLUMNS, "toppled"]].assign(drawn=True)
     both = known.merge(again, on=JOB_COLUMNS, how="left", suffixes=("", "_again"), validate="one_to_one")
-    # A sample is random as far as it goes without a gap in the order of the hashes.
+    # A sample is random up to the first gap in the order of the hashes.
     drawn = both["drawn"].notna().to_numpy()
     sample = both[: len(drawn) if drawn.all() else int(drawn.argmin())]
     place = sample.index[sample["toppled_again"].notna()].to_numpy()
@@ -195,9 +195,9 @@ def median_shift_percent(
 ) -> Estimate:
     """Shift of the median intensity, from a random sample's differing answers.
 
-    known: rows with an answer; of several contacts the mean of their shifts is told.
-    place: (n,), which rows were drawn.
-    differs: (n,), of each its answer (1 toppled, 0 stands) less that when done again.
+    known: rows with an answer; of several contacts the mean of their shifts is returned.
+    place: (n,), indices of the drawn rows.
+    differs: (n,), answer of each drawn row (1 toppled, 0 standing) minus that of its repetition.
     Returns Estimate: in percent; NaN where the answers have no fit.
     """
     difference = np.zeros(len(known))
@@ -222,9 +222,9 @@ def median_shift_percent(
 
 @dataclass(frozen=True, eq=False)
 class _Fragility:
-    """The lognormal fragility of all jobs, and what an answer changes of it."""
+    """Lognormal fragility of all jobs, and the influence of each answer on it."""
 
-    design: Array  # (n, 2): of each job 1 and the measure's logarithm
+    design: Array  # (n, 2): 1 and the measure's logarithm, of each job
     # (n,).
     toppled: Array
     weight: Array
@@ -244,19 +244,19 @@ class _Fragility:
         )
 
     def _score_factor(self, coefficients: Array) -> tuple[Array, Array]:
-        """What multiplies an answer in the score, and what a job adds to Fisher's information, over its design."""
+        """Weights (n,) of each job's answer in the score and of its design row in the Fisher information."""
         of_score, of_information = probit_weights(self.design @ coefficients)
         return self.weight * of_score, self.weight * of_information
 
     @property
     def plausible(self) -> Array:
-        """Variance of each answer: where answers are certain, none flips."""
+        """Variance p (1 - p) of each answer: certain answers do not flip."""
         p = ndtr(self.design @ self.coefficients)
         return p * (1.0 - p)
 
     @property
     def influence(self) -> Array:
-        """What each answer adds to the median's logarithm that topples here and stands when done again, (n,)."""
+        """Shift (n,) of the median's logarithm by each answer that is toppled here and standing when repeated."""
         factor, information = self._score_factor(self.coefficients)
         fisher = (self.design * information[:, None]).T @ self.design
         intercept, slope = self.coefficients
@@ -264,7 +264,7 @@ class _Fragility:
         return (self.design @ np.linalg.solve(fisher, gradient)) * factor
 
     def log_shift(self, difference: Array) -> float:
-        """Logarithm of the median over that of the answers less some differences, by Fisher's scoring."""
+        """Logarithm of the ratio of the median to the median of answers minus `difference`, by Fisher scoring."""
         answers, coefficients = self.toppled - difference, self.coefficients
         for _ in range(100):
             factor, information = self._score_factor(coefficients)
@@ -272,9 +272,9 @@ class _Fragility:
             fisher = (self.design * information[:, None]).T @ self.design
             try:
                 step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))
-            except np.linalg.LinAlgError:  # scoring has left the range of numbers: first order has to do
+            except np.linalg.LinAlgError:  # scoring diverged: fall back to first order
                 return float(self.influence @ difference)
-            # Where answers contradict what is certain, a whole step leaves the range of numbers.
+            # Where answers contradict a probability of nearly 0 or 1, a full step would overflow.
             coefficients = coefficients + step / max(1.0, float(np.abs(self.design @ step).max()))
             if np.abs(step).max() < 1e-9 * np.abs(coefficients).max():
                 break
@@ -291,10 +291,10 @@ def _share_shift(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -
 
 
 def _half_width(values: Array, typical: float, of_jobs: int) -> float:
-    """Half the interval (95 %) of a mean over jobs, from values of a random sample that are 0 but for few jobs.
+    """Half the 95 % interval of a mean over jobs, from a random sample's values, of which most are 0.
 
-    Half a flip each way, of `typical` size, is added to the sample, as Agresti and Min (2005) do for matched pairs:
-    without it an interval from no flip, or few, is too narrow.
+    Half a flip in each direction, of `typical` size, is added to the sample, as Agresti and Min (2005) do for matched
+    pairs: without it an interval from no flip, or few, is too narrow.
     """
     jobs = len(values)
     variance = ((values**2).sum() + typical**2) / (jobs + 2) - (values.sum() / (jobs + 2)) ** 2
@@ -303,7 +303,7 @@ def _half_width(values: Array, typical: float, of_jobs: int) -> float:
 
 
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:
-    """Rows that were there when the sample was drawn: what came since was given no chance."""
+    """Rows that existed when the sample was drawn: later ones could not be drawn."""
     try:
         until = datetime.fromisoformat(read_json(place / DRAWN_FILE)["until"])
     except FileNotFoundError:  # an InputError too

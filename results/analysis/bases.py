@@ -1,8 +1,8 @@
-"""How far the bases that a scan allows differ in what topples a rock, from jobs that are spread over them.
+"""Variation of fragility between the hidden bases that a scan allows, from jobs that are spread over them.
 
-The rock stands on one base, and nobody saw which. Its curve is Phi((s + u) / sqrt(1 - c)), where s is the score of the
-curve of all bases and u, which the base decides, is normal with variance c. Averaged over bases that is Phi(s) again,
-and c is a correlation: of two jobs on one base in what decides whether they topple the rock.
+The rock stands on one base, which is unknown. Its curve is Phi((s + u) / sqrt(1 - c)), where s is the score of the
+curve of all bases and u, the effect of the base, is normal with variance c. Averaged over bases that is Phi(s) again;
+c is the intraclass correlation between the latent scores of two jobs on one base.
 """
 
 from collections.abc import Mapping
@@ -20,29 +20,30 @@ from toppling.models.shares import effective_number
 from toppling.results.weights import records_weight
 
 _CORRELATION = (np.arange(40) + 0.5) ** 2 / 40.0**2
-"""Candidates, evenly spaced in the standard deviation of u: any is as likely before the jobs are seen."""
+"""Grid of values of c, equally likely a priori: a uniform prior of the standard deviation of u."""
 _NORMAL = np.linspace(-4.0, 4.0, 161)
+"""Standard normal deviates that u is integrated over."""
 _SCORES = np.linspace(-6.0, 6.0, 121)
-"""Middles of the bins that scores are counted in: much finer than a curve is steep."""
+"""Centres of the bins of scores, in standard deviations: narrow against the width of a curve."""
 
 
 @dataclass(frozen=True, eq=False)
 class BaseSpread:
-    """What jobs tell of how much bases differ."""
+    """Posterior of the variation between bases."""
 
-    chance: Array  # (40,): probability of each of the candidates for the correlation
-    bases: int  # that the jobs are on
-    effective: float  # how many of equal weight say as much
+    chance: Array  # (40,): posterior probability of each correlation of the grid
+    bases: int  # number of bases that the jobs are on
+    effective: float  # effective number of bases, by their weights
 
     @property
     def variance(self) -> float:
-        """Expected variance of u for a base drawn like those of the jobs, whose mean these know."""
+        """Expected variance of u for a new base, with the error of the mean over the bases of the jobs."""
         return float(self.chance @ _CORRELATION) * (1.0 + 1.0 / self.effective)
 
     def drawn(self, count: int, random: np.random.Generator) -> tuple[Array, Array]:
-        """Shift u of the score and sqrt(1 - c), (count,) each, of bases drawn like those of the jobs.
+        """Shift u of the score and sqrt(1 - c), (count,) each, of new bases.
 
-        Both are evenly spread over their distributions, so that few draws tell these.
+        Both are stratified over their distributions, so that few draws represent them.
         """
         even = random.permuted(np.tile((np.arange(count) + 0.5) / max(count, 1), (2, 1)), axis=1)
         correlation = _CORRELATION[
@@ -53,7 +54,7 @@ class BaseSpread:
 
 
 def base_spread(jobs: pd.DataFrame, score: Array) -> BaseSpread | None:
-    """How far bases differ, by the likelihood of the jobs on each; None of jobs on one base.
+    """Posterior of the variation between bases, from the likelihood of the jobs on each; None for a single base.
 
     jobs: rows of results with an answer, all of one contact; realisations are what differs.
     score: (jobs,), probit of the probability that the curve of all bases gives each.
@@ -67,7 +68,7 @@ def base_spread(jobs: pd.DataFrame, score: Array) -> BaseSpread | None:
 
 
 def bases_of(jobs: pd.DataFrame) -> tuple[Indices, Array]:
-    """Number of each job's realisation, which has a base of its own, and the weights of these."""
+    """Index of each job's realisation, each of which has its own base, and the weights of the realisations."""
     _, first, base = np.unique(jobs["realisation"], return_index=True, return_inverse=True)
     return base, jobs.get("base_weight", pd.Series(1.0, jobs.index)).to_numpy(float)[first]
 
@@ -75,7 +76,11 @@ def bases_of(jobs: pd.DataFrame) -> tuple[Indices, Array]:
 def spread_of(
     toppled: Flags, score: Array, base: Indices, weight: Array, of_base: Array
 ) -> BaseSpread | None:
-    """The same of answers (jobs,), each job's base and weight by its record, and the weights of the bases."""
+    """Posterior of the variation between bases, from arrays of jobs.
+
+    toppled, score, base, weight: (jobs,), answer, probit score, index of the base, and weight of the record.
+    of_base: (bases,), weights of the bases.
+    """
     if len(of_base) < 2:
         return None
     place = np.clip(np.round((score + 6.0) * 10.0), 0, 120).astype(int)
@@ -88,9 +93,9 @@ def spread_of(
 
 
 def _log_likelihood(counts: Array, correlation: float) -> Array:
-    """Logarithm of the likelihood of the jobs on each base, (bases,), but for a constant.
+    """Log-likelihood (bases,) of the jobs on each base, up to a constant.
 
-    counts: (2, bases, scores), of the jobs that stood and that toppled.
+    counts: (2, bases, scores), weighted numbers of jobs that stood and that toppled.
     """
     toppled = _log_probability(correlation)
     return logsumexp(counts[0] @ toppled[::-1, ::-1] + counts[1] @ toppled - 0.5 * _NORMAL**2, axis=1)
@@ -98,15 +103,15 @@ def _log_likelihood(counts: Array, correlation: float) -> Array:
 
 @cache
 def _log_probability(correlation: float) -> Array:
-    """Logarithm of the probability of toppling by score and u, (scores, u); turned round, that of standing."""
+    """Log-probability of toppling by score and u, (scores, u); with both axes reversed, that of standing."""
     return log_ndtr((_SCORES[:, None] + np.sqrt(correlation) * _NORMAL) / np.sqrt(1.0 - correlation))
 
 
 def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
-    """Which measurement would narrow an interval most, in a sentence or two; empty without parts.
+    """Say which measurement would narrow an interval most; empty without parts.
 
-    parts: of the interval (`Lognormal.interval_parts`).
-    scan: what the scene's scan found out, hints included.
+    parts: parts of the interval by cause (`Lognormal.interval_parts`).
+    scan: the scan's report in the scene, hints included.
     """
     if not parts:
         return ""

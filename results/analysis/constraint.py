@@ -1,4 +1,4 @@
-"""The statement: survival and rejection for some rocks under some hazard branches."""
+"""Constraint on hazard by rocks that still stand: survival probabilities and rejected hazard branches."""
 
 import math
 from collections.abc import Sequence
@@ -28,33 +28,33 @@ from toppling.results.hazard.update import Update
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """What some rocks say: about single events, with ages about rates, and with a hazard about its branches."""
+    """Constraint from standing rocks: on single events; with ages on rates; with a hazard model on its branches."""
 
     rocks: Sequence[Standing]  # over one measure, at one site
     confidence: float
-    update: Update | None = None  # of the curves of hazard that are asked about; it needs ages
+    update: Update | None = None  # posterior of the hazard curves; needs ages
     exposure: Exposure | None = None  # of the rocks, where their ages are known
 
     @cached_property
     def bound(self) -> pd.DataFrame | None:
-        """Rates that are rejected whatever the hazard; None without ages."""
+        """Annual rates rejected independently of any hazard model; None without ages."""
         if self.exposure is None:
             return None
         return _bound_table(self.rocks, self.exposure, self.confidence)
 
     @cached_property
     def random_rock(self) -> RandomRock | None:
-        """One fragility of the site; None for a single rock."""
+        """Fragility of a random rock of the site; None for a single rock."""
         return random_rock(self.rocks)
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Tables by name, those that hold something."""
+        """Non-empty tables by name."""
         rejected = {} if self.bound is None else {"rejected": self.bound}
         return rejected | (self.update.tables if self.update else {})
 
     def summary(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
-        """Everything, as JSON holds it: SI units, None where a number is not known or has no bound."""
+        """All results for JSON: SI units, None where a number is unknown or unbounded."""
         summary = _single_event(self.rocks, self.confidence)
         if self.exposure is not None:
             years = self.exposure.of_rocks
@@ -94,10 +94,10 @@ def _hazard(tree: HazardTree) -> dict[str, Any]:
 
 
 def _bound_table(rocks: Sequence[Standing], exposure: Exposure, confidence: float) -> pd.DataFrame:
-    """Annual rate of exceedance above which each intensity is rejected, where a rock may topple.
+    """Annual rate of exceedance above which each intensity is rejected, for intensities that may topple a rock.
 
-    Returns DataFrame: the measure's column, topples (probability that an event topples any), rejected_annual_rate
-    and rejected_return_years, its inverse: shorter return periods are rejected.
+    Returns DataFrame: the measure's column, topples (probability that an event topples any rock),
+    rejected_annual_rate and its inverse rejected_return_years: shorter return periods are rejected.
     """
     curves = [rock.curve for rock in rocks]
     low, high = (
@@ -119,7 +119,7 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
     """State the intensity that no single event exceeded, at a confidence: without age and hazard.
 
     Returns dict: measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, resampled records; not
-    finite where a curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
+    finite where a curve is unbounded or too many resamples have no fit), rocks.
     """
     curves = [rock.curve for rock in rocks]
     low = high = math.nan

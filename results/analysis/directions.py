@@ -1,4 +1,4 @@
-"""Toward which azimuth the rock topples, and how strong a constant push each azimuth takes."""
+"""Azimuths toward which the rock topples, and the least constant acceleration that topples it."""
 
 import numpy as np
 import pandas as pd
@@ -6,11 +6,12 @@ import pandas as pd
 from toppling.models.frames import compass_deg
 
 _HALF_SECTOR_DEG = 17.5
-"""The study counts topplings in a sector of 35 degrees around its rock's overhang."""
+"""Half width of the sector around the weakest direction in which topplings are counted, degrees: 35 degrees in all,
+as Veeraraghavan, Hudnut and Krishnan count them around their rock's overhang."""
 
 
 def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
-    """The study's sector for any rock: 35 degrees around where the least constant acceleration topples it to.
+    """Sector (35 degrees) around the azimuth that the least constant acceleration topples the rock toward.
 
     quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2: the rock falls the opposite way.
     None where no constant acceleration is known to topple the rock.
@@ -20,12 +21,11 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
 
 
 def _sector_around(azimuth_deg: float) -> tuple[float, float]:
-    """The study's sector around an azimuth."""
     return (azimuth_deg - _HALF_SECTOR_DEG) % 360.0, (azimuth_deg + _HALF_SECTOR_DEG) % 360.0
 
 
 def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
-    """Azimuth of the ground's least constant acceleration that topples, and that acceleration; None if not known."""
+    """Azimuth and size of the least constant ground acceleration that topples the rock; None if not known."""
     known = None if quasi_static is None else quasi_static.astype(float).dropna(subset=["value"])
     if known is None or not np.isfinite(known["value"]).any():
         return None
@@ -34,7 +34,7 @@ def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
 
 
 def named(name: str, azimuth_deg: float | None) -> dict[str, float | None]:
-    """An azimuth under its name, `falls_toward` or `ground_accelerates_toward`, with the bearing beside it."""
+    """Columns of an azimuth and its compass bearing, for `falls_toward` or `ground_accelerates_toward`."""
     bearing = None if azimuth_deg is None else float(compass_deg(azimuth_deg))
     return {f"{name}_deg": azimuth_deg, f"{name}_bearing_deg": bearing}
 
@@ -59,7 +59,7 @@ def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
 
 
 def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
-    """Share of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
+    """Fraction of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
 
     Returns dict: low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
     """

@@ -1,11 +1,11 @@
 """Fragility curves for other programs: OpenQuake's NRML, CSV and JSON, written and read back.
 
 OpenQuake states a continuous fragility by mean and standard deviation of the lognormal variable, not by
-median and beta, and has units of its own: g for accelerations, cm/s for velocity, cm for displacement. The
-conversion is done here and nowhere else. PGA and PGV are of the horizontal vector, as everywhere here.
+median and beta, and has other units: g for accelerations, cm/s for velocity, cm for displacement. Only this module
+converts between the two. PGA and PGV are of the horizontal vector, as everywhere in this project.
 
-Each file also keeps what each curve rests on, so that an extrapolation, or a run that was not finished, is recognised
-wherever the file goes. NRML has no place for it but a comment; files of other programs need not state it.
+Each file also holds the basis of each curve (jobs, records, strongest shaking), so that an extrapolation or an
+unfinished run is recognised later. In NRML it is a comment; files of other programs need not state it.
 """
 
 import csv
@@ -34,23 +34,23 @@ from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Sur
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
 
 _LARGEST_BYTES = 20_000_000
-"""Of a file of curves: a thousand rocks with all that is known of each."""
+"""Largest file of curves that is read, bytes: about a thousand rocks with their bootstrap samples."""
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
 _INTERVAL = ("median_low", "median_high")
 _PARTS = {"median_records": "records", "median_base": "base"}
-"""Columns of the halves of that interval over the median, by what they come from."""
+"""Columns of the relative half widths of the median's interval, by cause."""
 _BASIS = tuple(field.name for field in fields(Basis))
 _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
 _SAMPLES_KEPT = 1000
-"""Bootstrap samples that a file keeps, at most: a cell of CSV has 131,072 characters."""
+"""Maximum number of bootstrap samples in a file: Python's CSV reader takes 131,072 characters a cell."""
 
 _PLANE = ("coefficient_0", "coefficient_1", "coefficient_2")
 """Columns of a fragility over two measures: intercept of its probit, slopes of the measures' natural logarithms."""
 
 _MARK = "toppling "
-"""How the comment begins in which a function of NRML keeps the row that CSV and JSON have."""
+"""Beginning of the NRML comment that holds the row of CSV and JSON for a fragility function."""
 
 
 _curve_error = refusals(
@@ -66,7 +66,7 @@ def moments(curve: Lognormal) -> tuple[float, float]:
 
 
 def of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
-    """Curve of a lognormal variable's mean and standard deviation: OpenQuake's own inversion."""
+    """Curve from a lognormal variable's mean and standard deviation, as OpenQuake inverts them."""
     beta = math.sqrt(math.log1p((deviation / mean) ** 2))
     return Lognormal(measure, mean**2 / math.hypot(deviation, mean), beta)
 
@@ -77,7 +77,7 @@ def write_curves(
     """Write curves as NRML (.xml), CSV or JSON, by the file's suffix.
 
     curves: NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
-    name: of the rock; NRML's taxonomy is this and the measure.
+    name: name of the rock; NRML's taxonomy is this and the measure.
     surfaces: fragilities over two measures, for CSV and JSON: NRML has none.
     Raises InputError if the suffix is another, or NRML has no name for any of the measures.
     """
@@ -118,7 +118,7 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
 
 
 def _in_si(curve: Lognormal, path: Path) -> Lognormal:
-    """Curve over a column of the results, of one that a person wrote over PGA (g)."""
+    """Convert a curve over a measure with a unit, such as PGA (g), to one over a column of the results."""
     known = measure_with_unit(curve.measure)
     if known is None or known[0] == curve.measure:
         return curve
@@ -154,7 +154,7 @@ def _read(
     of_nrml: Callable[[str, Path], list[Any]],
     of_rows: Callable[[list[dict[str, Any]]], list[Any]],
 ) -> list[Any]:
-    """What is found in a file: in the text of NRML, or in the rows of CSV or JSON."""
+    """Parse a file: the text of NRML, or the rows of CSV or JSON."""
     if path.suffix not in (".xml", ".csv", ".json"):
         raise _suffix_error(path)
     try:
@@ -191,7 +191,7 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
     ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
     for curve in known:
         imt, factor = imt_of(curve.measure)
-        # Below and above these the curve is 0 and 1 to a part in ten million.
+        # Below and above these intensities the curve is within 1e-7 of 0 and 1.
         least, most = (curve.intensity(tail) * factor for tail in (1e-7, 1 - 1e-7))
         function = ET.SubElement(
             model, f"{{{_SPACE}}}fragilityFunction", id=f"{name}-{imt}", format="continuous", shape="logncdf"
@@ -206,7 +206,7 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
 
 
 def _unfinished(curves: Iterable[Lognormal]) -> str:
-    """The remark of an unfinished run, which a person reads first."""
+    """Remark that the run is unfinished, for the beginning of a description; empty if it is finished."""
     remarks = dict.fromkeys(curve.basis.unfinished for curve in curves if curve.basis)
     remark = "; ".join(filter(None, remarks))
     return f"UNFINISHED RUN: {remark}. " if remark else ""
@@ -228,7 +228,7 @@ def _from_nrml(text: str, path: Path) -> list[Lognormal]:
 
 
 def _kept_row(function: ET.Element) -> Mapping[str, Any]:
-    """The row that this program keeps in a comment of a function; empty in other programs' files."""
+    """Row that this program writes as a comment of a function; empty in other programs' files."""
     texts = [str(child.text) for child in function if child.tag is ET.Comment]
     kept = [text.removeprefix(_MARK) for text in texts if text.startswith(_MARK)]
     return dict(json_of(kept[0], "NRML", _curve_error)) if kept else {}
@@ -283,9 +283,9 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
 
 
 def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
-    """Curves of rows that are of no surface.
+    """Curves from the rows that do not describe surfaces.
 
-    Raises ValueError for one without a column that a curve needs.
+    Raises ValueError for a row without a column that a curve needs.
     """
     found = []
     for row in rows:
@@ -308,7 +308,7 @@ def _row(curve: Lognormal) -> dict[str, Any]:
 
 
 def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[float]]) -> str:
-    """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
+    """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; empty for a sample without a fit."""
     rows = [() if one is None else numbers(one) for one in islice(resampled.drawn(), _SAMPLES_KEPT)]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
 
@@ -319,7 +319,7 @@ def _median_and_beta(coefficients: Array) -> tuple[float, float]:
 
 
 def _of_samples_text(text: str) -> tuple[list[tuple[float, ...]], NDArray[np.bool_]]:
-    """Numbers of the bootstrap samples that `_samples_text` keeps, and which samples had a fit."""
+    """Parse the bootstrap samples that `_samples_text` wrote, and which samples had a fit."""
     parts = text.split(";")
     return [tuple(map(float, part.split())) for part in parts if part], np.array(list(map(bool, parts)))
 
@@ -333,7 +333,7 @@ def _medians_and_betas(text: str, records: int) -> Resampled:
 
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
-    """A curve with its basis and its median's interval, each where the row states all of it."""
+    """Add basis, interval and samples from a row to a curve, each where the row states it completely."""
     basis = _basis_of_row(row)
     low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
     parts = {part: float(row[name]) for name, part in _PARTS.items() if _stated(row, [name])}
@@ -348,7 +348,7 @@ def _stated(row: Mapping[str, Any], names: Iterable[str]) -> bool:
 
 
 def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
-    """What a row says that its curve rests on; None where it does not state all of it."""
+    """Basis of a curve from its row; None where the row does not state it completely."""
     if not _stated(row, _BASIS_NEEDED):
         return None
     kinds: dict[str, Callable[[Any], Any]] = {"scene_id": str, "strongest_shaken": float}

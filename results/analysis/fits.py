@@ -1,4 +1,4 @@
-"""The fits of a contact: their table, the curve that stands for the run, the jobs they rest on."""
+"""Fragility fits of the jobs of one contact: their table, and the curve that represents the run."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,25 +14,25 @@ from toppling.results.analysis.resampling import SAMPLES, sampled
 from toppling.results.completeness import Completeness
 
 FEW_TOPPLED = 10
-"""Fewer topplings bear no curve that is worth a picture, and rank no measure."""
+"""Minimum number of topplings for a curve to be drawn and for measures to be ranked."""
 
 HEADLINE_MEASURE = "pgv_m_s"
-"""Measure of a run's first sentence if it has a fit, as in 'toppling constrain': hazard curves of it exist."""
+"""Preferred measure of a run's summary, as in 'toppling constrain', because hazard curves of PGV exist."""
 
 
 def headline(models: Sequence[Fit]) -> Fit | None:
-    """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal.
+    """First of some fits, best first, that may represent the run: of one horizontal measure, with a curve.
 
-    Vertical shaking goes with the horizontal that topples, and topples nothing.
+    Vertical shaking correlates with the horizontal shaking that topples, but topples nothing.
     """
     chosen = (model for model in models if model.lognormal and not MEASURES[model.measures[0]].vertical)
     return next(chosen, None)
 
 
 def summary(models: Sequence[Fit]) -> pd.DataFrame:
-    """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`.
+    """Table of fits: one row per model, with percentile intervals (95 %) over the samples of `bootstrap`.
 
-    The median's interval is over records and bases, with the half of each over the median beside it.
+    The median's interval is over records and bases; further columns give the relative half width due to each.
     """
     lines = []
     for model in models:
@@ -58,7 +58,7 @@ def summary(models: Sequence[Fit]) -> pd.DataFrame:
 
 
 def answered(frame: pd.DataFrame) -> pd.DataFrame:
-    """Rows with an answer, of records whose weight is not 0; `toppled` is a plain boolean."""
+    """Rows with an answer and a non-zero record weight; `toppled` becomes a plain boolean."""
     counts = frame["toppled"].notna()
     if "record_weight" in frame:
         counts &= frame["record_weight"] > 0
@@ -66,12 +66,12 @@ def answered(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_measure(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Jobs with an answer whose measure is known."""
+    """Jobs with an answer and a known, positive value of the measure."""
     return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
 
 
 def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None) -> Basis:
-    """What a fit of one measure to the answers among some jobs, all of one rock and of one run, rests on."""
+    """Basis of a fit of one measure to the answered jobs of one rock and one run."""
     known = answered(frame)
     return Basis(
         scene_id=str(frame["scene_id"].iloc[0]),
@@ -92,9 +92,9 @@ def curve_over(
     run: Completeness | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Lognormal | None:
-    """Fragility of jobs of one contact over a measure, with its samples and what it rests on; None without a fit.
+    """Fragility of jobs of one contact over a measure, with bootstrap samples and basis; None without a fit.
 
-    run: of the run whose jobs these are.
+    run: completeness of the run of these jobs.
     advance: called before each bootstrap sample.
     """
     known = with_measure(jobs, measure)
@@ -112,9 +112,9 @@ class ContactFits:
 
     jobs: pd.DataFrame  # all of them, with or without an answer
     samples: int = SAMPLES  # bootstrap samples of the fits
-    run: Completeness | None = None  # of the run whose jobs these are
+    run: Completeness | None = None  # completeness of the run of these jobs
     words: str = ""  # what distinguishes it from others, such as "μ = 0.8"
-    told: Callable[[Sequence[str]], object] = lambda _: None  # of the measures before the samples of its fit
+    told: Callable[[Sequence[str]], object] = lambda _: None  # called with the measures of each fit
 
     @cached_property
     def known(self) -> pd.DataFrame:
@@ -128,7 +128,7 @@ class ContactFits:
 
     @cached_property
     def ranking(self) -> pd.DataFrame:
-        """Measures of intensity, best first."""
+        """Intensity measures ranked by predictive power, best first."""
         return compare_measures(self.known)
 
     @property
@@ -142,7 +142,7 @@ class ContactFits:
         return [self.fitted([name]) for name in self.measures]
 
     def fitted(self, measures: Sequence[str], link: str = "probit") -> Fit:
-        """Fit of some measures together with its samples."""
+        """Joint fit of some measures, with its bootstrap samples."""
         self.told(measures)
         return sampled(self.known, fit(self.known, measures, link), self.samples)
 
@@ -158,6 +158,6 @@ class ContactFits:
 
     @property
     def best(self) -> Lognormal | None:
-        """Curve of the best predictor that may stand for the run."""
+        """Curve of the best predictor that may represent the run."""
         chosen = headline(self.models)
         return self.curves[chosen.measures[0]] if chosen else None

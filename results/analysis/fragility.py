@@ -1,12 +1,12 @@
-"""Toppling probabilities, cell by cell: the numbers behind the maps, in the study's binning by default.
+"""Toppling probabilities per cell of the maps, by default in the bins of Veeraraghavan, Hudnut and Krishnan.
 
-A cell's probability is the share of its jobs that toppled. Its interval is Wilson's, with as many trials as
+A cell's probability is the fraction of its jobs that toppled. Its interval is Wilson's, with as many trials as
 there are distinct records in the cell: turned and perturbed copies of one record are not independent of each
 other. Jobs without an answer are counted, and left out of the probability. Those that also lack the measures of
-their motion, as the worker died or was too slow, lie in no cell: `unplaced` counts them.
+their motion, because the worker died or was too slow, lie in no cell: `unplaced` counts them.
 
-Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it, and the number of records behind
-an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights, of each record's mean weight.
+Where the frame has a column `record_weight` (`Run.weighted`), jobs are weighted by it, and the number of records of
+an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights, with each record's mean weight.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,18 +20,18 @@ from statsmodels.stats.proportion import proportion_confint
 from toppling.models.arrays import Array
 
 THIN_RECORDS = 10
-"""Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
+"""Number of distinct records below which a cell is marked: its 95 % interval can span half of the scale."""
 
 DIRECTION_BINS = 8
-"""Bins around the circle that the study counts by direction in."""
+"""Default number of direction bins around the circle."""
 
 CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_kinetic", "restitution")
-"""Jobs that differ in these answer different questions, and are never pooled."""
+"""Columns of scene, engine and contact: jobs that differ in any of them are never pooled."""
 
 FRICTION = ["friction_static", "friction_kinetic"]
 
 _NEAR_FACTOR = 1.25
-"""Frictions that realisations drew within this factor of the one stated are "about" that one."""
+"""Factor within which drawn frictions are described as "about" the stated one; beyond it, as a range."""
 
 _CONTACT_WORDS = (
     ("restitution", "restitution "),
@@ -39,32 +39,32 @@ _CONTACT_WORDS = (
     ("preset", "preset "),
     ("scene_id", "scene "),
 )
-"""Columns that a contact is named by beside its friction, where they differ, and the words before their values."""
+"""Columns that describe a contact in addition to its friction, where they differ, with the prefix of their values."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A column to bin."""
+    """Axis of a map: a column of the results and its bins."""
 
-    column: str  # column of the results
-    # As printed.
+    column: str
+    # Printed label and unit.
     label: str
     unit: str
-    # Width of a bin, from zero on; None for one bin a distinct value (the levels of a campaign).
+    # Width of a bin, starting at zero; None for one bin per distinct value (the levels of a campaign).
     width: float | None = None
-    below: float | None = None  # jobs at or above this value stay out
+    below: float | None = None  # upper end of the axis: jobs at or above it are left out
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Two axes, and what the width of a cell's column shows."""
+    """Plane of a map: two axes, and the jobs that a cell's width is a fraction of."""
 
-    name: str  # names the files
+    name: str  # stem of the file names
     x: Axis
     y: Axis
-    # A cell's share is that of the jobs with its value on this axis's column; None for all jobs.
+    # Axis column within whose bins the fractions of jobs add up to 1; None for fractions of all jobs.
     share_within: str | None
-    by_direction: bool = False  # whether the direction of the shaking matters to what the plane shows
+    by_direction: bool = False  # whether the plane is also drawn by direction of the shaking
 
 
 LEVEL = Axis("level_pga_m_s2", "PGA", "m/s²")
@@ -83,17 +83,14 @@ PLANES = {
 }
 """The planes of Veeraraghavan, Hudnut and Krishnan's figures 6, 9, 10a and 10b."""
 
-
 FEW_BEYOND = 0.02
-"""Share of the jobs that the study's bounds may leave off a map; otherwise the map extends as far as they do."""
-
-
+"""Largest fraction of jobs that the default bounds may leave off a map; otherwise the map has no bounds."""
 _MOST_LEVELS = 40
-"""Of PGA that a map has a bin each for; more are those of records as strong as they are, in bins of 1 m/s2."""
+"""Maximum number of distinct levels of PGA with a bin each; more (unscaled records) are binned by 1 m/s²."""
 
 
 def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
-    """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
+    """Planes by name; those whose bounds would exclude more than `FEW_BEYOND` of the jobs are unbounded."""
     of_levels = replace(LEVEL, width=1.0 if frame[LEVEL.column].nunique() > _MOST_LEVELS else None)
     planes = {
         name: replace(
@@ -122,9 +119,9 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     """Toppling probability in each cell of a plane that holds a job.
 
     frame: rows of results, all of one contact (`by_contact`).
-    Returns DataFrame: one row a cell: low and high value on both axes (and the level, where there are levels), jobs
-    with an answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share of the jobs (see
-    `Plane`), thin.
+    Returns DataFrame: one row per cell: low and high value on both axes (and the level, where there are levels), jobs
+    with an answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share (fraction of the
+    jobs, see `Plane`), thin.
     """
     jobs = frame.loc[_below(frame, plane.x) & _below(frame, plane.y)]
     x, y = _edges(jobs[plane.x.column], plane.x), _edges(jobs[plane.y.column], plane.y)
@@ -170,13 +167,13 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
 
 
 def unplaced(frame: pd.DataFrame, plane: Plane, *, by_direction: bool = False) -> int:
-    """Jobs that lie in no cell of a plane, or of a plane by direction, as a measure of their motion is not known."""
+    """Number of jobs in no cell of a plane (or of a plane by direction) because a measure of motion is unknown."""
     needed = [plane.x.column, plane.y.column, *(["pga_azimuth_deg"] if by_direction else [])]
     return int(frame[needed].isna().any(axis=1).sum())
 
 
 def beyond(frame: pd.DataFrame, plane: Plane) -> int:
-    """Jobs whose measures are known and that a plane leaves out, as they are at or above the end of an axis."""
+    """Number of jobs with known measures at or above the upper end of an axis of a plane."""
     inside = _below(frame, plane.x) & _below(frame, plane.y)
     return len(frame) - int(inside.sum()) - unplaced(frame, plane)
 
@@ -185,30 +182,30 @@ _WEIGHTS = ["weight", "answered_weight", "toppled_weight"]
 
 
 def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[float]":
-    """Kish's number of records in each group, by which a `weight` that differs between them widens an interval.
+    """Kish's effective number of records in each group, by the column `weight`.
 
-    Within a record weights differ where its jobs are on bases that do not weigh alike: the mean is the record's, as
-    more jobs of one record are no more records.
+    A record's weight is the mean over its jobs, which differ on bases of different weight: more jobs of one record
+    are not more records.
     """
     weight = jobs.groupby([*group, "record_id"])["weight"].mean()
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
 def records_on(frame: pd.DataFrame, plane: Plane) -> int:
-    """Distinct records of the jobs with an answer on a plane's map."""
+    """Number of distinct records of the answered jobs on a plane's map."""
     known = frame["toppled"].notna() & frame[[plane.x.column, plane.y.column]].notna().all(axis=1)
     return int(frame.loc[known & _below(frame, plane.x) & _below(frame, plane.y), "record_id"].nunique())
 
 
 @dataclass(frozen=True, eq=False)
 class DirectionCells:
-    """Cells of a plane in each direction bin of the vector PGA, and what they were counted from."""
+    """Cells of a plane in each direction bin of the vector PGA."""
 
     table: pd.DataFrame  # `cells` of each bin, whose centre is `direction_deg`
     plane: Plane
-    bins: int  # direction bins around the circle
-    records: Mapping[float, int]  # distinct records (`records_on`) of each bin that holds a job
-    unplaced: int
+    bins: int  # number of direction bins around the circle
+    records: Mapping[float, int]  # number of distinct records (`records_on`) of each non-empty bin
+    unplaced: int  # number of jobs in no cell
 
     @classmethod
     def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = DIRECTION_BINS) -> "DirectionCells":
@@ -223,9 +220,9 @@ class DirectionCells:
 
 
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
-    """Rows of each scene, engine, preset and contact, under a short name of what differs between them."""
+    """Split rows by scene, engine, preset and contact; the key of each part names the columns that differ."""
     differing = [name for name in columns if frame[name].nunique() > 1]
-    if set(FRICTION) & set(differing):  # the two are one answer to one question
+    if set(FRICTION) & set(differing):  # static and kinetic friction are named together
         differing = [name for name in columns if name in differing or name in FRICTION]
     if not differing:
         return {"": frame}
@@ -242,12 +239,11 @@ def chief(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _named(frame: pd.DataFrame) -> bool:
-    """Whether each scene is a rock with a name."""
     return "rock" in frame and bool(frame["rock"].notna().all())
 
 
 def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
-    """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
+    """Label of a contact in figures: its friction, and whatever else differs among all rows."""
     first = jobs.iloc[0]
     words = [_friction_drawn(jobs)]
     for column, word in _CONTACT_WORDS:
@@ -258,7 +254,7 @@ def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
 
 
 def _friction_drawn(jobs: pd.DataFrame) -> str:
-    """Friction of jobs of one contact: "μ = 0.8"; where realisations drew it, "μ about 0.8", or from where to where."""
+    """Friction of one contact, such as "μ = 0.8"; for drawn frictions "μ about 0.8" or a range."""
     static, kinetic = (float(jobs[name].iloc[0]) for name in FRICTION)
     factor = jobs["friction_factor"].dropna() if "friction_factor" in jobs else pd.Series(dtype=float)
     least, most = (1.0, 1.0) if factor.empty else (float(factor.min()), float(factor.max()))
@@ -277,7 +273,7 @@ def _contact_name(values: dict[str, object]) -> str:
 
 
 def wilson(probability: pd.Series, trials: pd.Series) -> tuple[pd.Series, pd.Series]:
-    """Wilson's interval (95 %) of a share seen in some trials; null where there was none."""
+    """Wilson's 95 % interval of a proportion observed in some trials; null for no trials."""
     some = trials.where(trials > 0)
     low, high = proportion_confint(probability * some, some, alpha=0.05, method="wilson")
     return low, high
@@ -299,7 +295,7 @@ def _edges(values: pd.Series, axis: Axis) -> NDArray[np.floating]:
 
 
 def _index(values: pd.Series, edges: NDArray[np.floating]) -> NDArray[np.int64]:
-    # A value on an edge belongs to the bin above it, whatever the last bit of the edge says.
+    # A value on an edge belongs to the bin above it, regardless of rounding.
     return np.searchsorted(edges * (1 - 1e-12), values.to_numpy(float), side="right") - 1
 
 

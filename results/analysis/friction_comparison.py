@@ -1,4 +1,4 @@
-"""Friction against friction: the same cells, and the same jobs, under two pairs of coefficients."""
+"""Comparison of frictions: equal cells, and equal jobs, under two pairs of coefficients."""
 
 from collections.abc import Iterator
 
@@ -14,23 +14,23 @@ _Friction = tuple[float, float]
 
 
 def friction_words(static: float, kinetic: float) -> str:
-    """Say a pair as one number where it is one: 0.8, or 0.8 (0.6 kinetic)."""
+    """Format a pair of coefficients: 0.8 where they are equal, or 0.8 (0.6 kinetic)."""
     return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
 
 
 def frictions(frame: pd.DataFrame) -> list[_Friction]:
-    """Pairs of static and kinetic friction that rows have, rising."""
+    """Distinct pairs of static and kinetic friction, ascending."""
     return sorted(frame[FRICTION].drop_duplicates().itertuples(index=False, name=None))
 
 
 def by_surroundings(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Rows whose frictions may be compared: of each scene, engine, preset and restitution, where it has several."""
+    """Rows of each scene, engine, preset and restitution with several frictions to compare."""
     parts = by_contact(frame, _SURROUNDINGS)
     return {name: jobs for name, jobs in parts.items() if len(frictions(jobs)) > 1}
 
 
 def compare_frictions(frame: pd.DataFrame, plane: Plane) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
-    """Compare each friction with the greatest, in each of the surroundings: a name, the cells, the jobs."""
+    """Compare each friction with the highest, for each of `by_surroundings`: yield its name, cells and jobs."""
     for name, jobs in by_surroundings(frame).items():
         reference = frictions(jobs)[-1]
         table, pairs = compare_cells(jobs, plane, reference), compare_jobs(jobs, reference)
@@ -39,15 +39,15 @@ def compare_frictions(frame: pd.DataFrame, plane: Plane) -> Iterator[tuple[str, 
 
 
 def compare_cells(frame: pd.DataFrame, plane: Plane, reference: _Friction) -> pd.DataFrame:
-    """Toppling probability of each cell under each friction against that under a reference friction.
+    """Toppling probability of each cell under each friction and under a reference friction.
 
-    Only jobs that were answered under both are compared, so that a difference is friction's.
+    Only jobs that were answered under both are compared, so that differences are due to friction.
 
     frame: rows of results of one scene, preset and restitution (`by_surroundings`).
     reference: static and kinetic friction on the horizontal axis.
-    Returns DataFrame: one row a friction and cell: friction_static, friction_kinetic, the cell's bounds, records,
-    probability, wilson_low, wilson_high, and the same without the bounds and records with `reference_` before them,
-    thin.
+    Returns DataFrame: one row per friction and cell: friction_static, friction_kinetic, the cell's bounds, records,
+    probability, wilson_low, wilson_high, thin; with the prefix `reference_` frictions and probabilities of the
+    reference.
     """
     answered = frame[frame["toppled"].notna()]
     base = _under(answered, reference)
@@ -67,10 +67,10 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: _Friction) -> pd
 
 
 def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
-    """Pair each job with the same one under a reference friction, and count how the answers differ.
+    """Pair each job with its equivalent under a reference friction, and count how the answers differ.
 
-    Returns DataFrame: one row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither,
-    only_this, only_reference.
+    Returns DataFrame: one row per friction: friction_static, friction_kinetic, those of the reference, numbers of pairs
+    of which both, neither, only_this or only_reference toppled.
     """
     lines = []
     for friction, pairs in _paired_jobs(frame, reference).groupby(FRICTION):
@@ -84,7 +84,7 @@ def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
 
 
 def _paired_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
-    """Jobs that were answered under a reference friction too: `toppled`, and then `toppled_reference`."""
+    """Jobs with an answer under both frictions: `toppled` and, under the reference, `toppled_reference`."""
     answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
     is_reference = (answered[FRICTION].to_numpy() == reference).all(axis=1)
     base = answered.loc[is_reference, [*_JOB, "toppled"]]

@@ -1,4 +1,4 @@
-"""Lognormal fragilities over one measure or several, what a fit of one rests on, and its samples."""
+"""Lognormal fragilities over one or several measures, the basis of their fits, and their bootstrap samples."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,9 +16,9 @@ LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 def probit_weights(eta: Array) -> tuple[Array, Array]:
-    """What multiplies an answer in the score of a probit, and Fisher's information of a job about its own eta.
+    """Weights of a probit at linear predictors eta: of an answer in the score, and of a job in the Fisher information.
 
-    phi / (Phi (1 - Phi)) and phi^2 / (Phi (1 - Phi)), which logarithms keep within the range of numbers.
+    phi / (Phi (1 - Phi)) and phi^2 / (Phi (1 - Phi)), computed by logarithms to avoid overflow.
     """
     log_density = -0.5 * eta**2 - LOG_ROOT_2_PI
     below, above = log_ndtr(eta), log_ndtr(-eta)
@@ -27,24 +27,24 @@ def probit_weights(eta: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Basis:
-    """What a fragility over a measure rests on."""
+    """Data that a fragility over a measure is based on."""
 
-    scene_id: str  # of the rock
-    # Jobs with an answer.
+    scene_id: str
+    # Jobs with an answer, those of them that toppled, and their records.
     jobs: int
     toppled: int
     records: int
-    # Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
+    # Jobs without an answer, left out of the fit; those that rocked too long to decide are no random sample.
     without_answer: int
-    # Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
+    # Largest value of the measure of any job: beyond it the curve is an extrapolation.
     strongest_shaken: float
-    # Of the whole run: jobs that it was begun with, and those that have run; None where that is not known.
+    # Jobs planned and jobs done in the whole run; None where unknown.
     jobs_planned: int | None = None
     jobs_done: int | None = None
 
     @property
     def unfinished(self) -> str:
-        """That the run was not finished, in words; empty where it was, or it is not known."""
+        """Remark that the run was not finished; empty where it was or this is unknown."""
         return "" if self.jobs_done is None else Completeness(self.jobs_planned, self.jobs_done).remark
 
 
@@ -53,19 +53,19 @@ class Lognormal:
     """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta)."""
 
     measure: str  # column of the results that x is a value of, in its SI unit
-    median: float  # intensity at which one in two topples
-    beta: float  # standard deviation of its logarithm; 0 for a sharp threshold
-    basis: Basis | None = None  # where it is known
-    # Ends of the median's 95 % interval, where they are known.
+    median: float  # intensity with a toppling probability of one half
+    beta: float  # logarithmic standard deviation; 0 for a sharp threshold
+    basis: Basis | None = None  # where known
+    # Ends of the median's 95 % interval, where known.
     median_interval: tuple[float, float] | None = None
-    # Halves of that interval over the median, by what they come from: records, and base where the jobs are on several.
-    # The squares of their logarithms add up to the interval's.
+    # Relative half widths of that interval by cause: "records", and "base" where the jobs are on several bases.
+    # The squares of their logarithms add up to that of the interval.
     interval_parts: Mapping[str, float] = field(default_factory=dict, compare=False)
-    # The same curve of resampled records, where it is known.
+    # Bootstrap refits of the curve, where known.
     resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
     def probability(self, intensity: ArrayLike) -> Array:
-        """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
+        """Toppling probability at intensities in the measure's SI unit; 0 at intensity 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.asarray(intensity, float) / self.median)
             z = np.where(above == 0.0, 0.0, above / self.beta) if self.beta > 0 else np.sign(above) * np.inf
@@ -73,25 +73,25 @@ class Lognormal:
 
     @property
     def strongest_shaken(self) -> float | None:
-        """Largest value that a job was shaken with, where that is known."""
+        """Largest value of the measure of any job; None where unknown."""
         return self.basis.strongest_shaken if self.basis else None
 
     @property
     def is_beyond_shaken(self) -> bool:
-        """Whether the median lies beyond all that a job was shaken with."""
+        """Whether the median exceeds the strongest shaking of any job."""
         return self.strongest_shaken is not None and self.median > self.strongest_shaken
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Its measure, as of a `Surface`."""
+        """The single measure as a tuple, for use in place of a `Surface`."""
         return (self.measure,)
 
     def stouter(self, factor: float) -> "Lognormal":
-        """The same curve of a rock that takes a factor stronger motions."""
+        """Curve of a rock that withstands motions stronger by a factor."""
         return replace(self, median=self.median * factor)
 
     def intensity(self, probability: float) -> float:
-        """Intensity at which a toppling probability is reached."""
+        """Intensity with a given toppling probability."""
         return self.median * math.exp(self.beta * ndtri(probability))
 
 
@@ -100,13 +100,13 @@ class Surface:
     """Fragility over several measures: P(topple | x, y) = Phi(a + b ln x + c ln y)."""
 
     measures: tuple[str, ...]  # columns of the results
-    coefficients: tuple[float, ...]  # a, then one slope a measure's natural logarithm
-    basis: Basis | None = None  # where it is known; its strongest shaking is in the first measure
-    # The same surface of resampled records, where it is known.
+    coefficients: tuple[float, ...]  # intercept a, then a slope per measure's natural logarithm
+    basis: Basis | None = None  # where known; its strongest shaking is in the first measure
+    # Bootstrap refits of the surface, where known.
     resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
     def probability(self, motions: Mapping[str, Array]) -> Array:
-        """Toppling probability of events; 0 where a measure with a slope above 0 is 0."""
+        """Toppling probability of events from their measures; 0 where a measure is 0."""
         intercept, *slopes = self.coefficients
         with np.errstate(divide="ignore", invalid="ignore"):
             parts = [slope * np.log(motions[name]) for name, slope in zip(self.measures, slopes, strict=True)]
@@ -115,24 +115,23 @@ class Surface:
         return np.where(felt, ndtr(score), 0.0)
 
     def stouter(self, factor: float) -> "Surface":
-        """The same surface of a rock that takes a factor stronger motions."""
+        """Surface of a rock that withstands motions stronger by a factor."""
         intercept, *slopes = self.coefficients
         return replace(self, coefficients=(intercept - sum(slopes) * math.log(factor), *slopes))
 
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """The same model fitted to resampled records, each sample on one of the bases that the jobs are spread over."""
+    """Bootstrap refits of a model to resampled records, each sample on a single base."""
 
-    coefficients: Array  # (k, 1 + number of measures): of the samples that have a fit
-    # (samples,): which have one, in the order they were drawn: in the others the answers are separated, or
+    coefficients: Array  # (k, 1 + number of measures): of the samples with a fit
+    # (samples,): which samples have a fit, in the order drawn; in the others the answers are separated, or the
     # probability does not rise.
     fitted: NDArray[np.bool_]
-    records: int  # number that are drawn
-    # Whether the coefficients are those of `analysis.resampling.reflected`, whose percentiles allow for few records
-    # themselves.
+    records: int  # number of records per sample
+    # Whether the coefficients are reflected (`analysis.resampling`): their percentiles already allow for few records.
     reflected: bool = False
-    # As `coefficients`, of the curve of all bases together; None where the jobs are on one base.
+    # Coefficients of the curve averaged over bases, shaped as `coefficients`; None where the jobs are on one base.
     over_records: Array | None = None
 
     @property
@@ -141,36 +140,33 @@ class Resampled:
         return int((~self.fitted).sum())
 
     def drawn(self) -> Iterator[Array | None]:
-        """Coefficients of each sample in the order drawn; None of one without a fit."""
+        """Coefficients of each sample in the order drawn; None for a sample without a fit."""
         found = iter(self.coefficients)
         return (next(found) if has_fit else None for has_fit in self.fitted)
 
     def interval(self, values: Array, level: float = 0.95) -> Array:
-        """Ends of the interval of something that each sample has a value of, (2, ...); null without samples.
-
-        Values may be infinite.
-        """
+        """Ends (2, ...) of the interval of values (samples, ...), which may be infinite; null without samples."""
         if self.reflected and len(values):
             return ends(values, (1.0 - level) / 2)
         return expanded_interval(values, self.records, level)
 
     def lognormals(self, measure: str) -> list[Lognormal]:
-        """Each sample's lognormal fragility over the one measure that was fitted, in the order drawn.
+        """Lognormal fragility of each sample of a fit to one measure, in the order drawn.
 
-        A sample without a fit bounds nothing: its curve is that of a rock which no shaking topples.
+        A sample without a fit gives no bound: its curve is that of a rock that no shaking topples.
         """
         never = Lognormal(measure, math.inf, 0.0)
         return [never if one is None else lognormal_of(measure, *one) for one in self.drawn()]
 
     def surfaces(self, measures: Sequence[str]) -> list[Surface]:
-        """The same over several measures."""
+        """Fragility surface of each sample over several measures; zero probability for a sample without a fit."""
         never = -math.inf, *(0.0 for _ in measures)
         rows = (never if one is None else tuple(one.tolist()) for one in self.drawn())
         return [Surface(tuple(measures), row) for row in rows]
 
 
 def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
-    """Intervals of the median of one base, and of the beta of all bases together, over samples of a lognormal fit."""
+    """Intervals of the median on one base and of the beta over all bases, from samples of a lognormal fit."""
     intercept, slope = resampled.coefficients.T
     median = resampled.interval(np.exp(-intercept / slope), level)
     of_all = resampled.coefficients if resampled.over_records is None else resampled.over_records
@@ -179,12 +175,12 @@ def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, f
 
 
 def parts_words(parts: Mapping[str, float]) -> str:
-    """Parts of an interval (`Lognormal.interval_parts`): "records ±12 %, base ±35 %"."""
+    """Format the parts of an interval (`Lognormal.interval_parts`): "records ±12 %, base ±35 %"."""
     return ", ".join(f"{name} ±{100 * part:.2g} %" for name, part in parts.items())
 
 
 def with_samples(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
-    """A curve with its bootstrap samples, if there are any, and their interval of its median."""
+    """Add bootstrap samples, if any, and the median's interval to a curve."""
     if resampled is None or not len(resampled.coefficients):
         return replace(curve, resampled=resampled)
     ends = lognormal_interval(resampled)
@@ -203,10 +199,10 @@ def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict
 
 
 def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:
-    """Ends (2, ...) of the interval of values (samples, ...) over resampled records; null without samples.
+    """Ends (2, ...) of the expanded percentile interval of values (samples, ...); null without samples.
 
-    Percentiles of a bootstrap are narrow by sqrt((n - 1) / n) and know no Student's t; with few records the level is
-    raised by as much (Hesterberg 2015, expanded percentiles). Ends are values that occur: infinite ones have no mean.
+    Bootstrap percentiles are too narrow by sqrt((n - 1) / n) and the ratio of Student's t to the normal quantile; the
+    level is raised accordingly (Hesterberg 2015). Ends are values that occur: infinite ones cannot be interpolated.
     """
     if not len(values):
         return np.full((2, *np.shape(values)[1:]), math.nan)
@@ -215,11 +211,11 @@ def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array
 
 
 def ends(values: Array, tail: float = 0.025) -> Array:
-    """Ends (2, ...) of an interval that occur among the values (samples, ...), which may be infinite."""
+    """Quantiles (2, ...) at both tails of values (samples, ...), without interpolation: values may be infinite."""
     low = np.quantile(values, tail, axis=0, method="lower")
     return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])
 
 
 def lognormal_of(measure: str, intercept: float, slope: float) -> Lognormal:
-    """The lognormal that a probit of one measure's logarithm is."""
+    """Lognormal fragility equivalent to a probit of one measure's logarithm."""
     return Lognormal(measure, math.exp(-intercept / slope), 1.0 / slope)

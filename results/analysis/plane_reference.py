@@ -1,9 +1,9 @@
-"""The two-dimensional reference of the maps: the rock as a plane body on two contact points.
+"""Two-dimensional reference model of the maps: the rock as a plane body on two contact points.
 
 The section is the vertical plane through the centre of mass along an azimuth; the contact points are where
 it cuts the edge of the support, the section's two outermost (Veeraraghavan, Hudnut and Krishnan, figure 7).
-The body rocks without slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own
-vector PGA, and a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
+The body rocks without slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its
+vector PGA, and a probit surface in PGA and PGV/PGA is fitted to the answers. It is a surrogate of this project, not a
 published relation.
 """
 
@@ -26,33 +26,31 @@ from toppling.results.analysis.regression import Fit, fit, softened
 _log = logging.getLogger(__name__)
 
 TIME_STEP_S = 0.005
+"""Time step of the rocking integration, s."""
 _SETTLING_S = 10.0
-"""Still ground after the record, in which a rocking body falls or comes to rest."""
-
-_QUIET_SHARE = 0.01
-"""What is weaker than this share of the PGA before and after the strong motion is left out."""
-
+"""Duration of still ground after the record, in which a rocking body falls or comes to rest, s."""
+_QUIET_FRACTION = 0.01
+"""Fraction of the PGA below which motion before and after the strong shaking is cut off."""
 _RECORDS_AT_ONCE = 20
+"""Number of records that are integrated together, which bounds memory."""
 _MEASURES = ("pga_m_s2", "pgv_pga_s")
 
 
 @dataclass(frozen=True, eq=False)
 class _Section:
-    """A plane body on two corners."""
-
     azimuth_deg: float  # of the section's positive direction
     # (2, 2): from corner to centre of mass, horizontal and up; first the corner on the positive side.
     arms_m: Array
     inertia_per_mass_m2: float  # about the centre of mass, axis perpendicular to the section
-    beside_m: float = 0.0  # how far a contact point lies beside the section's plane, into which it is brought
+    beside_m: float = 0.0  # largest distance of a contact point from the plane that it is projected into
 
 
 def section_along(scene: Scene, azimuth_deg: float) -> _Section | None:
-    """Cut a scene through the centre of mass.
+    """Vertical section of a scene through the centre of mass.
 
-    The contact points are where the section's plane cuts the edge of the support. Where it leaves the support on one
-    side of the centre of mass, as of a rock that does not rest as the scan found it, they are the two outermost contact
-    points along the section, brought into its plane. None where the centre of mass is not between these either.
+    The contact points are where the section's plane cuts the edge of the support. Where it does not on one side of the
+    centre of mass (a rock that does not rest as the scan found it), they are the two outermost contact points along the
+    section, projected into its plane. None where the centre of mass is not between these either.
     """
     contacts = support_polygon_m(scene.rock, scene.pedestal) - scene.rock.com_m
     along = horizontal_unit_vector(azimuth_deg)
@@ -71,7 +69,7 @@ def section_along(scene: Scene, azimuth_deg: float) -> _Section | None:
 
 
 def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
-    """Where a section cuts the edge of a support, (2, 2) along it and up; None if not on both sides of the origin."""
+    """Points (2, 2; along and up) where a section cuts the support's edge; None if not on both sides of the origin."""
     if len(contacts) < 3:
         return None
     start, end = contacts, np.roll(contacts, -1, axis=0)
@@ -89,14 +87,14 @@ def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
 def topples(
     arms_m: Array, inertia: Array, unit: Array, record: NDArray[np.intp], pga_m_s2: Array, gravity_m_s2: float
 ) -> NDArray[np.bool_]:
-    """Rock plane bodies, each under its own motion.
+    """Integrate the rocking of plane bodies, each under its own motion.
 
     arms_m: (n, 2, 2), `_Section.arms_m` of each body.
     inertia: (n,), `_Section.inertia_per_mass_m2` of each body.
     unit: (k, 2, m), ground acceleration along the section and up over PGA, of m records at k steps of
     `TIME_STEP_S`.
-    record: (n,), which record shakes each body.
-    pga_m_s2: (n,), what it is scaled to.
+    record: (n,), index of the record that shakes each body.
+    pga_m_s2: (n,), PGA that it is scaled to.
     Returns (n,) bool array: whether the body has turned by a right angle.
     """
     squared = (arms_m**2).sum(axis=2)
@@ -109,7 +107,7 @@ def topples(
         down = gravity_m_s2 + lift
         rests = (angle == 0.0) & (rate == 0.0)
         moments = arms_m[:, :, 0] * down[:, None] - arms_m[:, :, 1] * push[:, None]
-        # At rest a corner is left when the moment about the other one turns the body away from it.
+        # At rest a corner lifts off when the moment about the other corner turns the body away from it.
         starts = np.where(moments[:, 0] > 0, 1, np.where(moments[:, 1] < 0, -1, 0))
         about = np.where(rests, starts < 0, (angle < 0) | ((angle == 0) & (rate < 0))).astype(int)
         x, z = arms_m[pick, about, 0], arms_m[pick, about, 1]
@@ -120,7 +118,7 @@ def topples(
         rate += TIME_STEP_S * torque / inertia_at[pick, about]
         new = angle + TIME_STEP_S * rate
         lands = angle * new < 0
-        # The step that crosses zero ends on the other corner; a rate that one step of gravity undoes is rest.
+        # A step that crosses zero ends on the other corner; a rate that gravity undoes in one step counts as rest.
         rate[lands] *= kept[pick, 1 - about][lands]
         weak = lands & (
             np.abs(rate) < TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
@@ -139,9 +137,9 @@ def simulate(
     levels_m_s2: Iterable[float],
     azimuths_deg: Iterable[float],
 ) -> pd.DataFrame:
-    """Rock the plane sections along some azimuths under each of some records at every level.
+    """Simulate the plane sections along some azimuths under each record at every level.
 
-    Returns DataFrame: one row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2,
+    Returns DataFrame: one row per record, level and azimuth with a section: azimuth_deg, record_id, pga_m_s2,
     pgv_pga_s, toppled.
     """
     found = {azimuth: section_along(scene, azimuth) for azimuth in azimuths_deg}
@@ -173,7 +171,7 @@ def simulate(
 
 
 def notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
-    """What a reader should know of the sections along some azimuths."""
+    """Remarks on sections that are missing or whose contact points were projected."""
     without = [f"{azimuth:g}" for azimuth, cut in found.items() if cut is None]
     if without:
         azimuths = ", ".join(without)
@@ -186,14 +184,14 @@ def notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
 
 
 def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
-    """PGA at which the plane body topples with 1 and 99 %, by PGV/PGA and azimuth.
+    """PGA at which the plane body topples with a probability of 1 and 99 %, by PGV/PGA and azimuth.
 
     Returns DataFrame: azimuth_deg, pgv_pga_s, probability, pga_m_s2; an azimuth whose answers have no fit is left out.
     """
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
         fitted: Fit = fit(jobs, _MEASURES)
-        # Few records may be divided by a line: it is where both probabilities are, but for half a job's doubt.
+        # The answers of few records may be separated by a line: a softened fit then gives a finite, steep curve.
         coefficients = softened(jobs, _MEASURES) if fitted.problem else fitted.coefficients
         if coefficients is None or coefficients[1] <= 0:
             continue
@@ -210,14 +208,14 @@ def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
 
 
 def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
-    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `TIME_STEP_S`."""
+    """Id, PGV/PGA, and components along the vector PGA and up, resampled to `TIME_STEP_S` and scaled to unit PGA."""
     record = ensemble.record(record_id)
     acceleration, step = record.motion.acceleration_m_s2, record.motion.time_step_s
     size = np.hypot(acceleration[:, 0], acceleration[:, 1])
     peak = int(size.argmax())
     along = acceleration[:, :2] @ (acceleration[peak, :2] / size[peak])
     unit = np.column_stack([along, acceleration[:, 2]]) / size[peak]
-    strong = np.flatnonzero(np.abs(unit[:, 0]) > _QUIET_SHARE)
+    strong = np.flatnonzero(np.abs(unit[:, 0]) > _QUIET_FRACTION)
     unit = unit[max(0, strong[0] - 1) : strong[-1] + 2]
     time = np.arange(0.0, (len(unit) - 1) * step, TIME_STEP_S)
     at = np.arange(len(unit)) * step

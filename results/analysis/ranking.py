@@ -1,4 +1,4 @@
-"""Which intensity measure predicts best: fits held against records that they did not see.
+"""Ranking of intensity measures by cross-validation: fits are scored on records that they were not fitted to.
 
 Folds divide the records, never jobs: scaled and turned copies of one record are not independent.
 """
@@ -20,14 +20,16 @@ from toppling.results.analysis.regression import NEAR_TIE, SURFACES, fit
 from toppling.results.analysis.resampling import LEAST_RECORDS
 
 _BINS = 10
+"""Number of bins of a calibration table."""
 _FOLDS = 5
+"""Number of cross-validation folds."""
 
 
 def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     """Predict each job from a fit to other records; null where that fit does not exist.
 
-    Where a threshold of the one measure divides the answers of those others, it predicts: the middle between the
-    strongest that stood and the weakest that toppled, with the doubt that half a job of the other answer leaves.
+    Where a threshold of the single measure separates the answers of the other records, it predicts: the middle between
+    the strongest standing and the weakest toppled job, with half a job of the opposite answer as uncertainty.
     """
     predicted = pd.Series(np.nan, index=frame.index)
     folds = min(_FOLDS, frame["record_id"].nunique())
@@ -46,7 +48,7 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
 
 
 def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
-    """Brier score, log loss and area under the ROC curve of predictions; null where they cannot be had."""
+    """Brier score, log loss and area under the ROC curve of predictions; NaN where they are undefined."""
     truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
     if np.isnan(guess).any() or truth.all() or not truth.any():
         return dict.fromkeys(("brier", "log_loss", "auc"), math.nan)
@@ -95,7 +97,7 @@ def compare_measures(
 
 
 def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
-    """Predicted against observed share of toppling, in bins of equally many jobs.
+    """Predicted and observed fraction of jobs that topple, in bins of equally many jobs.
 
     Returns DataFrame: one row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
     """
@@ -105,7 +107,7 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
 
 
 def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
-    """Share of toppling in bins of equally many jobs along a measure, with Wilson's interval by records.
+    """Fraction of jobs that topple in bins of equally many jobs along a measure, with Wilson's interval by records.
 
     Returns DataFrame: one row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
     """
@@ -114,9 +116,9 @@ def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.Dat
 
 
 def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
-    """Mean value and share of toppling in bins of equally many jobs, each job by its record's weight.
+    """Mean value and fraction toppled in bins of equally many jobs, each job weighted by its record's weight.
 
-    What the fit is held against has to count records as the fit does. Wilson's trials are Kish's number.
+    Records are weighted as in the fit that they are compared with. Wilson's trials are Kish's effective number.
     """
     place = ((value.rank(method="average") - 0.5) * bins / max(1, len(value))).astype(int)
     jobs = frame.assign(value=value, bin=place, weight=frame.get("record_weight", 1.0))

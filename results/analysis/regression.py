@@ -19,26 +19,26 @@ from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, l
 from toppling.results.schema import SCHEMA, describe
 
 _FLATTEST_SLOPE = 0.1
-"""Of a fit to one measure; less counts as none. With it, two thirds more of the jobs topple (84 % for one in two) at
-22,000 times the intensity: no shaking tells, and medians leave the range of numbers."""
-
+"""Minimum slope of a probit fit to one measure. At this slope the toppling probability grows from 50 to 84 % over a
+factor of 22,000 in intensity (e^10): the measure does not predict, and medians overflow."""
 NEAR_TIE = 1e-6
-"""Jobs of one level differ in the last digits, as each is scaled and turned: so much nearer, values are one."""
+"""Relative difference below which two intensities are equal: jobs of one level differ by rounding alone."""
 
 
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
-"""On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
+"""Pairs of measures that are fitted jointly. On logarithms both are the same model; both are plotted."""
 
 LINKS = {"probit": ndtr, "logit": expit}
-"""What turns a predictor into a probability."""
+"""Inverse link functions: probability of a linear predictor."""
 
 _STEPS = 100
+"""Maximum number of Fisher scoring steps."""
 _EPSILON = float(np.finfo(float).eps)
 _TOLERANCE = 1e-9
-"""Of a coefficient, relative to itself or to one."""
+"""Convergence tolerance of a coefficient, relative to the larger of itself and 1."""
 
 _EDGES = {"probit": -float(ndtri(_EPSILON)), "logit": -math.log(_EPSILON)}
-"""Beyond which a probability counts as that here, as statsmodels has it."""
+"""Largest absolute linear predictor; beyond it a probability is clipped, as in statsmodels."""
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,22 @@ class Fit:
     toppled: int
     records: int
     problem: str = ""  # why there is no fit; empty where there is one
-    # For one measure: the largest intensity that some job stood, and the least that toppled one. Where the
+    # For one measure: the largest intensity that a job survived, and the smallest that toppled one. Where the
     # answers are separated these bound the median.
     bounds: tuple[float, float] = (math.nan, math.nan)
-    # The same fit to resampled records, where it was asked for.
+    # Bootstrap of the fit, where requested.
     resampled: Resampled | None = field(default=None, compare=False, repr=False)
 
     @property
     def lognormal(self) -> Lognormal | None:
-        """The lognormal fragility that this is, if it is one: one measure, probit, rising with intensity."""
+        """Equivalent lognormal fragility of a probit fit to one measure; None for other fits."""
         if self.problem or self.link != "probit" or len(self.measures) != 1:
             return None
         return with_samples(lognormal_of(self.measures[0], *self.coefficients), self.resampled)
 
     @property
     def surface(self) -> Surface | None:
-        """The same over its measures, of any probit."""
+        """Equivalent fragility surface over the measures of a probit fit; None for other fits."""
         if self.problem or self.link != "probit":
             return None
         return Surface(self.measures, self.coefficients, resampled=self.resampled)
@@ -109,9 +109,9 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
 
 
 def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] | None:
-    """Coefficients of a probit whose answers are each in doubt by half a job in all, so that they exist if separated.
+    """Coefficients of a probit whose answers are softened by half a job in total, so that separated ones have a fit.
 
-    None where every job has the same answer.
+    None where all jobs have the same answer.
     """
     toppled = frame["toppled"].astype(float)
     if toppled.nunique() < 2:
@@ -123,17 +123,17 @@ def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] 
 
 
 def design_of(frame: pd.DataFrame, measures: Sequence[str]) -> Array:
-    """Ones and the logarithms of the measures, (rows, 1 + measures)."""
+    """Design matrix: ones and the logarithms of the measures, (rows, 1 + measures)."""
     return np.column_stack([np.ones(len(frame)), np.log(frame[list(measures)].to_numpy(float))])
 
 
 def grouped(
     frame: pd.DataFrame, measures: Sequence[str], answers: "pd.Series[float] | None" = None
 ) -> pd.DataFrame:
-    """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost.
+    """Group jobs of one record with equal measures: the same likelihood at a fraction of the cost.
 
-    A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record weigh unlike
-    on bases that do. Answers are whether a job toppled, unless others, between 0 and 1, are given.
+    A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record have
+    different weights on bases of different weight. `answers` (0 to 1) replaces whether each job toppled.
     """
     weight = frame.get("record_weight", 1.0)
     jobs = frame.assign(
@@ -144,24 +144,24 @@ def grouped(
 
 
 def _regress(design: Array, groups: pd.DataFrame, link: str) -> Array | None:
-    """Coefficients at maximum likelihood; None where the search finds none."""
+    """Maximum likelihood coefficients; None where the search does not converge."""
     share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
     (found,) = scored(design, share, trials[None], link, np.zeros(design.shape[1]))
     return found if np.isfinite(found).all() else None
 
 
 def scored(design: Array, share: Array, trials: Array, link: str, start: Array) -> Array:
-    """Coefficients at maximum likelihood for each of several weightings, by Fisher scoring, all at once.
+    """Maximum likelihood coefficients for each of several weightings, by Fisher scoring, vectorised.
 
-    design: (jobs, coefficients).
-    share: (jobs,), of each group's jobs those that toppled.
-    trials: (samples, jobs), their numbers, times what each group counts.
-    start: (coefficients,).
-    Returns (samples, coefficients) array: nan where the search does not end.
+    design: (groups, coefficients).
+    share: (groups,), fraction of each group's jobs that toppled.
+    trials: (samples, groups), number of jobs of each group times its weight in the sample.
+    start: (coefficients,), first iterate.
+    Returns (samples, coefficients) array: nan where the search does not converge.
     """
     found, left = np.full((len(trials), design.shape[1]), np.nan), np.arange(len(trials))
     at = np.tile(start, (len(trials), 1))
-    with np.errstate(all="ignore"):  # what is no number stays in the search, which does not end
+    with np.errstate(all="ignore"):  # samples with NaN stay in the search and do not converge
         for _ in range(_STEPS):
             step = _step(design, share, trials[left], link, at)
             at = at + step
@@ -174,7 +174,7 @@ def scored(design: Array, share: Array, trials: Array, link: str, start: Array) 
 
 
 def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> Array:
-    """Fisher's step of each sample's coefficients: the inverse of the information, times the score."""
+    """Fisher scoring step of each sample's coefficients: inverse information times score."""
     edge = _EDGES[link]
     predictor = np.clip(at @ design.T, -edge, edge)
     if link == "probit":
@@ -191,12 +191,12 @@ def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> A
 
 
 def is_flat(coefficients: Array) -> bool:
-    """Whether probability does not rise with the one measure that was fitted."""
+    """Whether the probability of a fit to one measure does not rise with it."""
     return len(coefficients) == 2 and bool(coefficients[1] < _FLATTEST_SLOPE)
 
 
 def _separable(design: Array, toppled: NDArray[np.bool_]) -> bool:
-    """Whether a plane has every toppled job on its one side and every standing one on the other, or on it."""
+    """Whether a hyperplane separates toppled from standing jobs, ties on it allowed."""
     centred = np.column_stack([np.ones(len(design)), design[:, 1:] - design[:, 1:].mean(axis=0)])
     signed = centred * np.where(toppled, 1.0, -1.0)[:, None]
     signed = np.unique(signed, axis=0)
@@ -207,7 +207,7 @@ def _separable(design: Array, toppled: NDArray[np.bool_]) -> bool:
 
 
 def groups_separable(design: Array, groups: pd.DataFrame, drawn: NDArray[np.bool_]) -> bool:
-    """The same of some groups of jobs: one of both answers counts as a job of each."""
+    """Whether a hyperplane separates the answers of the drawn groups; a group with both answers counts as one each."""
     share = groups["share"].to_numpy(float)
     some, none = drawn & (share > 0), drawn & (share < 1)
     answers = np.concatenate([np.ones(some.sum(), bool), np.zeros(none.sum(), bool)])
@@ -215,7 +215,7 @@ def groups_separable(design: Array, groups: pd.DataFrame, drawn: NDArray[np.bool
 
 
 def _separation(frame: pd.DataFrame, measures: tuple[str, ...]) -> str:
-    """What separates answers: a threshold, a level that divides its own jobs, or a line between two measures."""
+    """Explain what separates the answers: a threshold, a level with both answers, or a line between two measures."""
     if len(measures) != 1:
         return "separated: a line divides the answers, but for those on it"
     standing, toppled = _bounds(frame, measures)

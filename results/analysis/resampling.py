@@ -1,7 +1,7 @@
-"""Fits repeated on other records and another base, and the intervals that follow.
+"""Bootstrap of fits over records and hidden bases, and the intervals that follow.
 
 Records are drawn, never jobs: scaled and turned copies of one record are not independent. The rock has one base, so
-that each sample is of one base alone, drawn like those that the jobs are spread over (`bases`).
+each sample is for a single base, drawn from the distribution of those that the jobs are spread over (`bases`).
 """
 
 import math
@@ -22,11 +22,11 @@ from toppling.results.analysis.lognormal import Resampled
 from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, scored
 
 LEAST_RECORDS = 5
-"""Fewer cannot be resampled: their resamples are too often the same few."""
+"""Minimum number of records for a bootstrap: resamples of fewer are too often identical."""
 
 _SUSPECT_SLOPE = 1.5
-"""Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:
-its likelihood rises for ever."""
+"""Ratio of a resample's slope to the fit's above which it is tested for separated answers, whose likelihood has no
+maximum although the search ends."""
 
 
 def bootstrap(
@@ -36,10 +36,10 @@ def bootstrap(
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
 ) -> Resampled:
-    """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`.
+    """Fit a model again to resampled records; no samples where there are fewer records than `LEAST_RECORDS`.
 
-    `advance` is called before each sample. Rocks shaken by the same records get the same draws of these, as other
-    records would have been other records for all of them; each has bases of its own.
+    `advance` is called before each sample. Rocks shaken by the same records get the same resamples, because the choice
+    of records is common to them; bases are drawn for each rock.
     """
     groups = grouped(frame, fitted.measures)
     design = design_of(groups, fitted.measures)
@@ -79,34 +79,34 @@ def bootstrap(
 def sampled(
     frame: pd.DataFrame, fitted: Fit, samples: int = SAMPLES, advance: Callable[[], None] = lambda: None
 ) -> Fit:
-    """A fit with its `bootstrap`; as it was where it has a problem."""
+    """Add its `bootstrap` to a fit; a fit with a problem is returned unchanged."""
     if fitted.problem:
         return fitted
     return replace(fitted, resampled=bootstrap(frame, fitted, samples, advance=advance))
 
 
 _TAIL = 0.975
-"""Of the intervals of 95 %, which are wanted most."""
+"""Quantile whose Student's t widens the samples: the upper end of a 95 % interval."""
 
 _FARTHEST = 4.0
-"""Of a reflected sample from the fit, in logarithms of the median and of beta: beyond it a refit means nothing."""
+"""Largest distance of a refit from the fit, in natural logarithms of median and beta, for which it is reflected."""
 
 
 def _reflected(fitted: Array, refits: Array, records: int) -> Array:
-    """Coefficients of a probit whose percentiles are intervals of what depends on its spread, from few records.
+    """Reflect bootstrap refits of a probit about the fit, so that percentiles are unbiased intervals for few records.
 
-    Percentiles of a plain bootstrap take the spread of refits for the error of the fit. Of few records, whose jobs are
-    not independent, beta comes out too small in the fit and smaller again in the refits, so that intervals of beta and
-    of all that hangs on it (a rate of toppling) lie too low. Here each refit is reflected about the fit (the basic
+    Percentiles of a plain bootstrap take the spread of refits for the error of the fit. With few records, whose jobs
+    are not independent, beta is too small in the fit and smaller again in the refits, so that intervals of beta and
+    of what depends on it (a rate of toppling) lie too low. Here each refit is reflected about the fit (the basic
     bootstrap: Davison and Hinkley 1997, Bootstrap methods and their application, section 5.2), in coordinates that are
-    nearly normal: location, logarithm of the spread and, of two measures, their direction. Deviations are widened as
-    those of a regression of p coefficients on n records are: by sqrt(n / (n - p)), and by Student's t of n - p over the
-    normal quantile (Hesterberg 2015, of means).
+    nearly normal: location, logarithm of the spread and, for two measures, their direction. Deviations are widened as
+    in a regression of p coefficients on n records: by sqrt(n / (n - p)), and by Student's t of n - p over the
+    normal quantile (Hesterberg 2015, for means).
 
     fitted: (p,), coefficients of a fit to one or two measures.
-    refits: (k, p), of the samples.
-    records: number that are drawn.
-    Returns (k, p) array: as they were for a sample too far from the fit to mean anything.
+    refits: (k, p), coefficients of the samples.
+    records: number of records that are drawn.
+    Returns (k, p) array: a sample farther than `_FARTHEST` from the fit is unchanged.
     """
     to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
     freedom = records - len(fitted)
@@ -145,19 +145,19 @@ def _plane(coordinates: Array) -> Array:
 
 
 _AT_ONCE = 200_000
-"""Numbers of one table of jobs and samples: more only take memory."""
+"""Maximum number of elements of an array of jobs by samples, which bounds memory."""
 
 
 def refitted(
     design: Array, share: Array, trials: Array, link: str, start: Sequence[float], weights: NDArray[np.int64]
 ) -> Iterator[Array]:
-    """Coefficients at maximum likelihood of each row of weights; nan where the search does not end.
+    """Maximum likelihood coefficients for each row of weights; nan where the search does not converge.
 
-    design: (jobs, coefficients).
-    share, trials: (jobs,), of a group's jobs, those that toppled; and their number.
+    design: (groups, coefficients).
+    share, trials: (groups,), fraction of each group's jobs that toppled, and number of its jobs.
     link: probit or logit.
-    start: (coefficients,), those of the fit with all weights one.
-    weights: (samples, jobs), how often each group was drawn.
+    start: (coefficients,), those of the fit with unit weights.
+    weights: (samples, groups), how often each group was drawn.
     """
     each = max(1, _AT_ONCE // max(1, len(design)))
     for first in range(0, len(weights), each):

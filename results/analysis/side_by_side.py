@@ -1,4 +1,4 @@
-"""Several rocks beside each other: of each its fragility over one measure, statics, place and directions; GeoJSON."""
+"""Comparison of several rocks: fragility over one measure, statics, location and directions of each; GeoJSON."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,30 +20,30 @@ from toppling.results.reader import Run
 
 _ONE_BASE = "on one of the bases that the scan allows"
 ARROW_M = 100.0
-"""Length of the line toward which all of a rock's topplings went."""
+"""Length on the map of an arrow that represents all topplings of a rock, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """One of several rocks."""
+    """Results of one of several rocks."""
 
     run: Run
-    # Of the rock, and the contact (that of the highest friction) that the numbers are of.
+    # Name of the rock, and words for the contact (that of the highest friction) of all numbers.
     name: str
     contact: str
-    jobs: pd.DataFrame  # of that contact, weighted
-    # Fragility with its interval; None where too few topplings, or too few survivals, bear one.
+    jobs: pd.DataFrame  # weighted jobs of that contact
+    # Fragility with its interval; None where topplings or survivals are too few.
     curve: Lognormal | None
-    why_not: str  # why there is none
-    # Longitude and latitude (WGS 84), by the table of the atlas or else by the scan's coordinate system.
+    why_not: str  # reason why there is no curve
+    # Longitude and latitude (WGS 84), from the atlas's table or else the scan's coordinate system.
     place: tuple[float, float] | None
-    # Azimuth of the constant ground acceleration that topples it with the least, counter-clockwise from east.
+    # Azimuth and size of the least constant ground acceleration that topples, counter-clockwise from east.
     weakest_azimuth_deg: float | None
-    least_m_s2: float | None  # that acceleration
+    least_m_s2: float | None
 
     @property
     def row(self) -> dict[str, Any]:
-        """Row of the table of rocks; None where a value is not known."""
+        """Row of the table of rocks; None where a value is unknown."""
         known, curve = answered(self.jobs), self.curve
         interval = (curve.median_interval if curve else None) or (None, None)
         parts = curve.interval_parts if curve else {}
@@ -77,15 +77,15 @@ class Beside:
 
 @dataclass(frozen=True)
 class Shared:
-    """What the jobs of several rocks have in common."""
+    """Records and levels that the jobs of several rocks have in common."""
 
-    records: tuple[str, ...]  # records that shook all of them (of the same content), of `of_records` in all
-    levels_m_s2: tuple[float, ...]  # levels that all were shaken at
-    of_records: int
+    records: tuple[str, ...]  # records of identical content that shook all rocks
+    levels_m_s2: tuple[float, ...]  # levels that all rocks were shaken at
+    of_records: int  # number of distinct records of all rocks
 
     @property
     def sentence(self) -> str:
-        """Say it."""
+        """Summary for a reader."""
         levels = ", ".join(f"{one:g}" for one in self.levels_m_s2) or "none"
         records = f"{len(self.records)} of {self.of_records} records"
         return f"The rocks share {records}, and as levels of PGA (m/s²) {levels}."
@@ -99,14 +99,14 @@ def beside_each_other(
     only_shared: bool = False,
     advance: Callable[[], object] = lambda: None,
 ) -> tuple[list[Beside], Shared]:
-    """Rocks with their fragilities over one measure, and what their jobs share.
+    """Rocks with their fragilities over one measure, and the records and levels that they have in common.
 
-    runs: of one rock each.
+    runs: runs of one rock each.
     measure: column of the results.
     samples: bootstrap samples of records.
-    only_shared: fit to jobs with shared records at shared levels alone.
+    only_shared: fit only jobs with common records at common levels.
     advance: called after each rock.
-    Raises InputError if only what is shared is asked for, and nothing is.
+    Raises InputError with `only_shared` if the rocks have nothing in common.
     """
     chosen = [_chief(run) for run in runs]
     shared = _shared([jobs for _, jobs in chosen], runs)
@@ -132,7 +132,7 @@ def beside_each_other(
 
 
 def _chief(run: Run) -> tuple[str, pd.DataFrame]:
-    """Jobs of the contact with the highest friction, and its words."""
+    """Words for the contact with the highest friction, and its weighted jobs."""
     frame = run.weighted(run.frame())
     if frame.empty:
         return "", frame
@@ -175,9 +175,9 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
 
 
 def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
-    """Longitude and latitude (n, 2) of places beside a rock; None where its place is not known.
+    """Longitude and latitude (n, 2) of points near a rock; None where its location is unknown.
 
-    run: of the rock: its atlas, or the coordinate system of its scan, says where it stands.
+    run: run of the rock, located by its atlas or its scan's coordinate system.
     offsets_m: (n, 2), east and north of the rock's centre of mass, scene frame.
     """
     offsets = np.asarray(offsets_m, float)
@@ -209,7 +209,7 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
 
 
 def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
-    """GeoJSON (RFC 7946): the rocks whose place is known as points, with the columns of their table."""
+    """GeoJSON (RFC 7946) of the rocks with a known location: points with the columns of their table."""
     features = []
     for rock in rocks:
         if rock.place is not None:
@@ -220,9 +220,9 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
 
 
 def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
-    """Lines from each rock whose place is known toward where it toppled, as long as the share of its topplings.
+    """GeoJSON of lines from each located rock toward the azimuths that it toppled to.
 
-    `length_m` of a line is `ARROW_M` times the share of the topplings that went within half a petal of its azimuth.
+    A line's `length_m` is `ARROW_M` times the fraction of topplings within half a petal of its azimuth.
     """
     found = []
     for rock in rocks:

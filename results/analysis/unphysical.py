@@ -1,4 +1,4 @@
-"""Jobs that shook beyond what was ever recorded, and what leaving them out changes."""
+"""Jobs whose scaled motion exceeds all recorded ground motions, and the effect of leaving them out."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run
 
 _MOST_NAMED = 5
+"""Maximum number of records named in a sentence."""
 
 
 @dataclass(frozen=True)
 class Strongest:
-    """A record at its strongest shaking: factor on it (NaN where not known), PGV and PGD after scaling, topplings."""
+    """A record's largest scale factor (NaN if unknown), PGV and PGD after scaling, with its jobs and topplings."""
 
     record_id: str
     factor: float
@@ -32,24 +33,24 @@ class Strongest:
 
 @dataclass(frozen=True)
 class Unphysical:
-    """What jobs beyond nature are in a run, and what it says without them."""
+    """Unphysically strong jobs of a run, and the run's results without them."""
 
-    # Jobs with an answer, and of them those that toppled.
+    # Numbers of unphysical and of all jobs with an answer, then those among them that toppled.
     jobs: int
     of_jobs: int
     toppled: int
     of_toppled: int
-    records: tuple[Strongest, ...]  # those of the jobs beyond, the most topplings first
-    # Share toppled, with and without them.
+    records: tuple[Strongest, ...]  # records of the unphysical jobs, the most topplings first
+    # Fraction toppled, with and without them.
     share: float
     share_without: float
-    # Of one rock with its highest friction; None where it has no fit within what was shaken.
+    # Median PGA of a single rock with its highest friction; None without a fit within the shaken range.
     median_pga_m_s2: float | None
     median_pga_without_m_s2: float | None
 
     @property
     def sentence(self) -> str:
-        """What a person should know."""
+        """Summary for a reader."""
         named = [
             f"{one.record_id} ({words(one.factor, one.pgv_m_s, one.pgd_m)}, {one.toppled} topplings)"
             for one in self.records
@@ -77,14 +78,14 @@ class Unphysical:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers, null where there is none."""
+        """Fields as JSON numbers, null where undefined."""
         return finite(asdict(self))
 
 
 def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | None:
-    """What jobs of a run are beyond nature; None where none is.
+    """Unphysically strong jobs of a run; None where there are none.
 
-    frame: its rows, weighted as they are to count; read from the run unless given.
+    frame: weighted rows; read from the run unless given.
     """
     known = fits.answered(run.weighted(run.frame()) if frame is None else frame)
     factor = _factors(run, known)
@@ -108,7 +109,7 @@ def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | N
 
 
 def _factors(run: Run, known: pd.DataFrame) -> np.ndarray:
-    """Factor on each job's record, by the catalogue's PGA; NaN where it is not there."""
+    """Scale factor of each job's record, from the catalogue's PGA; NaN where unknown."""
     if run.rocks:
         found = pd.Series(math.nan, known.index)
         for rock in run.rocks:
@@ -132,7 +133,7 @@ def _strongest(beyond: pd.DataFrame) -> tuple[Strongest, ...]:
 
 
 def _median(known: pd.DataFrame) -> float | None:
-    """Median PGA of one rock with its highest friction, where it lies within what was shaken."""
+    """Median PGA of a single rock with its highest friction, where it lies within the shaken range."""
     if known["scene_id"].nunique() != 1:
         return None
     jobs = chief(known).reset_index(drop=True)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from plain_bullet import STEPS_A_SECOND, topples
 from scipy.stats import binomtest
 
 from toppling.models.errors import InputError
@@ -70,11 +71,23 @@ class Setting:
     shortcuts: bool = True
     # Azimuth toward which the start is disturbed as `_disturbed_start` says; None for a start at rest.
     disturbed_toward_deg: float | None = None
+    # Steps a second of PyBullet alone, in place of a preset.
+    plain_bullet: int | None = None
+
+    def time_step_s(self, scene: Scene) -> float:
+        """Length of a step for the rock of a scene."""
+        if self.plain_bullet:
+            return 1.0 / self.plain_bullet
+        return self.settings.time_step_s(scene.rock.half_diagonal_m, scene.gravity_m_s2)
 
 
 def settings() -> dict[str, Setting]:
-    """Presets of every engine that is installed, by their names."""
+    """Presets of every engine that is installed, and PyBullet alone at several steps, by their names."""
     presets = {name: Setting(one) for name, one in PRESETS.items()}
+    presets |= {
+        f"plain PyBullet 1/{steps} s": Setting(PRESETS[CONVERGED], plain_bullet=steps)
+        for steps in STEPS_A_SECOND
+    }
     for engine in ENGINES.values():
         if engine.name != DEFAULT and engine.version is not None:
             presets |= {
@@ -219,6 +232,17 @@ def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
 def _shake(job: Job, setting: Setting) -> _Row:
     scene, ensemble = assets()
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
+    if setting.plain_bullet:
+        began_s = time.process_time()
+        toppled, tilt, simulated_s, depth_m = topples(scene, motion, setting.plain_bullet)
+        return asdict(job) | {
+            "toppled": toppled,
+            "max_tilt_deg": tilt,
+            "ended_by": "",
+            "processor_s": time.process_time() - began_s,
+            "simulated_s": simulated_s,
+            "penetration_share": depth_m / scene.rock.half_diagonal_m,
+        }
     toward = setting.disturbed_toward_deg
     start = None if toward is None else _disturbed_start(scene, toward)
     began_s = time.process_time()  # of the processor: what a job costs also on a machine with other work

@@ -104,11 +104,7 @@ def compared(
         for name in track(sorted(names), f"{len(jobs)} jobs")
     }
     table = compare(said, said[by])
-    steps = {
-        name: every[name].settings.time_step_s(scene.rock.half_diagonal_m, scene.gravity_m_s2)
-        for name in names
-    }
-    covered = {name: one.simulated_s.sum() / steps[name] for name, one in said.items()}
+    covered = {name: one.simulated_s.sum() / every[name].time_step_s(scene) for name, one in said.items()}
     table["us_per_step"] = [1e6 * said[name].processor_s.sum() / covered[name] for name in table["setting"]]
     table["toppled"] = [float(said[name].toppled.mean()) for name in table["setting"]]
     return table

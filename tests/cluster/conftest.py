@@ -2,6 +2,8 @@
 
 import json
 import os
+import shutil
+import subprocess
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -31,6 +33,12 @@ azimuth_deg = [0, 90, 200]
 friction = [0.9, 0.7]
 preset = "fast"
 """
+
+
+def can_mount():
+    """Whether a process may have mounts of its own, which root alone gives it."""
+    command = ["unshare", "--mount", "true"]
+    return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
 
 
 @pytest.fixture(scope="session")

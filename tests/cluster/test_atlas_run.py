@@ -1,6 +1,7 @@
 """Many rocks in one run, on real workers: rows as of each rock alone, and rocks that fall hold up no other."""
 
 import gc
+import shutil
 from contextlib import nullcontext
 
 import numpy as np
@@ -16,9 +17,7 @@ from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import prepare
-from toppling.orchestrator.studies.audit import Auditing
 from toppling.orchestrator.task import shake_batch, versions
-from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.reader import open_run
 
 
@@ -57,12 +56,20 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.fixture(scope="module")
+def atlas(client, folder, tmp_path_factory):
+    """The run of all rocks."""
+    run_folder = tmp_path_factory.mktemp("run") / "atlas"
+    planned = plan_of(Campaign.read(folder / "atlas.toml"))
+    assert run(planned, run_folder, nullcontext(client), lambda _: None).done == 2 * 18
+    return run_folder
+
+
 def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_up_no_other(
-    client, folder, tmp_path
+    client, folder, atlas, tmp_path
 ):
     campaign = Campaign.read(folder / "atlas.toml")
-    progress = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
-    together = open_run(tmp_path / "atlas").frame()
+    together = open_run(atlas).frame()
     assert sorted(together["rock"].unique()) == ["leaning", "narrow", "wide"]
     for site in campaign.sites:
         of_rock = together[together["rock"] == site.rock]
@@ -75,18 +82,12 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
         of_rock = of_rock.set_index("job_id").loc[alone.index]
         for column in ("toppled", "max_tilt_deg", "slip_m", "topple_time_s", "pgv_m_s", "scene_id"):
             assert of_rock[column].equals(alone[column]), column
-    assert progress.done == 2 * 18
-    again = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    again = run(plan_of(campaign), atlas, nullcontext(client), lambda _: None)
     assert (again.done, again.before) == (0, 3 * 18)
 
 
-def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_pooled_unasked(
-    client, folder, tmp_path
-):
-    run(
-        plan_of(Campaign.read(folder / "atlas.toml")), tmp_path / "atlas", nullcontext(client), lambda _: None
-    )
-    atlas = open_run(tmp_path / "atlas")
+def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_pooled_unasked(atlas):
+    atlas = open_run(atlas)
     rocks = {rock.rock: rock for rock in atlas.rocks}
     assert list(rocks) == ["leaning", "narrow", "wide"]
     frame = rocks["narrow"].frame()
@@ -103,11 +104,8 @@ def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_poole
     assert rocks["wide"].sql("select count(*) n from results").to_pylist() == [{"n": 18}]
 
 
-def test_a_file_of_another_atlas_is_refused_by_name(client, folder, tmp_path):
-    run(
-        plan_of(Campaign.read(folder / "atlas.toml")), tmp_path / "atlas", nullcontext(client), lambda _: None
-    )
-    scenes = tmp_path / "atlas" / "scenes"
+def test_a_file_of_another_atlas_is_refused_by_name(atlas, tmp_path):
+    scenes = shutil.copytree(atlas, tmp_path / "atlas") / "scenes"
     (scenes / "wide" / "scene" / "scene.json").write_bytes(
         (scenes / "narrow" / "scene" / "scene.json").read_bytes()
     )
@@ -135,15 +133,3 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
             alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))
     # Each cache of what is derived from a scene holds eight, some are filled by every third rock only.
     assert max(alive[12:]) == max(alive[:12]) < 48
-
-
-@pytest.mark.thorough
-def test_an_atlas_audits_itself_rock_by_rock_and_takes_no_precision(client, folder, tmp_path):
-    text = (folder / "atlas.toml").read_text().replace("[2, 4, 8]", "[2, 3, 4, 5, 6, 7, 8]")
-    (folder / "audited.toml").write_text(text + "audit = 60\n")
-    campaign = Campaign.read(folder / "audited.toml")
-    with refused("campaign.of_many_rocks"):
-        campaign.with_precision(0.05)
-    run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None, stages=[Auditing()])
-    audit = audits_of(open_run(tmp_path / "atlas"))["reference"]
-    assert (audit.jobs, audit.of_jobs) == (60, 84)

@@ -1,11 +1,8 @@
 """The command itself, a process of its own where it starts workers: exit codes, interruption, other schedulers."""
 
-import contextlib
 import json
 import os
-import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -20,7 +17,6 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.status import state_of
 
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
-DASK = str(Path(sys.executable).with_name("dask"))
 
 
 def command(inputs, run, *options):
@@ -45,12 +41,6 @@ def wait_for(condition, seconds=120):
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.1)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def parts(run):
@@ -83,10 +73,9 @@ def stopped(inputs, run, stop):
     "stop",
     [
         pytest.param(ctrl_c_six_times, marks=pytest.mark.thorough),
-        pytest.param(ctrl_c, marks=pytest.mark.slow),
         pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
     ],
-    ids=["Ctrl-C, six times", "Ctrl-C", "SIGTERM"],
+    ids=["Ctrl-C, six times", "SIGTERM"],
 )
 def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults, stop):
     faults.set(every={"kind": "wait", "seconds": 0.4})
@@ -100,20 +89,6 @@ def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_p
     state = state_of(run)
     assert state["state"] == "interrupted"
     assert 0 < state["stored"] < len(planned)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.3, 1.0, 2.0, 3.0, 4.5])
-def test_stopping_it_at_any_moment_of_its_start_says_one_line(inputs, tmp_path, after_s):
-    process = subprocess.Popen(
-        command(inputs, tmp_path / "run", "--workers", "2"),
-        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    time.sleep(after_s)
-    ctrl_c_six_times(process)
-    _, told = process.communicate(timeout=90)
-    assert (process.returncode, told.count("stopped")) in {(130, 1), (0, 0)}  # or done before
-    assert "Traceback" not in told
 
 
 ENDS_OF_A_RUN = [
@@ -185,74 +160,3 @@ def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned
     assert (summary["done"], summary["done_before"]) == (0, len(planned))
     assert (summary["failed"], summary["status"]) == (1, {"ok": len(planned) - 1, "crashed": 1})
     assert summary["toppled"] == sum(row["toppled"] is True for row in answers_of(run)) > 0
-
-
-@contextlib.contextmanager
-def processes(*commands, **options):
-    started = [
-        subprocess.Popen(each, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
-        for each in commands
-    ]
-    try:
-        yield started
-    finally:
-        for process in started:
-            process.terminate()
-        for process in started:
-            try:
-                process.wait(20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
-
-def scheduler_and_workers(port, *security, protocol="tcp"):
-    address = f"{protocol}://127.0.0.1:{port}"
-    return (
-        [DASK, "scheduler", "--host", address, "--no-dashboard", *security],
-        *[[DASK, "worker", address, "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1", *security]]
-        * 2,
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
-def test_a_client_without_a_certificate_is_refused(inputs, undisturbed, tmp_path):
-    make = [
-        "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
-        "openssl req -newkey rsa:2048 -nodes -subj /CN=cluster -keyout cluster.key -out cluster.csr",
-        "openssl x509 -req -days 2 -in cluster.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out cluster.pem",
-    ]
-    for line in make:
-        subprocess.run(line.split(), cwd=tmp_path, check=True, capture_output=True)
-    ca, certificate, key = (str(tmp_path / name) for name in ("ca.pem", "cluster.pem", "cluster.key"))
-    port = free_port()
-    security = ["--tls-ca-file", ca, "--tls-cert", certificate, "--tls-key", key]
-    there = ["--scheduler", f"tls://127.0.0.1:{port}"]
-    with processes(*scheduler_and_workers(port, *security, protocol="tls")):
-        refused = toppling(*command(inputs, tmp_path / "refused", *there))
-        assert refused.returncode == 1
-        assert "--tls-" in refused.stderr
-        let_in = toppling(
-            *command(
-                inputs, tmp_path / "run", *there, "--tls-ca", ca, "--tls-cert", certificate, "--tls-key", key
-            )
-        )
-        assert let_in.returncode == 0, let_in.stderr
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "told"),
-    [
-        (["--workers", "0"], 2, "--workers"),
-        (["--workers", "2", "--scheduler", "tcp://x:1"], 2, "exclude each other"),
-        (["--scheduler", "tls://x:1", "--tls-ca", "ca.pem"], 2, "given together"),
-        (["--workers", "2", "--tls-ca", "ca.pem"], 2, "--tls-ca"),
-        (["--dry-run"], 2, "--queue"),
-    ],
-)
-def test_wrong_usage_is_told_and_writes_nothing(inputs, tmp_path, options, code, told):
-    done = within(*command(inputs, tmp_path / "run", *options))
-    assert done.exit_code == code
-    assert told in done.stderr
-    assert not (tmp_path / "run").exists()

@@ -183,11 +183,3 @@ def _wait(condition, seconds=180):
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.1)
-
-
-@pytest.mark.slow
-def test_compose_publishes_nothing_beyond_loopback(compose):
-    go, environment, _ = compose
-    for container in call(*go("ps", "--quiet"), env=environment).split():
-        for line in call("docker", "port", container).splitlines():
-            assert line.split(" -> ")[1].startswith("127.0.0.1:"), line

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from answers import answers_of
+from conftest import can_mount
 from refusals import refused
 
 from toppling.models.compiled import FOLDER
@@ -28,14 +29,7 @@ from toppling.workers.shake import compile_once
 PATIENCE_S = 60.0
 
 
-def can_hide_folders():
-    command = ["unshare", "--mount", "true"]
-    return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
-
-
-pytestmark = pytest.mark.skipif(
-    not can_hide_folders(), reason="only root can give a process mounts of its own"
-)
+pytestmark = pytest.mark.skipif(not can_mount(), reason="only root can give a process mounts of its own")
 
 
 def dask(role, *arguments):

@@ -1,19 +1,14 @@
 """A disk that fills up ends a run with one sentence, and what was stored stays."""
 
 import shlex
-import shutil
 import subprocess
 import sys
 
 import pytest
 from answers import answers_of
+from conftest import can_mount
 
 PATIENCE_S = 120.0
-
-
-def can_mount():
-    command = ["unshare", "--mount", "true"]
-    return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
 
 
 @pytest.mark.thorough

@@ -66,7 +66,9 @@ def whole(asking, client, tmp_path_factory):
     return folder
 
 
-def test_the_run_ends_with_a_statement_from_few_of_its_jobs(whole, planned):
+def test_the_run_ends_with_a_statement_from_few_of_its_jobs_each_as_one_process_does_it(
+    whole, planned, asking
+):
     (told,) = statements_of(whole)
     rows = open_run(whole).table()
     assert told["ended"]
@@ -78,10 +80,7 @@ def test_the_run_ends_with_a_statement_from_few_of_its_jobs(whole, planned):
     assert (state["state"], state["jobs"], state["stored"]) == ("complete", len(rows), len(rows))
     assert f"from {len(rows)} jobs with 20 records" in state["statement_sentences"][0]
     assert open_run(whole).completeness().remark == ""
-
-
-def test_rows_are_those_of_one_process_that_follows_the_rounds(whole, planned, asking):
-    rows = sorted_answers(open_run(whole).table())
+    rows = sorted_answers(rows)
     assets = Assets(Scene.load(asking.scene), Ensemble.load(asking.ensemble))
     places = {job_id: row for row, job_id in enumerate(planned.jobs["job_id"].to_pylist())}
     some = rows[:: max(len(rows) // 12, 1)]

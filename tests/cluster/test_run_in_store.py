@@ -114,25 +114,3 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
     toppling("fragility", ADDRESS, env=machine("third"))
     looked_at.pull()
     assert list(looked_at.path.rglob("*.png"))  # what is drawn of it lies beside it
-
-
-@pytest.mark.thorough
-def test_a_run_of_python_goes_to_the_store_as_the_command_line_s_does(
-    store, machine, inputs, undisturbed, tmp_path
-):
-    address, script = f"{ADDRESS}-of-python", tmp_path / "script.py"
-    script.write_text(
-        "from toppling import run\n"
-        "if __name__ == '__main__':\n"
-        f"    print(run({str(inputs / 'campaign.toml')!r}, {address!r}, workers=2).session.done)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", script], env=machine("python"), cwd=tmp_path,
-        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["72"]
-    assert not list(tmp_path.glob("s3*"))
-    looked_at = Copy(address, tmp_path / "look" / "run")
-    looked_at.pull()
-    assert answers_of(looked_at.path) == undisturbed

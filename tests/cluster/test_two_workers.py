@@ -14,8 +14,6 @@ from answers import answers_of
 from conftest import STILLBORN_VARIABLE
 from refusals import refused
 
-from toppling.models.errors import InputError
-from toppling.orchestrator import execution
 from toppling.orchestrator import run as running
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import local
@@ -24,8 +22,7 @@ from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.results.reader import open_run
-from toppling.results.store import write_part
+from toppling.orchestrator.task import RunKey, versions
 
 
 def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undisturbed, tmp_path):
@@ -35,6 +32,11 @@ def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undistu
     assert state_of(tmp_path / "run")["state"] == "complete"
     kept = json.loads(pq.read_schema(tmp_path / "run" / "results.parquet").metadata[b"run.json"])
     assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", progress.done)]
+    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    assert (told[0]["event"], told[0]["jobs"]) == ("session began", len(undisturbed))
+    ended = ("session ended", "complete", len(undisturbed))
+    assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == ended
+    assert any(entry["event"] == "rows stored" for entry in told)
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 
@@ -109,31 +111,6 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_say
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_path, faults):
-    culprit = planned.spec(7).job_id
-    faults.set(**{culprit: {"kind": "raise"}})
-    progress = carry_out(tmp_path / "run")
-    assert progress.status == {"ok": len(undisturbed) - 1, "failed": 1}
-    assert "ZeroDivisionError" in state_of(tmp_path / "run")["failures"][0]["message"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["hang", "freeze"])
-def test_a_worker_that_hangs_is_replaced_while_the_others_go_on(
-    carry_out, undisturbed, planned, tmp_path, faults, kind
-):
-    culprit = planned.spec(20).job_id
-    faults.set(**{culprit: {"kind": kind, "times": 1}}, every={"kind": "wait", "seconds": 0.2})
-    seen = []
-    progress = carry_out(
-        tmp_path / "run", lambda progress: seen.append(time.monotonic()), limits=Limits(job_s=3.0)
-    )
-    assert progress.deaths >= 1
-    # Dask waits for four seconds before it kills a worker that hangs: the run must not.
-    assert max(np.diff(seen)) < 3.0
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
 def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
     carry_out, undisturbed, tmp_path, monkeypatch, caplog
 ):
@@ -152,129 +129,33 @@ def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
     assert json.loads((tmp_path / "run" / "run.json").read_text())["sessions"][-1]["ended"] == "complete"
 
 
-def test_rows_of_another_run_are_refused_and_stay_where_they_are(carry_out, undisturbed, tmp_path, faults):
-    def stop(progress):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        carry_out(tmp_path / "run", stop)
-    foreign = write_part(tmp_path / "run", [{**undisturbed[0], "job_id": "0" * 24, "attempt": 1}])
-    with refused("run.file_foreign", foreign):
-        carry_out(tmp_path / "run")
-    foreign.unlink()  # as the message says
-    carry_out(tmp_path / "run")
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
-def test_the_log_tells_the_session_from_begin_to_end(carry_out, undisturbed, tmp_path):
-    carry_out(tmp_path / "run")
-    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
-    assert told[0]["event"] == "session began"
-    assert told[0]["jobs"] == len(undisturbed)
-    assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == (
-        "session ended",
-        "complete",
-        len(undisturbed),
-    )
-    assert sum(entry["event"] == "rows stored" for entry in told) >= 1
-
-
 @pytest.mark.slow
-def test_a_part_that_cannot_be_written_stops_the_run_and_nothing_is_lost(
-    carry_out, undisturbed, tmp_path, monkeypatch
+def test_a_worker_that_freezes_is_replaced_while_the_others_go_on(
+    carry_out, undisturbed, planned, tmp_path, faults
 ):
-    def full(folder, rows):
-        raise OSError(28, "No space left on device", str(folder))
-
-    with monkeypatch.context() as patched:
-        patched.setattr(execution, "write_part", full)
-        with pytest.raises(OSError, match="No space left"):
-            carry_out(tmp_path / "run")
-    carry_out(tmp_path / "run")
+    culprit = planned.spec(20).job_id
+    faults.set(**{culprit: {"kind": "freeze", "times": 1}}, every={"kind": "wait", "seconds": 0.2})
+    seen = []
+    progress = carry_out(
+        tmp_path / "run", lambda progress: seen.append(time.monotonic()), limits=Limits(job_s=3.0)
+    )
+    assert progress.deaths >= 1
+    # Dask waits for four seconds before it kills a worker that hangs: the run must not.
+    assert max(np.diff(seen)) < 3.0
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-@pytest.mark.slow
-def test_a_second_writer_is_refused(carry_out, tmp_path, faults):
-    faults.set(every={"kind": "wait", "seconds": 0.05})
-    refused = []
-
-    def another(progress):
-        if not refused:
-            thread = threading.Thread(target=lambda: refused.append(_error_of(carry_out, tmp_path / "run")))
-            thread.start()
-            thread.join()
-
-    carry_out(tmp_path / "run", another)
-    assert refused[0].code == "run.locked"
-
-
-def _error_of(carry_out, folder):
-    try:
-        carry_out(folder)
-    except InputError as error:
-        return error
-    return None
-
-
-def test_a_run_whose_folder_is_gone_is_refused_before_any_job(client, planned, tmp_path):
-    from toppling.orchestrator.task import RunKey, versions
-
-    run_key = RunKey(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
-    with pytest.raises(RunError, match=r"absent/scene is gone: was the run's folder removed or renamed"):
-        check_workers(client, run_key)
-
-
-def test_workers_of_another_version_are_refused_before_any_job(client, planned, inputs):
-    from toppling.orchestrator.task import RunKey, versions
-
-    other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
-    run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, other)
-    with refused("cluster.workers_unfit", "pybullet 3.2.7", "0.0"):
-        check_workers(client, run_key)
-
-
-def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
-    from toppling.orchestrator.task import RunKey, versions
-
-    run_key = RunKey(str(inputs), "0" * 20, planned.ensemble_id, versions())
-    with refused("cluster.workers_unfit", planned.scene_id, "0000"):
-        check_workers(client, run_key)
-
-
-@pytest.mark.slow
-def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, monkeypatch):
-    monkeypatch.setattr(execution, "_FLUSH_S", (0.2, 0.2))
-    faults.set(every={"kind": "wait", "seconds": 0.05})
-    seen = []
-
-    def look(progress):
-        if progress.stored and not seen:
-            counted = open_run(tmp_path / "run").sql("select count(*) n from results")["n"][0].as_py()
-            seen.append((state_of(tmp_path / "run"), counted, progress.stored))
-
-    carry_out(tmp_path / "run", look)
-    state, counted, stored = seen[0]
-    assert state["state"] == "running"
-    assert state["stored"] == counted == stored
-
-
-@pytest.mark.slow
-def test_a_stored_row_is_not_computed_again(carry_out, planned, tmp_path, faults, undisturbed):
-    def stop(progress):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        carry_out(tmp_path / "run", stop)
-    spec = planned.spec(0)
-    row = {
-        **next(row for row in undisturbed if row["job_id"] == spec.job_id),
-        "attempt": 1,
-        "max_tilt_deg": 77.0,
-    }
-    for part in (tmp_path / "run" / "parts").iterdir():
-        part.unlink()
-    write_part(tmp_path / "run", [row])
-    carry_out(tmp_path / "run")
-    again = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
-    assert again[spec.job_id]["max_tilt_deg"] == 77.0
+@pytest.mark.parametrize("other", ["version", "scene"])
+def test_workers_of_another_version_or_that_see_another_scene_are_refused_before_any_job(
+    other, client, planned, inputs
+):
+    scene_id, installed = planned.scene_id, versions()
+    if other == "scene":
+        scene_id, named = "0" * 20, (planned.scene_id, "0000")
+    else:
+        installed, named = (
+            tuple((name, "0.0") for name, _ in versions()),
+            (dict(versions())["pybullet"], "0.0"),
+        )
+    with refused("cluster.workers_unfit", *named):
+        check_workers(client, RunKey(str(inputs), scene_id, planned.ensemble_id, installed))

@@ -133,13 +133,6 @@ def test_a_nominal_base_that_is_none_of_the_draws_is_refused(drawn, tmp_path, no
         UnseenBase.read(path)
 
 
-def test_a_file_of_bases_that_is_cut_off_is_refused(drawn, tmp_path):
-    drawn.unseen.write(tmp_path / FILE)
-    (tmp_path / FILE).write_text((tmp_path / FILE).read_text()[:-20])
-    with refused("file.damaged"):
-        UnseenBase.read(tmp_path / FILE)
-
-
 def test_a_leaning_block_is_let_down_onto_the_face_below_its_centre_of_mass():
     leaning = rotation_between((0.0, 0.0, 1.0), (np.sin(0.05), 0.0, np.cos(0.05)))
     block = box(0.2, 0.2, 0.5).moved(leaning, (0.3, -0.2, 1.7))

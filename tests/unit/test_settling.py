@@ -22,14 +22,10 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.run_folder import describe, prepare
+from toppling.orchestrator.run_folder import describe
 from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.orchestrator.verbs.scan import scan
-from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import roses as drawing
-from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
@@ -115,22 +111,6 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):
         assert [event for event in events if "settles" in event] == ([said] if said else [])
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("name", "said"), [("leans", True), ("stands", False)])
-def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
-    campaign = Campaign.read(campaigns / f"{name}.toml")
-    planned = plan_of(campaign)
-    prepare(tmp_path / "run", planned, {})
-    assert (f">{TOLD}</td>" in SECTIONS["Scene"](Content(open_run(tmp_path / "run")), Document())) == said
-
-
-@pytest.mark.thorough
-def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campaigns, tmp_path):
-    done = CliRunner().invoke(scene, ["show", str(campaigns / "leans"), "--out", str(tmp_path)])
-    assert TOLD in done.stdout.splitlines()
-    assert "the rock settles by 1.0" in (tmp_path / "scene.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -58,18 +58,12 @@ def test_a_pickle_is_no_record(trap, protocol):
 def test_no_verb_runs_what_a_record_says(trap, tmp_path):
     record, mark = trap
     Scene.block(half_width=0.2, half_depth=0.2, half_height=0.6).save(tmp_path / "scene")
-    cloud = record.rename(record.with_suffix(".ply"))
+    cloud = record.with_name("cloud.ply")
+    cloud.write_bytes(record.read_bytes())
     for words in (
         ["records", "import", str(record.parent), "--out", str(tmp_path / "ensemble")],
         ["check", str(tmp_path / "scene"), str(record.parent)],
         ["scan", str(cloud), "--out", str(tmp_path / "rock")],
-    ):
-        CliRunner().invoke(cli, words)
-        assert not mark.exists(), words
-    cloud.rename(record)
-    for words in (
-        ["records", "import", str(record.parent), "--out", str(tmp_path / "ensemble")],
-        ["check", str(tmp_path / "scene"), str(record.parent)],
     ):
         CliRunner().invoke(cli, words)
         assert not mark.exists(), words

@@ -35,6 +35,22 @@ def imported(folder: Path, **options) -> Import:
     return import_records(files, rows, ImportOptions(**{"process": False} | options))
 
 
+def edited(folder: Path, name: str, *changes, motion: np.ndarray | None = None) -> list[Path]:
+    """Write the files of a format, and change their text.
+
+    changes: an old text and a new one, which all files have together at least once, or a function of the text of the
+    first file.
+    """
+    paths = WRITERS[name](folder, shaking() if motion is None else motion)
+    for change in changes:
+        texts = {path: path.read_text() for path in (paths[:1] if callable(change) else paths)}
+        if not callable(change):
+            assert any(change[0] in text for text in texts.values()), change
+        for path, text in texts.items():
+            path.write_text(change(text) if callable(change) else text.replace(*change))
+    return paths
+
+
 def only(outcome: Import) -> Record:
     """The record of an import that left nothing out."""
     assert [str(refusal.reason) for refusal in outcome.refusals] == []

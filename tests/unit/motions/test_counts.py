@@ -48,27 +48,22 @@ def test_a_count_far_from_the_rows_is_refused(count):
         taken(lines_of(1000), count)
 
 
-@pytest.mark.parametrize("lost", [range(3, 4), range(60, 62), range(100, 130), range(194, 196)])
-def test_rows_lost_in_the_middle_are_refused(lost):
-    lines = [line for place, line in enumerate(lines_of(1000)) if place not in lost]
-    with refused("record.count_contradicted", "truncated"):
-        taken(lines, 1000)
+def lost(first, last):
+    return lambda lines: lines[:first] + lines[last:]
 
 
-@pytest.mark.parametrize("row", [0, 60, 150])
-def test_a_row_twice_in_the_middle_is_refused(row):
-    lines = lines_of(1000)
-    lines.insert(row + 1, lines[row])
-    with refused("record.count_contradicted", 1005, 1000):
-        taken(lines, 1000)
-
-
-@pytest.mark.parametrize("row", [10, 100])
-def test_a_row_in_the_middle_that_is_not_whole_is_refused(row):
-    lines = lines_of(1000)
-    lines[row] = lines[row].rsplit(" ", 1)[0]
-    with refused("record.count_contradicted", 999, 1000):
-        taken(lines, 1000)
+@pytest.mark.parametrize(
+    ("damage", "counted"),
+    [
+        (lost(3, 4), 995), (lost(60, 62), 990), (lost(100, 130), 850), (lost(194, 196), 990),
+        (lambda lines: lines[:61] + lines[60:], 1005), (lambda lines: lines[:1] + lines, 1005),
+        (lambda lines: [*lines[:100], lines[100].rsplit(" ", 1)[0], *lines[101:]], 999),
+    ],
+    ids=["one row lost", "two", "thirty", "near the end", "a row twice", "the first twice", "a row not whole"],
+)  # fmt: skip
+def test_a_row_in_the_middle_that_is_lost_repeated_or_not_whole_is_refused(damage, counted):
+    with refused("record.count_contradicted", counted, 1000):
+        taken(damage(lines_of(1000)), 1000)
 
 
 @pytest.mark.parametrize(("form", "width"), [("9.6f", 9), ("10.3f", 10), ("15.7E", 15), ("7.3f", 7)])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import obspy
 import pytest
-from motion_samples import STEP_S, miniseed, only, peer, sac, shaking
+from motion_samples import STEP_S, miniseed, only, sac, shaking
 from obspy.core.inventory import Response
 from refusals import left_out, refused
 
@@ -142,16 +142,6 @@ def test_a_velocity_beyond_nature_of_an_uncorrected_record_is_told_as_its_baseli
     assert beyond_nature(8.0, 45.0, None, False) == (
         "PGV is 45 m/s, more than 3 m/s: its baseline is not corrected",
     )
-
-
-def test_a_record_of_four_g_is_read_and_told(tmp_path):
-    peer(tmp_path, shaking() * 40 / np.abs(shaking()).max())
-    outcome = import_records(record_files([tmp_path]))
-    (record,) = outcome.records
-    ((name, text),) = outcome.warnings
-    assert name == record.record_id
-    assert "more than 3 g" in text
-    assert "if its samples are in m/s2 and not in g" in text
 
 
 def test_one_damaged_station_xml_does_not_take_the_others_with_it(tmp_path):

@@ -4,14 +4,12 @@ import numpy as np
 import obspy
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from motion_samples import WRITERS, imported, shaking
 from refusals import left_out, tells
 
 from toppling.models.files.tables import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name, place_in_words
-from toppling.orchestrator.cli import cli
 
 
 def edited(folder, name, change):
@@ -217,13 +215,3 @@ def test_the_catalogue_keeps_the_place_and_one_written_before_is_of_the_free_fie
     again = Ensemble.load(before)
     assert {again.record(name).place for name in again.record_ids} == {FREE_FIELD}
     assert np.array_equal(again.catalog["sha"].to_pylist(), ensemble.catalog["sha"].to_pylist())
-
-
-def test_the_command_leaves_boreholes_out_unless_any_place_is_asked_for(tmp_path):
-    kik_net(tmp_path)
-    for option, count in (([], 1), (["--place", "any"], 2)):
-        done = CliRunner().invoke(
-            cli, ["records", "import", str(tmp_path), "--out", str(tmp_path / f"e{count}"), *option]
-        )
-        assert done.exit_code == 0, done.output
-        assert len(Ensemble.load(tmp_path / f"e{count}").record_ids) == count

@@ -255,12 +255,6 @@ def test_times_in_another_unit_are_read_as_such(unit, one_s, tmp_path):
     assert [component.time_step_s for component in read_file(path)] == pytest.approx([STEP_S] * 3)
 
 
-@pytest.mark.parametrize("letter", "Dd")
-def test_fortrans_double_precision_is_read(letter, tmp_path):
-    lines = (" ".join(f"{x:.9E}".replace("E", letter) for x in (n * STEP_S, *row)) for n, row in enumerate(A))
-    assert np.abs(samples(written(tmp_path, "\n".join(lines))) - A).max() < 1e-9
-
-
 def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):
     lines = [f"{n * STEP_S:7.3f}" + "".join(f"{100 * x:7.3f}" for x in row) for n, row in enumerate(GLUED)]
     assert any(len(line.split()) < 4 for line in lines)

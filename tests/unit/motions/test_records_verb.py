@@ -58,19 +58,6 @@ def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_
     assert not (tmp_path / "b").exists()
 
 
-def test_import_says_how_many_rows_of_the_table_it_did_not_use(tmp_path):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    WRITERS["columns"](folder, shaking())
-    table = folder / "table.csv"
-    unused = table.read_text().splitlines()[1].replace("C1", "C2").replace("STA1_", "STA9_")
-    table.write_text(f"{table.read_text()}{unused}\n")
-    told = run("import", folder, "--out", tmp_path / "a", "--metadata", table)
-    assert "1 of 2 rows of" in told.output
-    as_json = run("import", folder, "--out", tmp_path / "b", "--metadata", table, "--json")
-    assert json.loads(as_json.stdout)["unused_rows"] == 1
-
-
 def test_import_replaces_an_ensemble_only_when_told(tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()
@@ -79,11 +66,6 @@ def test_import_replaces_an_ensemble_only_when_told(tmp_path):
     again = run("import", folder, "--out", tmp_path / "out", expect=1)
     assert again.exception.code == "ensemble.exists"
     run("import", folder, "--out", tmp_path / "out", "--replace")
-
-
-def test_a_path_that_is_not_there_is_refused(tmp_path):
-    result = run("import", tmp_path / "nowhere", "--out", tmp_path / "out", expect=1)
-    assert result.exception.code == "file.absent"
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import pytest
 from motion_samples import WRITERS, shaking
 from refusals import left_out
 
-from toppling.models.motions.formats import read_file
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 
@@ -72,27 +71,6 @@ def test_files_of_one_earthquake_at_one_station_count_as_one_shaking(name, title
     outcome = imported(tmp_path)
     assert len(outcome.records) == 1
     left_out(outcome, "record.given_twice")
-
-
-def test_what_a_program_prints_beside_the_title_is_no_part_of_the_event(tmp_path):
-    paths = WRITERS["csmip_v1"](tmp_path, shaking())
-    date = "JANUARY 17, 1994 04:31 PST"
-    rewritten(paths, {"\nTESTQUAKE\nJ": f"\n{'TESTQUAKE':72}21\nJ", f"{date}\n": f"{date:72}22\n"})
-    assert {component.event for component in read_file(paths[0])} == {f"TESTQUAKE, {date}"}
-
-
-def test_the_origin_is_the_date_of_a_title_without_one(tmp_path):
-    paths = WRITERS["csmip_v1"](tmp_path, shaking())
-    rewritten(paths, {"JANUARY 17, 1994 04:31 PST": f"{'':40}(ORIGIN(CIT): 01/17/94, 12:30:55.4 GMT)"})
-    assert {component.event for component in read_file(paths[0])} == {"TESTQUAKE, 01/17/94, 12:30:55.4 GMT"}
-
-
-def test_a_date_that_nobody_typed_is_none(tmp_path):
-    paths = WRITERS["pairs_v1"](tmp_path, shaking())
-    rewritten(
-        paths, {"JANUARY 17, 1994 04:31 PST": "01/01/1980 0:00:00 (GMT)     (ORIGIN: 01/01/1980 0:00:00 GMT)"}
-    )
-    assert {(component.event, component.series) for component in read_file(paths[0])} == {("TESTQUAKE", "")}
 
 
 def test_the_tables_events_tell_apart_records_whose_headers_do_not(tmp_path):

@@ -107,6 +107,13 @@ def test_a_worker_without_room_for_its_work_is_unfit_and_no_job_of_its_fails(bat
         task.shake_batch(*batch, 1.0)
 
 
+def test_an_exception_in_a_job_is_a_row(batch, monkeypatch):
+    monkeypatch.setattr(task, "run_job", lambda *_: 1 / 0)
+    (row,) = task.shake_batch(*batch, 1.0).to_pylist()
+    assert row["status"] == "failed"
+    assert "ZeroDivisionError" in row["message"]
+
+
 def test_a_worker_that_would_do_another_job_than_the_one_asked_is_unfit(batch):
     run_key, settings, jobs = batch
     with pytest.raises(task.UnfitWorkerError):

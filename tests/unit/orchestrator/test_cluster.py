@@ -1,6 +1,7 @@
 """Connecting to a scheduler that somebody else has started, and workers that others start."""
 
 import re
+import stat
 import sys
 import threading
 from contextlib import nullcontext
@@ -9,11 +10,23 @@ from types import ModuleType, SimpleNamespace
 
 import dask
 import pytest
+from click.testing import CliRunner
 from distributed import SpecCluster
 from refusals import refused
+from small_campaigns import campaign_in
 
-from toppling.orchestrator.cluster import existing, gateway, job_script, local, queue
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.cluster import (
+    _queue_session,
+    _warn_of_open_door,
+    existing,
+    gateway,
+    job_script,
+    local,
+    queue,
+)
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.run_folder import KEY_FOLDERS
 
 ROOT = Path(__file__).parents[3]
 
@@ -24,6 +37,24 @@ def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothin
         existing("tls://127.0.0.1:1", None, None).__enter__()
     # A client that is still open would wait for its loop for a minute when the program ends.
     assert set(threading.enumerate()) <= before
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--workers", "2", "--scheduler", "tcp://x:1"], "exclude each other"), (["--dry-run"], "--queue"),
+        (["--scheduler", "tls://x:1", "--tls-ca", "ca.pem"], "given together"),
+        (["--workers", "2", "--tls-ca", "ca.pem"], "--tls-ca"),
+    ],
+)  # fmt: skip
+def test_wrong_usage_of_a_cluster_is_told_and_writes_nothing(tmp_path, options, told):
+    campaign_in(tmp_path, pga_m_s2=[2])
+    done = CliRunner().invoke(
+        cli, ["run", str(tmp_path / "campaign.toml"), "--out", str(tmp_path / "run"), *options]
+    )
+    assert done.exit_code == 2
+    assert told in done.output
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("asked", [(10_000, None), (1, 10_000)])
@@ -56,7 +87,41 @@ def test_workers_of_batch_jobs_have_their_pages_closed_and_what_the_configuratio
     assert f"{CLOSED} --lifetime 55m" in script
 
 
+@pytest.mark.parametrize(
+    ("address", "warns"),
+    [
+        ("tcp://10.0.0.1:8786", True), ("tcp://node1:8786", True), ("tcp://[fe80::1]:8786", True),
+        ("tcp://127.0.0.1:8786", False), ("tcp://[::1]:8786", False), ("tls://10.0.0.1:8786", False),
+    ],
+)  # fmt: skip
+def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_told(address, warns, caplog):
+    _warn_of_open_door(address)
+    assert ("asks nobody for a key" in caplog.text) is warns
+
+
 BATCH_JOB = {"jobqueue.slurm.cores": 1, "jobqueue.slurm.memory": "2GB"}
+
+
+def test_batch_jobs_compute_with_the_kernels_that_the_user_has_chosen(monkeypatch):
+    pytest.importorskip("dask_jobqueue")
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell; true")
+    with dask.config.set(BATCH_JOB):
+        assert "\nexport OPENBLAS_CORETYPE='Haswell; true'\n" in job_script("slurm")
+
+
+def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    with dask.config.set(BATCH_JOB), _queue_session("slurm", tmp_path, {}) as (cluster, _):
+        assert cluster.scheduler_address.startswith("tls://")
+        (folder,) = tmp_path.glob(f"{KEY_FOLDERS}*")
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        files = list(folder.iterdir())
+        script = cluster.job_script()
+        assert files
+        assert [file for file in files if str(file) not in script] == []
+        assert "--tls-key" in script
+        assert "PRIVATE KEY" not in script
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_lines_under_the_old_and_the_new_name_both_reach_the_script_of_a_batch_job():

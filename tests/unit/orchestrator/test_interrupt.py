@@ -211,7 +211,7 @@ def test_under_nohup_a_terminal_that_closes_stops_nothing():
     assert ended(work, before) == (0, "goes on\n", "")
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_verb_that_is_told_to_end_says_one_line(name, tmp_path):
     program = f"""
         import signal, sys, time

@@ -92,16 +92,6 @@ def test_a_run_that_goes_on_is_called_running(run, tmp_path):
         assert shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
 
 
-def test_only_who_knows_the_secret_and_asks_this_host_is_answered(server):
-    page = f"/{server.secret}/"
-    assert asked(server, page)[0] == 200
-    assert asked(server, page, host=f"localhost:{server.server_port}")[0] == 200
-    assert asked(server, page, host="rebound.example")[0] == 404
-    for path in ("/", "/state.json", "/wrong/", "/wrong/state.json", f"/{server.secret}x/"):
-        assert asked(server, path)[0] == 404
-    assert server.server_address[0] == "127.0.0.1"
-
-
 @pytest.mark.parametrize(
     "path", ["run.json", "../run.json", "replay/", "replay/../x", "replay/ABCDEFGH", "replay/--help12"]
 )

@@ -112,11 +112,6 @@ def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_p
     assert constrain(curves, *chosen).exit_code == 2
 
 
-@pytest.mark.parametrize("option", [["--site", "10", "95"], ["--ratio", "1.2"]])
-def test_what_only_a_hazard_curve_uses_is_refused_without_one(curves, option):
-    assert constrain(curves, *option).exit_code == 2
-
-
 def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path):
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=30, levels=(2, 5, 8), azimuths=(0.0,)))
@@ -220,13 +215,6 @@ def test_a_hazard_of_which_all_is_rejected_has_its_verdict_first_and_no_update(
     assert ("inconsistent" in first) == all_of_them
 
 
-def test_a_number_stands_beside_the_topplings_that_it_rests_on(tmp_path):
-    basis = Basis("5c3a", 480, 16, 30, 0, 2.75)
-    rock = str(write_curves(tmp_path / "rock.json", [Lognormal("pgv_m_s", 1.5, 0.3, basis)]))
-    (line,) = (line for line in constrain(rock).stdout.splitlines() if "median 1.5" in line)
-    assert "16 topplings in 480 jobs" in line
-
-
 @pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
 def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
@@ -246,6 +234,8 @@ def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
         ["--fragile-since", "4000"],
         ["--common-error", "0.1"],
         ["--stood", "."],
+        ["--site", "10", "95"],
+        ["--ratio", "1.2"],
     ):
         assert constrain(curves, *option).exit_code == 2
     assert constrain(curves, "--age", "1", "--hazard", f"{hazards[0]}=x").exit_code == 2
@@ -327,19 +317,6 @@ def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves
     assert page.index("The 1e-4 PGV of the mean hazard falls from") < page.index("<nav>")
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("empty_figures")
-def test_exported_curves_keep_their_intervals(tmp_path):
-    (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", rows(records=30, azimuths=(0.0,)))
-    list(write_fits(open_run(tmp_path / "run").frame(), tmp_path, "run"))
-    of_run = json.loads(constrain(str(tmp_path / "run"), "--json").stdout)
-    for suffix in (".csv", ".json", ".xml"):
-        of_file = json.loads(constrain(str(tmp_path / "fits" / f"curves{suffix}"), "--json").stdout)
-        for name in ("unexceeded", "unexceeded_low", "unexceeded_high"):
-            assert of_file[name] == pytest.approx(of_run[name], rel=1e-5)
-
-
 def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path, curves):
     other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
     told = json.loads(constrain(curves, other, "--json").stdout)["random_rock"]
@@ -355,15 +332,6 @@ def test_a_bad_hazard_is_refused_and_nothing_is_written(tmp_path, curves):
         done = constrain(curves, "--age", "1", "--hazard", hazard, "--out", str(out))
         assert isinstance(done.exception, InputError)
         assert not out.exists()
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_a_name_that_a_spreadsheet_would_compute_is_written_as_words(tmp_path, curves):
-    for name in ("=2+2", "b"):
-        (tmp_path / f"{name}.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-3\n10,1e-7\n")
-    both = [word for name in ("=2+2", "b") for word in ("--hazard", str(tmp_path / f"{name}.csv"))]
-    constrain(curves, "--age", "1000", *both, "--out", str(tmp_path / "out"))
-    assert "'=2+2," in (tmp_path / "out" / "branches.csv").read_text()
 
 
 @pytest.mark.parametrize("column", ["event", "pga_azimuth_deg", "bogus"])

@@ -3,7 +3,6 @@
 import json
 import math
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from seeded import rows
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
-from toppling.results.analysis.lognormal import Basis, Lognormal
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -110,21 +109,6 @@ def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
     assert {path.rpartition("/")[2] for path in (one["path"] for one in filed["choices"]["files"])} >= {
         "gmf-data_1.csv", "realizations_1.csv", "first.json",
     }  # fmt: skip
-
-
-@pytest.mark.thorough
-def test_the_page_of_an_event_set_begins_with_the_answer_at_each_site(at_two_sites):
-    told, out = at_two_sites
-    page = (out / "constraint.html").read_text(encoding="utf-8")
-    head = page[page.index("<h1>") : page.index("<nav>")]
-    for site in ("aa", "bb"):
-        row = next(
-            row for row in reversed(told["changes"])
-            if row["site"] == site and row["level_prior_mean"] and row["level_posterior_mean"]
-        )  # fmt: skip
-        assert f"At {site}: The" in head
-        assert f"{row['level_prior_mean']:.3g} to {row['level_posterior_mean']:.3g}" in head
-    assert f"at most {told['mean']['scale_factor']:.3g} (" in head
 
 
 def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, events):
@@ -320,20 +304,6 @@ def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
         for measure in ([], ["--measure", "sa_3s_m_s2"]):
             told = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
             assert told["measure"] == "sa_3s_m_s2"
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
-    path = write_curves(
-        rocks[0].parent / "part.csv", [replace(PGA, basis=Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602))]
-    )
-    asked = ["--hazard", events, "--site", "aa", "--age", "300"]
-    (warning,) = told_by(path, *asked, "--out", path.parent / "out")["warnings"]
-    assert "2,718 of 4,320 jobs have not run" in warning
-    assert "2,718 of 4,320 jobs have not run" in (path.parent / "out" / "constraint.html").read_text(
-        encoding="utf-8"
-    )
-    assert told_by(rocks[0], *asked)["warnings"] == []
 
 
 def test_one_common_date_lets_rocks_survive_more_often(rocks, curve):

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from reference.idealised import full_sine
 from refusals import refused
@@ -52,23 +51,6 @@ def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_i
     assert 0.2 < bottom < 0.5
     assert 8.0 < top < 20.0
     assert axes.get_title("right").splitlines() == ["▼ record30: 0.001", "▲ record31: 1e+03"]
-
-
-def test_names_of_outliers_cover_no_point_and_their_triangles_are_whole():
-    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0, 80.0])
-    y = np.append(np.linspace(1.0, 2.0, 20), [1.0, 1.5, 2.0, 2.0])
-    figure = Figure(figsize=(2.3, 2.7), layout="constrained")
-    axes = figure.add_subplot()
-    scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
-    FigureCanvasAgg(figure).draw()
-    assert not axes.texts
-    assert len(axes.get_title("right").splitlines()) == 4
-    assert axes.get_title("right").endswith("and 1 more beyond")
-    frame = axes.get_window_extent()
-    for triangles in axes.collections[1:]:
-        place = triangles.get_offset_transform().transform(triangles.get_offsets())
-        half_px = 0.5 * np.sqrt(triangles.get_sizes()).max(initial=0.0) * figure.dpi / 72.0
-        assert (place[:, 0] + half_px <= frame.x1 + 0.5).all()
 
 
 def test_the_axis_of_distance_holds_the_farthest_record(tmp_path):

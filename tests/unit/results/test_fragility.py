@@ -1,7 +1,5 @@
 """The numbers behind the maps, against small tables counted by hand."""
 
-from itertools import pairwise
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -223,39 +221,6 @@ def test_a_cell_of_few_records_is_pale_and_no_cell_carries_a_mark(hand_made):
     table = cells(hand_made, PLANES["pga_pgv_pga"])
     (drawn,) = map_figure(hand_made, PLANES["pga_pgv_pga"]).axes[0].collections
     assert (np.asarray(drawn.get_alpha()) < 1.0).tolist() == table["thin"].tolist()
-
-
-@pytest.mark.parametrize("name", ["pga_pgv_pga", "pga_pgv"])
-def test_no_cell_is_a_hairline(name):
-    # One long pulse among many short ones: its cells are the narrowest, and stretch the axis.
-    frame = pd.DataFrame(rows(records=40, levels=range(1, 20), azimuths=(0.0,)))
-    far = pd.DataFrame(rows(records=1, levels=range(1, 20), azimuths=(0.0,), seed=1))
-    far = far.assign(pgv_pga_s=0.62, pgv_m_s=0.62 * far["pga_m_s2"], record_id="far")
-    figure = direction_figure(DirectionCells.of(pd.concat([frame, far], ignore_index=True), PLANES[name]))
-    figure.draw_without_rendering()
-    for axes in (axes for axes in figure.axes if len(axes.collections) == 1 and axes.get_title()):
-        (drawn,) = axes.collections
-        boxes = [axes.transData.transform_path(path).get_extents() for path in drawn.get_paths()]
-        sides_pt = np.array([[box.width, box.height] for box in boxes]) * 72.0 / figure.dpi
-        assert sides_pt[:, 0].min() > 1.0
-
-
-@pytest.mark.parametrize("widest_s", [0.11, 0.24, 0.26, 0.43, 0.62])
-def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_angles_are(widest_s):
-    frame = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0, 90.0, 180.0, 270.0)))
-    frame = frame.assign(pgv_pga_s=np.linspace(0.03, widest_s, len(frame)))
-    figure = direction_figure(DirectionCells.of(frame, PLANES["pga_pgv_pga"], 4), title="friction-0.8")
-    figure.draw_without_rendering()
-    labels = [
-        label.get_window_extent()
-        for axes in figure.axes[:-1]
-        for label in axes.get_xticklabels()
-        if label.get_text()
-    ]
-    assert len(labels) >= 8
-    apart = [right.x0 - left.x1 for left, right in pairwise(labels)]
-    assert min(apart) > 0.03 * figure.dpi  # inches: a narrow blank
-    assert any("compass direction of the vector PGA" in text.get_text() for text in figure.texts)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,247 @@
+"""Files become records: oriented, processed where they need it, each shaking once, doubts told."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import obspy
+import pytest
+from motion_samples import COUNT, STEP_S, WRITERS, columns, imported, peer, shaking
+from obspy.core.inventory import Channel, Inventory, Network, Response, Station
+from refusals import left_out
+
+from toppling.models.motions.importing import import_records
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest
+from toppling.models.motions.record import Record
+
+
+def test_counts_without_a_response_are_refused(tmp_path):
+    WRITERS["miniseed"](tmp_path, shaking(), response=False)
+    outcome = imported(tmp_path, process=None)
+    assert not outcome.records
+    left_out(outcome, "record.unit_unknown", "StationXML")
+
+
+def test_a_file_that_is_none_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "quake.AT2")
+    left_out(import_records([tmp_path / "quake.AT2"]), "file.not_regular")
+
+
+def test_components_of_slightly_different_length_are_cut_to_what_they_share(tmp_path):
+    path = columns(tmp_path, shaking())[0]
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-3]))
+    (record,) = imported(tmp_path, process=None).records
+    assert len(record.motion.acceleration_m_s2) == COUNT - 3
+    assert any("cut to the 397 they share" in step for step in record.history)
+
+
+@pytest.mark.parametrize("files", ["E,E,Z", "E,N,N", "E,N,E"])
+def test_a_row_that_names_one_file_twice_is_refused_with_its_line(tmp_path, files):
+    columns(tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    head, row = table.read_text().splitlines()[:2]
+    for old, new in zip("ENZ", files.split(","), strict=True):
+        row = row.replace(f"STA1_{old}.", f"STA1_*{new}.")
+    table.write_text(f"{head}\n{row.replace('*', '')}\n")
+    outcome = imported(tmp_path, process=None)
+    assert not outcome.records
+    assert ("metadata.file_repeated", f"{table}:2") in [
+        (r.reason.code, r.reason.where) for r in outcome.refusals
+    ]
+
+
+@pytest.mark.parametrize("corner_hz", [-1.0, 0.0, 50.0])
+def test_a_corner_that_no_filter_has_leaves_its_record_out(tmp_path, corner_hz):
+    columns(tmp_path, shaking())
+    outcome = imported(tmp_path, process=True, corner_hz=corner_hz)
+    assert not outcome.records
+    left_out(outcome, "motion.corner_out_of_range", "below 50 Hz")
+
+
+def test_a_missing_vertical_is_refused_unless_asked_for(tmp_path):
+    a = shaking()
+    columns(tmp_path, a)
+    table = tmp_path / "table.csv"
+    table.write_text(table.read_text().replace("20220917_STA1_Z.acc", ""))
+    (tmp_path / "20220917_STA1_Z.acc").unlink()
+    left_out(imported(tmp_path, process=None), "record.vertical_missing")
+    (record,) = imported(tmp_path, missing_vertical=True).records
+    assert np.all(record.motion.acceleration_m_s2[:, 2] == 0)
+
+
+def clipped(a):
+    most = 0.35 * np.abs(a).max()
+    return np.clip(a, -most, most)
+
+
+def at(place, value):
+    """A motion with other samples at a place."""
+
+    def change(a):
+        a[place] = value
+        return a
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda a: 30 * a, "record.too_strong"), (clipped, "record.clipped"),
+        (at((217, 1), 20.0), "record.spike"), (at((slice(150, 230), 0), 0.0), "record.filled_gap"),
+    ],
+)  # fmt: skip
+def test_what_no_ground_does_is_doubted_with_its_file_and_read_if_asked_for(change, code, tmp_path):
+    peer(tmp_path, change(shaking()))
+    left_out(imported(tmp_path), code, ".AT2:5")
+    assert imported(tmp_path, doubtful=True).records
+
+
+@pytest.mark.parametrize("step_s", [0.00833, 0.01, 0.0237])
+def test_two_records_that_are_one_are_found_at_any_two_time_steps(step_s, tmp_path):
+    a = shaking(2000)
+    peer(tmp_path, a)
+    # tones of up to 6 Hz, which each of the steps holds
+    times = np.arange(0, 1999 * STEP_S, step_s)
+    other = np.column_stack([np.interp(times, np.arange(2000) * STEP_S, column) for column in a.T])
+    np.savetxt(tmp_path / "rec.txt", np.column_stack([times, other]), fmt="%.6f")
+    table = tmp_path / "table.csv"
+    table.write_text("rec_id,h1,h2,v,unit,processing\nA,rec.txt,rec.txt,rec.txt,m/s2,corrected\n")
+    outcome = imported(tmp_path, process=None)
+    assert len(outcome.records) == 1
+    left_out(outcome, "record.given_twice")
+
+
+@pytest.mark.parametrize("names", [("peer", "esm"), *((n, n) for n in ("peer", "esm", "cosmos_v2", "knet"))])
+def test_a_record_that_is_given_twice_is_kept_once_unless_folders_are_sites(names, tmp_path):
+    for folder, name in zip("ab", names, strict=True):
+        (tmp_path / folder).mkdir()
+        WRITERS[name](tmp_path / folder, shaking())
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    left_out(outcome, "record.given_twice")
+    outcome = imported(tmp_path, folders_apart=True)
+    assert [Path(one.files[0]).parent.name for one in outcome.records] == ["a", "b"]
+    assert len({one.record_id for one in outcome.records}) == 2
+    assert not outcome.refusals
+
+
+def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):
+    a = shaking()
+    columns(tmp_path, a)
+    table = tmp_path / "table.csv"
+    lines = table.read_text().splitlines()
+
+    def with_azimuths(h1, h2):
+        table.write_text(f"{lines[0]},h1_azimuth,h2_azimuth\n{lines[1]},{h1},{h2}\n")
+        return imported(tmp_path, process=None)
+
+    left_out(with_azimuths(10, 25), "record.horizontals_parallel", 10, 25)
+    (record,) = with_azimuths(90, 30).records
+    # what was read along 90 degrees is x; along 30 degrees from north, x sin 30 + y cos 30 was read
+    x, y, _ = record.motion.acceleration_m_s2.T
+    assert np.allclose(x, a[:, 0], atol=1e-6)
+    assert np.allclose(x * np.sin(np.pi / 6) + y * np.cos(np.pi / 6), a[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "one_m_s"), [("M/S", 1.0), ("nm/s ", 1e-9), ("CM/SEC", 0.01)])
+def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, one_m_s, tmp_path):
+    """Ground velocity by a broadband seismometer whose horizontals are at 30 and 120 degrees from north."""
+    a = shaking(4000)
+    velocity = np.zeros_like(a)
+    velocity[1:] = np.cumsum(0.5 * STEP_S * (a[1:] + a[:-1]), axis=0)
+    turned = {"1": 30.0, "2": 120.0}
+    series = {
+        code: velocity[:, 0] * np.sin(np.deg2rad(angle)) + velocity[:, 1] * np.cos(np.deg2rad(angle))
+        for code, angle in turned.items()
+    } | {"Z": velocity[:, 2]}
+    gain, corner = 1e6, 2 * np.pi / 120
+    poles = [corner * (-0.707 + 0.707j), corner * (-0.707 - 0.707j)]
+    channels = []
+    for code, counts in series.items():
+        header = {"network": "XX", "station": "BB", "channel": f"HH{code}", "delta": STEP_S}
+        trace = obspy.Trace(np.round(counts * gain).astype(np.int32), header)
+        trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
+        trace.write(str(tmp_path / f"BB.HH{code}.mseed"), format="MSEED")
+        response = Response.from_paz(
+            [0, 0], poles, gain, 1.0, input_units="M/S", output_units="COUNTS", normalization_factor=1.0
+        )
+        for part in (response.instrument_sensitivity, response.response_stages[0]):
+            part.input_units = unit
+        response.instrument_sensitivity.value *= one_m_s
+        response.response_stages[0].stage_gain *= one_m_s
+        angles = {"azimuth": turned.get(code, 0), "dip": -90 if code == "Z" else 0}
+        channels.append(Channel(f"HH{code}", "", 0, 0, 0, 0, response=response, **angles))
+    Inventory([Network("XX", [Station("BB", 0, 0, 0, channels=channels)])], source="test").write(
+        str(tmp_path / "BB.xml"), format="STATIONXML"
+    )
+    (record,) = imported(tmp_path).records
+    assert record.north_known
+    assert any("response removed" in step for step in record.history)
+    # the burst's 0.5 to 6 Hz lie far inside of the band in which the response is removed
+    error = np.abs(record.motion.acceleration_m_s2 - a).max()
+    assert error < 0.02 * np.abs(a).max()
+
+
+def unstated(folder: Path, motion: np.ndarray, header: str = "unit", says: str = "m/s2"):
+    """Time and three columns of which the table does not say if they were corrected."""
+    time = np.arange(len(motion)) * STEP_S
+    np.savetxt(folder / "rec.txt", np.column_stack([time, motion]), fmt="%.6f")
+    (folder / "table.csv").write_text(f"rec_id,h1,h2,v,{header}\nA,rec.txt,rec.txt,rec.txt,{says}\n")
+    return folder
+
+
+def long_shaking() -> np.ndarray:
+    """A minute that begins and ends at rest, displacement and velocity zero."""
+    return end_at_rest(Motion(shaking(6000), STEP_S)).acceleration_m_s2.copy()
+
+
+def test_counts_scaled_to_peaks_are_uncorrected_and_their_zero_is_taken_off(tmp_path):
+    a = long_shaking()
+    peaks, pgv = np.abs(a).max(axis=0), Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
+    unstated(tmp_path, 1000 * a + 350, "pga_h1,pga_h2,pga_v", ",".join(map(str, peaks)))
+    for process, quality in ((None, "processed"), (False, "uncorrected")):
+        (record,) = imported(tmp_path, process=process).records
+        assert record.quality == quality
+        # processing takes some per cent of a velocity of half a hertz and more; the zero left in makes 21 m/s
+        assert record.intensity["pgv_m_s"] == pytest.approx(pgv, rel=0.05)
+
+
+@pytest.mark.parametrize("letter", "ENZ")
+def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
+    (path,) = (p for p in WRITERS["esm"](tmp_path, shaking()) if f"HN{letter}" in p.name)
+    header, samples = path.read_text().split("PROCESSING: manual (Paolucci et al., 2011)")
+    path.write_text(f"{header}PROCESSING: NONE{samples}")
+    (record,) = imported(tmp_path, process=None).records
+    assert record.quality == "processed"
+
+
+A_MINUTE_S = np.arange(6000) * STEP_S
+FLING = np.where(np.abs(A_MINUTE_S - 20.0) < 2.0, 0.4 * np.sin(np.pi * (A_MINUTE_S - 20.0) / 2.0), 0.0)
+"""Of a metre in four seconds."""
+FAR = 5.0 * (np.pi / 60.0) ** 2 * np.cos(np.pi * A_MINUTE_S / 60.0)
+"""Ten metres within a minute, level at the end."""
+NO, ALL, ONE = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
+
+
+@pytest.mark.parametrize(
+    ("added_m_s2", "word", "quality"),
+    [
+        (NO, "", "sound"), (0.02 * np.eye(3)[2], "", "processed"), (ALL, "", "processed"),
+        (FLING[:, None] * ONE, "", "sound"), (FAR[:, None] * ONE, "", "processed"),
+        (ALL, "corrected", "corrected"), (NO, "raw", "processed"),
+    ],
+    ids=["at rest", "an offset up", "an offset", "a fling", "a wander", "called corrected", "called raw"],
+)  # fmt: skip
+def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s2, word, quality, tmp_path):
+    a = long_shaking()
+    unstated(tmp_path, a + added_m_s2, "unit,processing", f"m/s2,{word}")
+    (record,) = imported(tmp_path, process=None).records
+    assert record.quality == quality
+    if added_m_s2 is ALL and not word:
+        # the offset alone reaches 1.2 m/s; processing takes some per cent of a velocity of half a hertz and more
+        pgv_m_s = Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
+        assert record.intensity["pgv_m_s"] == pytest.approx(pgv_m_s, rel=0.05)
+    if quality in ("sound", "corrected"):
+        assert np.abs(record.motion.acceleration_m_s2 - a - added_m_s2).max() < 1e-6  # as it was printed

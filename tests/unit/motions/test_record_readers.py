@@ -1,0 +1,480 @@
+"""Each reader of records gives back what was written, however its header is spelled, and refuses contradictions."""
+
+import re
+
+import numpy as np
+import pytest
+from motion_samples import COUNT, STEP_S, WRITERS, edited, imported, only, shaking
+from refusals import refused, tells
+
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.formats.component import bearing, code_direction
+
+# what each format's printing rounds off, m/s2: half of its last digit
+ROUNDING = {
+    "pairs_v1": 5e-4, "geonet_v2a": 5e-5, "geonet_v1a": 5e-5, "cwb": 5e-6, "smc": 5e-5, "miniseed_in_pieces": 3e-6,
+    "miniseed": 3e-6, "knet": 2e-6,
+}  # fmt: skip
+RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb", "knet", "miniseed", "sac"}
+RAW |= {"miniseed_in_pieces"}
+UNORIENTED = {"pairs_v1"}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_motion_comes_back_from_every_format_as_it_was_written(name, tmp_path):
+    a = shaking()
+    WRITERS[name](tmp_path, a)
+    record = only(imported(tmp_path))
+    motion = record.motion
+    assert motion.time_step_s == pytest.approx(STEP_S, rel=1e-9)
+    assert len(motion.acceleration_m_s2) == COUNT
+    expected = a
+    if name == "bhrc":  # written along 352 and 82 degrees
+        turn = np.deg2rad([90 - 352, 90 - 82])
+        expected = a.copy()
+        expected[:, :2] = a[:, :2] @ np.column_stack([np.cos(turn), np.sin(turn)]).T
+    assert np.abs(motion.acceleration_m_s2 - expected).max() <= 1.5 * ROUNDING.get(name, 1e-5) + 1e-5
+    assert record.north_known is (name not in UNORIENTED)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_uncorrected_records_are_processed_and_corrected_ones_left_alone(name, tmp_path):
+    WRITERS[name](tmp_path, shaking())
+    (record,) = imported(tmp_path, process=None).records
+    assert any("high-pass" in step for step in record.history) is (name in RAW)
+    assert (record.quality == "corrected") is (name not in RAW)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_truncated_file_is_refused_and_named(name, tmp_path):
+    victim = next(path for path in WRITERS[name](tmp_path, shaking()) if path.suffix != ".xml")
+    content = victim.read_bytes()
+    victim.write_bytes(content[: int(0.7 * len(content))])
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    assert any(str(victim) in refusal.reason.where for refusal in outcome.refusals)
+
+
+SAME = [
+    ("cosmos_v2", "Format= (10I8)", "Format = (10I8)"),
+    ("cosmos_v2", "Format= (6F13.6)", "format =( 6f13.6)"),
+    ("cosmos_v2", "End-of-data for Chan", "/& --- End of data for channel"),
+    ("cosmos_v2", "End-of-data for Chan", "  End of data, channel"),
+    ("cosmos_v2", "Sta Chan  1:", "Sta Cha:  1:"),
+    ("cosmos_v2", "Sta Chan  1:", "Sta Chan   ?:"),
+    ("cosmos_v2", "units=cm/sec2(04)", "units = cm/sec/sec (04)"),
+    ("cosmos_v2", '\n|<SCNL>', '\n | <SCNL>'),
+    ("cosmos_v1", "units=g.     (02)", "units=G (02)"),
+    ("csmip_v2", ", in cm/sec2. (8f10.5)", ".  (UNITS: CM/SEC/SEC)"),
+    ("csmip_v2", ", in cm/sec2. (8f10.5)", ", in GAL"),
+    ("csmip_v1", "(UNITS: G)", "(UNITS: g) (8F9.6)"),
+    ("esm", "DATA_TYPE: ACCELERATION", "data_type: Acceleration "),
+    ("esm", "UNITS: cm/s^2", "Units: CM/S**2"),
+    ("esm", "EVENT_NAME: TEST", "Event_Name : TEST"),
+    ("esm", "SAMPLING_INTERVAL_S: 0.010000", "SAMPLING_INTERVAL_S: 0,01"),
+    ("esm", "USER20:\nUSER21:\n", ""),
+    ("unam", "Gal (cm/s/s)", "GALS"),
+    ("unam", "DATOS DE ACELERACION:", "DATOS DE ACELERACION"),
+    ("unam", "ARCHIVO ESTANDAR DE ACELERACION", "Archivo Estandar de Aceleracion"),
+    ("unam", "V N00E N90E\n", "V N00E N90E\n\n"),
+    ("peer", "IN UNITS OF G", "IN UNITS OF G. FILTER POINTS: HP=0.1 Hz LP=20.0 Hz"),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD", "PEER NGA-SUB RECORD"),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD\n", ""),
+    ("peer", "PEER NGA STRONG MOTION DATABASE RECORD", "\nPEER NGA STRONG MOTION DATABASE RECORD"),
+    ("peer", "\nACCELERATION", "\nFILTER HP=0.1 LP=20\nACCELERATION"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS: 400, DT: 0.01"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "DT= 1.000D-02 SEC, NPTS=400"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS= 400, DT= ,0100 SEC"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "   400   .0100"),
+    ("peer", "NPTS=    400, DT=   .0100 SEC,", "NPTS= 400, DT= .01\n"),
+    ("knet", "(gal)/", "(GAL)/"),
+    ("geonet_v1a", "in units of 1.00 mm/s/s", "in units of 0.10 gal"),
+]  # fmt: skip
+"""Agencies' headers written otherwise: other cases, blanks and marks are the same record."""
+
+
+@pytest.mark.parametrize(("name", "old", "new"), SAME)
+def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path):
+    for folder, changes in (("as it is", []), ("otherwise", [(old, new)])):
+        (tmp_path / folder).mkdir()
+        edited(tmp_path / folder, name, *changes)
+    expected, found = (only(imported(tmp_path / folder)) for folder in ("as it is", "otherwise"))
+    assert found.sha == expected.sha
+
+
+def lost(first, last):
+    """Without some lines."""
+    return lambda text: "".join(
+        (lines := text.splitlines(keepends=True))[:first] + (lines[last:] if last else [])
+    )
+
+
+def line(number, change):
+    """With one line changed; lines are counted from zero."""
+
+    def changed(text):
+        lines = text.splitlines()
+        lines[number] = change(lines[number])
+        return "\n".join(lines) + "\n"
+
+    return changed
+
+
+def nan(number, place):
+    """With NaN for a number of a line, as wide."""
+
+    def change(text):
+        word = text.split()[place]
+        return text.replace(word, "NaN".rjust(len(word)), 1)
+
+    return line(number, change)
+
+
+def a_gap(printed):
+    """Nine rows left out of columns whose times are printed so."""
+
+    def change(text):
+        rows = [row.split() for row in text.splitlines()]
+        lines = [f"{printed(float(time))} {value}\n" for time, value in rows]
+        return "".join(lines[:100] + lines[109:])
+
+    return change
+
+
+def rows_behind_the_end(text):
+    numbers = [row for row in text.splitlines() if row.strip() and not re.search("[A-Za-z/]", row)]
+    return text + "\n".join(numbers[-3:]) + "\n"
+
+
+def truncated_number(text):
+    return text[: text.rindex("E", 0, len(text) // 2) + 1]
+
+
+def swapped(text):
+    """Two lines of pairs in the wrong order."""
+    lines = text.splitlines(keepends=True)
+    lines[32], lines[33] = lines[33], lines[32]
+    return "".join(lines)
+
+
+def counts_of_cosmos(gain):
+    """Counts of a recorder of one volt a count and a sensor of one volt per g, before the gain."""
+
+    def change(text):
+        text = text.replace("units=g.     (02)", "units=counts(50)").replace(" g at ", " counts at ")
+        lines = text.splitlines()
+        for start in [i for i, each in enumerate(lines) if "Real-header" in each]:
+            for number, value in ((22, 1e6), (42, 1.0), (47, gain)):
+                at, place = start + 1 + (number - 1) // 6, 13 * ((number - 1) % 6)
+                assert lines[at][place : place + 13] == f"{-999:13.6f}"
+                lines[at] = f"{lines[at][:place]}{value:13.5f}{lines[at][place + 13 :]}"
+        return "\n".join(lines) + "\n"
+
+    return change
+
+
+def peaks_in_other_units(pattern):
+    """All peaks that a header states, as of samples in m/s2 that were printed in g."""
+
+    def change(text):
+        text, count = re.subn(pattern, lambda found: f"{found[1]}{float(found[2]) * 9.8:.3f}", text)
+        assert count
+        return text
+
+    return change
+
+
+STEP = "DT=   .0100"
+REFUSED = {
+    # another quantity or unit
+    "COSMOS in g": ("cosmos_v2", ("units=cm/sec2(04)", "units=g (04)"), "record.unit_contradicted", "'g'"),
+    "COSMOS in cm/s": ("cosmos_v2", ("units=cm/sec2(04)", "units=cm/sec(05)"), "record.unit_unknown", "'cm/sec'"),
+    "CSMIP in cm/s": ("csmip_v2", ("in cm/sec2.", "in cm/sec. "), "record.header_unreadable", "cm/sec."),
+    "ESM of velocity": ("esm", (": ACCELERATION", ": Velocity"), "record.not_acceleration", "Velocity"),
+    "ESM in cm/s": ("esm", ("UNITS: cm/s^2", "UNITS: cm/s"), "record.unit_unknown", "'cm/s'"),
+    "UNAM in Pa": ("unam", ("Gal (cm/s/s)", "Pa"), "record.unit_unknown", "'Pa'"),
+    "GeoNet in mm/s": ("geonet_v1a", ("1.00 mm/s/s", "1.00 mm/s"), "record.unit_unknown", "'1.00 mm/s'"),
+    "PEER in cm": ("peer", ("UNITS OF G", "UNITS OF CM"), "record.not_acceleration", "IN UNITS OF CM"),
+    "K-NET in g": ("knet", ("(gal)/", "(g)/"), "record.unit_unknown", "gal"),
+    **{
+        f"COSMOS' gain {gain:g}": (
+            "cosmos_v1", counts_of_cosmos(gain), "record.header_unreadable", "sensor gain (real header 47)", f"{gain:g}"
+        )
+        for gain in (0.0, -2.0)
+    },
+    # time steps and counts
+    **{f"{s} s": ("peer", (STEP, f"DT= {s}"), "record.step_out_of_range") for s in ("1e308", "1e-300", "1e5")},
+    "a step of 400 digits": ("peer", (STEP, f"DT= {'9' * 400}"), "record.header_unreadable"),
+    "two steps": ("peer", lambda text: text.replace(".0100", ".0050", 1), "record.step_contradicted", "0.005 s"),
+    "SMC of pairs": (
+        "smc", line(17, lambda text: f"{text[:15]}{1.7e38:15.7E}{text[30:]}"), "record.step_missing"
+    ),
+    "pairs that go back": ("pairs_v1", swapped, "record.step_uneven"),
+    "CWB lacks a row": ("cwb", lost(100, 101), "record.step_uneven"),
+    "CWB lacks twenty": ("cwb", lost(150, 170), "record.count_contradicted"),
+    "K-NET lacks five lines amid": ("knet", lost(30, 35), "record.count_contradicted", 360, 400),
+    "K-NET lacks its last five": ("knet", lost(-5, None), "record.count_contradicted", 360, 400),
+    **{
+        f"a gap in times as {printed(0.5)}": ("columns", a_gap(printed), "record.step_uneven", "acc:101", "0.1 s")
+        for printed in ("{:.8f}".format, lambda time: repr(round(time, 8)), "{:.4e}".format)
+    },
+    **{f"ESM lasts {s} s": ("esm", ("USER0:", f"DURATION_S: {s}"), "record.duration_contradicted") for s in (0.4, 40)},
+    # samples
+    "PEER with NaN": ("peer", nan(41, 2), "record.number_unreadable", "AT2:42", "'NaN'"),
+    **{
+        f"NaN in line {n + 1}": ("columns", nan(n, 1), "record.number_unreadable", f"acc:{n + 1}", "'NaN'")
+        for n in (1, 2, 149)
+    },
+    **{
+        f"{name} ends in a number": (name, truncated_number, "record.number_unreadable", "truncated")
+        for name in ("peer", "smc")
+    },
+    "rows behind the last channel": ("csmip_v2", rows_behind_the_end, "record.numbers_after_end", "3 lines"),
+    "a line without end": ("peer", line(6, lambda text: text + " 1" * 100_000), "file.line_too_long", "AT2:7"),
+    **{
+        f"{name} with peaks of another unit": (name, peaks_in_other_units(pattern), "record.peak_contradicted")
+        for name, pattern in (
+            ("cosmos_v2", r"(Max = )(\S+)"), ("csmip_v1", r"(MAX  = +)(\S+)"), ("geonet_v2a", r"(peak   )(\S+)"),
+            ("csmip_v2", r"(Peak acceleration = +)(\S+)"), ("knet", r"(Max\. Acc\. \(gal\)   )(\S+)"),
+            ("cwb", r"(MAX\. \w: +|~ +)(\S+?)(?=[~\n])"),
+        )
+    },
+}  # fmt: skip
+"""Files of a format with one thing changed: the code, and what is named."""
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "code", "named"),
+    [(n, h, c, named) for n, h, c, *named in REFUSED.values()],
+    ids=REFUSED,
+)
+def test_what_contradicts_itself_or_is_no_acceleration_is_refused_by_its_cause(
+    name, change, code, named, tmp_path
+):
+    edited(tmp_path, name, change)
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    tells("\n".join(str(refusal.reason) for refusal in outcome.refusals), code, *named)
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("name", "before", "text"),
+    [
+        ("esm", "USER0:", "PGA_CM/S^2: {:.4f}"),
+        ("unam", "UNIDADES", f"{'ACEL. MAX.(Gal), C1-C6':<39}: /{{0:.4f}}/{{0:.4f}}/{{0:.4f}}"),
+    ],
+)
+def test_samples_have_the_peak_that_their_own_header_states(name, before, text, factor, tmp_path):
+    a = np.repeat(shaking()[:, :1], 3, axis=1) * [1.0, 1.01, 1.02]
+    said = text.format(100 * factor * np.abs(a).max())
+    edited(tmp_path, name, (before, f"{said}\n{before}"), motion=a)
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == (factor == 1.0)
+    assert {refusal.reason.code for refusal in outcome.refusals} <= {"record.peak_contradicted"}
+
+
+def test_smc_states_its_peak_among_the_numbers(tmp_path):
+    for path in WRITERS["smc"](tmp_path, shaking()):
+        (component,) = read_file(path)
+        peak = np.abs(component.acceleration_m_s2).max()
+        assert component.stated_peak_m_s2 == pytest.approx(peak, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "named"),
+    [
+        (b"PK\x03\x04" + b"\0" * 30 + b"[Content_Types].xml", "record.format_not_read", ("a spreadsheet", "CSV")),
+        (b"PK\x03\x04" + b"\0" * 30 + b"RSN9.AT2", "record.format_not_read", ("a packed archive", "unpack")),
+        (b"\x1f\x8b\x08" + bytes(range(200)), "record.format_not_read", ("a packed archive", "unpack")),
+        (b"\x89HDF\r\n\x1a\n" + b"\0" * 100, "record.format_not_read", ("a file of arrays", "text")),
+        (b"MATLAB 5.0 MAT-file" + b"\0" * 200, "record.format_not_read", ("a file of arrays", "text")),
+        (b"<!DOCTYPE html>\n<html><body>Log in</body></html>\n", "record.format_not_read", ("a web page", "fetch")),
+        (b'{"dt": 0.005, "acceleration": [0.1, 0.2]}\n', "record.format_not_read", ("JSON", "text")),
+        (b"this is no record\n" * 20, "record.format_unknown", ()), (b"", "file.empty", ()),
+    ],
+)  # fmt: skip
+def test_what_is_no_record_is_refused_by_what_it_is(content, code, named, tmp_path):
+    path = tmp_path / "record.AT2"
+    path.write_bytes(content)
+    with refused(code, *named):
+        read_file(path)
+
+
+TITLES = {
+    "Nowhere-02, 3/14/1999, Hill Street, 35": ("Nowhere-02", "Hill Street", 35.0),
+    "Far Isle, Nowhere-03, 3/14/1999, ABC080, E": ("Far Isle, Nowhere-03", "ABC080", 90.0),
+    "Nowhere, 3/14/1999, Dam, left abutment, 35": ("Nowhere", "Dam, left abutment", 35.0),
+    "Nowhere, 3/14/1999, Dam (left, top), 35": ("Nowhere", "Dam (left, top)", 35.0),
+    "NOWHERE 03/14/79 15:09, HILL ST., 035 (XYZ STATION 12)": ("NOWHERE 03/14/79 15:09", "HILL ST.", 35.0),
+    "NOWHERE 03/14/79 1509, HILL STREET #5, UP": ("NOWHERE 03/14/79 1509", "HILL STREET #5", "up"),
+    "Nowhere, Hill Street, 35": ("Nowhere", "Hill Street", 35.0),
+    "a record of ours": ("a record of ours", "", None),
+    **{
+        f"Q11-10-20, 10/20/2011, CCM, {label}": ("Q11-10-20", "CCM", direction)
+        for label, direction in (
+            ("BHZ00", "up"), ("HHZ.10", "up"), ("HNZ--", "up"), ("EHZ", "up"), ("BHE00", 90.0), ("HNN10", 0.0),
+            ("BH100", None), ("HN200", None), ("045", 45.0), ("UP", "up"),
+        )
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_the_titles_of_peer_are_event_station_and_direction(title, tmp_path):
+    path = edited(tmp_path, "peer", line(1, lambda _: title))[0]
+    (component,) = read_file(path)
+    assert (component.event, component.station, component.direction) == TITLES[title]
+
+
+ORIGIN = "TESTQUAKE\nJANUARY 17, 1994 04:31 PST\n14403"
+DATE = "JANUARY 17, 1994 04:31 PST"
+NOBODY = "01/01/1980 0:00:00 (GMT)     (ORIGIN: 01/01/1980 0:00:00 GMT)"
+EVENTS = [
+    ("csmip_v1", ORIGIN, ORIGIN, f"TESTQUAKE, {DATE}"),
+    (
+        "csmip_v1",
+        ORIGIN,
+        "Rcrd of Fri Mar 5, 2021 20:19:31.0 PDT\nRAW\n14403",
+        "Fri Mar 5, 2021 20:19:31.0 PDT",
+    ),
+    (
+        "csmip_v1",
+        ORIGIN[:-6],
+        f"{'TESTQUAKE':72}21\n{DATE:72}22",
+        f"TESTQUAKE, {DATE}",
+    ),  # what a program prints beside
+    (
+        "csmip_v1",
+        DATE,
+        f"{'':40}(ORIGIN(CIT): 01/17/94, 12:30:55.4 GMT)",
+        "TESTQUAKE, 01/17/94, 12:30:55.4 GMT",
+    ),
+    (
+        "csmip_v2",
+        "Rcrd of Tue Dec 20, 2022",
+        "Rcrd of Tue Dec 20, 2022 02:34 PST",
+        "Tue Dec 20, 2022 02:34 PST",
+    ),
+    ("pairs_v1", ORIGIN[:-6], "FARQUAKE 2010\n", "FARQUAKE 2010"),
+    ("pairs_v1", DATE, NOBODY, "TESTQUAKE"),
+    (
+        "bhrc",
+        "Origin Time : 2012/08/11   12:23:16",
+        "Origin Time : 2013/09/12   1:02:03",
+        "2013/09/12 1:02:03",
+    ),
+    (
+        "smc",
+        "     1989  10  18    0004 Testquake, CA",
+        "     1990  11  19    0105 Q, CA",
+        "Q, CA, 1990-11-19 0105",
+    ),
+    ("unam", "2017/09/19", "2018/10/20", "2018/10/20 18:14:40"),
+    ("cosmos_v2", "Record of Testquake", "Rcrd of Farquake", "Farquake of Tue Aug 28, 2018"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "event"), EVENTS)
+def test_headers_name_the_event_and_its_origin(name, old, new, event, tmp_path):
+    found = [part for path in edited(tmp_path, name, (old, new)) for part in read_file(path)]
+    assert {part.event for part in found} == {event}
+    assert new != NOBODY or {part.series for part in found} == {""}
+
+
+def test_pairs_of_usc_are_known_by_their_station(tmp_path):
+    (path,) = edited(
+        tmp_path, "pairs_v1", ("UNIVERSIDAD DE CHILE - RENADIC", "TESTQUAKE   JAN 17, 1994 -1230 GMT"),
+        ("STATION NO. 14403", "STATION USC# 0016"),
+        (ORIGIN[:-6], f"{'TESTQUAKE':72}21\n{'JAN 17, 1994 -1230 GMT':72}22"),
+    )  # fmt: skip
+    told = {(part.file_format, part.event, part.time_step_s) for part in read_file(path)}
+    assert told == {("USC V1", "TESTQUAKE, JAN 17, 1994 -1230 GMT", STEP_S)}
+
+
+def test_uneven_pairs_of_a_volume_1_are_interpolated(tmp_path):
+    """Every second pair of a line three milliseconds late."""
+
+    def late(text):
+        lines = text.splitlines()
+        for place in range(27, 67):
+            pairs = [lines[place][i : i + 14] for i in range(0, len(lines[place].rstrip()), 14)]
+            times = [f"{float(pair[:7]) + 3e-3 * (number % 2):7.3f}" for number, pair in enumerate(pairs)]
+            lines[place] = "".join(moment + pair[7:14] for moment, pair in zip(times, pairs, strict=True))
+        return "\n".join(lines)
+
+    component = read_file(edited(tmp_path, "pairs_v1", late)[0])[0]
+    assert component.time_step_s == 0.005
+    assert any("uneven times" in note for note in component.notes)
+
+
+@pytest.mark.parametrize(("header", "gain"), [(1.0, 1.0), (4.0, 4.0), (-999.0, 1.0)])
+def test_counts_of_cosmos_are_divided_by_the_sensors_gain_where_it_is_known(header, gain, tmp_path):
+    edited(tmp_path, "cosmos_v1", counts_of_cosmos(header))
+    record = only(imported(tmp_path))
+    assert np.abs(record.motion.acceleration_m_s2 * gain - shaking()).max() < 2e-5
+    assert any(f"gain {gain:g}" in step for step in record.history)
+
+
+@pytest.mark.parametrize(
+    ("label", "direction"),
+    [
+        ("090", 90.0), ("360 DEG", 0.0), ("N28W", 332.0), ("S62W", 242.0), ("N90E", 90.0), ("S10E", 170.0),
+        ("UP", "up"), ("UD", "up"), ("DWN", "down"), ("EW", 90.0), ("NS", 0.0), ("N37.5E", 37.5),
+        ("27.0", 27.0), ("090.0", 90.0), ("90.", 90.0), ("270 DEG.", 270.0), ("-90", 270.0), ("-45", 315.0),
+        ("-0", 0.0), ("-UP", "down"), ("-Z", "down"), ("-E", 270.0), ("-N37E", 217.0), ("--", None),
+        ("L", None), ("", None), ("400", None), ("-400", None), ("N120E", None),
+    ],
+)  # fmt: skip
+def test_bearings_are_read_as_they_are_written(label, direction):
+    assert bearing(label) == direction
+
+
+@pytest.mark.parametrize(
+    ("code", "direction"), [("0", 0.0), ("1", None), ("3", None), ("90", 90.0), ("E", 90.0)]
+)
+def test_a_code_is_a_number_of_a_channel_or_a_direction(code, direction):
+    assert code_direction(code) == direction
+
+
+def test_channels_that_are_only_numbered_have_no_azimuth(tmp_path):
+    time = np.arange(COUNT) * STEP_S
+    for path, number in zip(WRITERS["esm"](tmp_path, shaking()), "23Z", strict=True):
+        path.write_text(re.sub("STREAM: HN.", f"STREAM: HN{number}", path.read_text()))
+    codes = {"090": "BH100", "000": "BH200", "UP": "BHZ00"}
+    for path, (label, code) in zip(WRITERS["peer"](tmp_path, shaking(seed=3)), codes.items(), strict=True):
+        path.write_text(
+            path.read_text().replace(f"Testquake, 1/2/2003, Station, {label}", f"Q, 10/20/2011, CCM, {code}")
+        )
+        path.rename(tmp_path / f"RSN9_Q_XX.CCM.{code[:3]}.00.AT2")
+    for number, column in enumerate(shaking(seed=1).T, 1):
+        np.savetxt(tmp_path / f"single.{number}", np.column_stack([time, column]), fmt="%.6f")
+    table = np.column_stack([time, shaking(seed=2)])
+    np.savetxt(tmp_path / "rec.txt", table, fmt="%.6f", header="time 1 2 Z", comments="")
+    (tmp_path / "table.csv").write_text(
+        "rec_id,h1,h2,v,unit,processing\nA,rec.txt,rec.txt,rec.txt,m/s2,corrected\n"
+        "B,single.1,single.2,single.3,m/s2,corrected\n"
+    )
+    outcome = imported(tmp_path, process=None)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    assert [record.north_known for record in outcome.records] == [False] * 4
+
+
+def test_samples_that_no_header_counts_are_read_and_told(tmp_path):
+    edited(tmp_path, "peer", ("NPTS=    400, ", ""))
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    assert "no NPTS" in outcome.warnings[0][1]
+
+
+def test_numbers_of_full_columns_are_parted_before_their_signs(tmp_path):
+    for width, folder in ((15, tmp_path / "apart"), (13, tmp_path / "glued")):
+        folder.mkdir()
+        for path in WRITERS["peer"](folder, shaking()):
+            lines = path.read_text().splitlines()
+            numbers = " ".join(lines[4:]).split()
+            rows = ["".join(f"{float(x):{width}.6E}" for x in numbers[i : i + 5]) for i in range(0, 400, 5)]
+            path.write_text("\n".join([*lines[:4], *rows]) + "\n")
+    assert "E-01-" in (tmp_path / "glued" / "RSN9_TEST_STA090.AT2").read_text()
+    apart, glued = (only(imported(tmp_path / name)) for name in ("apart", "glued"))
+    assert apart.sha == glued.sha

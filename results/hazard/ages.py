@@ -1,11 +1,12 @@
-"""How long rocks have stood as fragile as they are: distributions of ages, alone and of several rocks together.
+"""Ages of rocks: distributions of the time that they have been as fragile as now, for one and for several rocks.
 
-Survival over an uncertain age A is E[exp(-nu A)], the mean over draws of A. An age is kept as equally likely years:
-the midpoints of `_AGE_SAMPLES` equal shares of its distribution: survival over a normal age is right to 2e-4 of it.
+Survival over an uncertain age A is E[exp(-nu A)], the mean over draws of A. An age is stored as equally likely years,
+the quantiles at the midpoints of `_AGE_SAMPLES` equal intervals of probability: the relative error of survival over a
+normal age is 2e-4.
 
-What counts is how long a rock has been as fragile as now. It was uncovered at an exposure age A, and may have been
-buried or stouter until some later date F: over the last min(A, F) years it could topple as it can today, and before
-that not at all, or with its medians multiplied by a factor.
+What matters is how long a rock has been as fragile as now. It was exposed at an age A, and may have been buried or less
+fragile until some later date F: in the last min(A, F) years it could topple as it can today, and before that not at
+all, or with its medians multiplied by a factor.
 """
 
 import csv
@@ -25,20 +26,21 @@ from toppling.models.files.csv_text import plain_table
 from toppling.models.files.text_file import text_given
 
 _AGE_SAMPLES = 400
+"""Number of equally likely years that represent an age."""
 _LARGEST_BYTES = 10_000_000
-"""Of a file of ages."""
+"""Largest file of ages that is read, bytes."""
 
 _UNITS = {**dict.fromkeys(("years", "year", "yr", "a"), 1.0), **dict.fromkeys(("ka", "kyr"), 1e3)}
-"""Years of one unit."""
+"""Years per unit of age."""
 _NUMBER = r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
 _AGE = re.compile(
     rf"{_NUMBER}\s*(?:(±|\+/?-|\.\.|\*/)\s*{_NUMBER})?\s*({'|'.join(_UNITS)})?", re.ASCII | re.IGNORECASE
 )
-"""An age, or its mean and standard deviation, its bounds, or its median and factor; and the unit."""
+"""Pattern of an age, or of its mean and standard deviation, bounds, or median and factor, with its unit."""
 _DOTTED = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
-"""Dots between thousands; nobody states an age in years to a thousandth of one."""
+"""Pattern of dots between thousands; no age is stated in thousandths of a year."""
 _LONGEST = 200
-"""Characters of an age in words."""
+"""Maximum number of characters of an age."""
 
 _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 """States of a rock at some past time."""
@@ -46,9 +48,9 @@ _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """How long which rocks stood together, in each draw of their ages."""
+    """Time that sets of rocks stood together, in each draw of their ages."""
 
-    # (s, rocks): `_ABSENT`, `AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
+    # (s, rocks): `_ABSENT`, `AS_NOW` or `STOUTER` (less fragile); an absent rock cannot topple.
     states: NDArray[np.int8]
     years: Array  # (s, draws): time spent in each state
 
@@ -58,27 +60,27 @@ class Exposure:
 
     @property
     def of_rocks(self) -> Array:
-        """Years that each rock stood, (rocks, draws)."""
+        """Years that each rock has stood, (rocks, draws)."""
         return (self.states != _ABSENT).astype(float).T @ self.years
 
 
 @dataclass(frozen=True, eq=False)
 class Since:
-    """When a rock became as fragile as it is."""
+    """Date at which a rock became as fragile as it is now."""
 
     years: Array  # (n,): equally likely years before the present
-    factor: float = math.inf  # medians before that, over today's; infinite for a rock that could not topple
+    factor: float = math.inf  # earlier medians over today's; infinite for a rock that could not topple
 
 
 def unit_years(name: str) -> float | None:
-    """Years of the unit in the name of a column of ages: `years`, `age (ka)`; None if it names none.
+    """Years per unit of a column of ages, from its name (`years`, `age (ka)`); None without a unit.
 
     Examples
     --------
     >>> [unit_years(name) for name in ("Age [ka]", "age_yr", "year", "site")]
     [1000.0, 1.0, None, None]
     """
-    if name.strip().lower() == "year":  # of a calendar
+    if name.strip().lower() == "year":  # a calendar year
         return None
     bare = re.sub(r"[\s_()\[\]]+", " ", name.lower())
     return _UNITS.get(bare.replace("age", "", 1).strip())
@@ -87,13 +89,13 @@ def unit_years(name: str) -> float | None:
 def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
     """Read an age as equally likely years.
 
-    text: in years, or in thousands of them with `ka` behind it: `20000`, `20 ka`; `15000..30000` or `15..30 ka`
-    (uniform); `20000+-3000` or `20 ± 3 ka` (normal with a standard deviation, cut at zero); `20000*/1.2` (lognormal:
-    its median, and the factor of one standard deviation); or a path to a CSV of draws, with the header `years` (or
-    `ka`) and perhaps a second column `weight`.
+    text: age in years, or in thousands with the unit `ka`: `20000`, `20 ka`; `15000..30000` or `15..30 ka`
+    (uniform); `20000+-3000` or `20 ± 3 ka` (normal with a standard deviation, truncated at zero); `20000*/1.2`
+    (lognormal: median, and factor of one standard deviation); or a path to a CSV of draws, with the header `years` (or
+    `ka`) and optionally a second column `weight`.
     where: option that states it, for errors.
     files: whether it may be a path.
-    Returns (n,) array: one year where it is known, else `_AGE_SAMPLES`.
+    Returns (n,) array: a single value for an exact age, else `_AGE_SAMPLES`.
     Raises InputError if the text is none of these, or the file has no header.
     """
     try:
@@ -115,7 +117,7 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
 
 
 def age_given(text: str, since: str = "") -> str:
-    """An age as it was stated, with its unit: `15 ± 3 ka`, `20000 years`; and since when the rock has been as fragile.
+    """Label of an age as given, with its unit, and the date since which the rock has been as fragile as now.
 
     Examples
     --------
@@ -128,9 +130,9 @@ def age_given(text: str, since: str = "") -> str:
 
 
 def parse_since(text: str) -> Since:
-    """Read when a rock became as fragile as it is: an age, or an age and the factor of its medians before, `8000:1.5`.
+    """Read the date at which a rock became as fragile as now: an age, or age and factor of earlier medians `8000:1.5`.
 
-    Raises InputError if the age is none, or the factor is not above 1.
+    Raises InputError if the age is invalid, or the factor is not above 1.
     """
     age, colon, stouter = text.rpartition(":")
     if not colon or _is_file(text):
@@ -154,11 +156,11 @@ def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: f
     """Draw the ages of several rocks together.
 
     ages: equally likely years of each rock.
-    common_date: all rocks were uncovered by one event: each draw has one age for all. Needs one distribution for all.
-    common_error: standard deviation of a relative error s that the dates share, such as that of a production rate:
-    A_i = A_i0 (1 + s), where A_i0 is as `ages` state it. Cut where an age would not be positive.
+    common_date: whether all rocks were exposed by one event: each draw has one age for all. Needs equal distributions.
+    common_error: standard deviation of a relative error s common to all dates, such as that of a production rate:
+    A_i = A_i0 (1 + s), where A_i0 is distributed as `ages`. Truncated where an age would not be positive.
     Returns (draws, rocks) array.
-    Raises InputError if rocks of one date have different ages.
+    Raises InputError if rocks with a common date have different ages.
     """
     draws = max([_AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
     random = np.random.default_rng(0)  # the same ages at every call
@@ -185,16 +187,16 @@ def joint_ages(ages: Sequence[Array], common_date: bool = False, common_error: f
 
 
 def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposure:
-    """Find the sets of rocks that stood together, in which state, and how long in each draw.
+    """Find the sets of rocks that stood together, their states, and the years of each in every draw.
 
     ages: (draws, rocks), from `joint_ages`.
-    since: one a rock; None for one that has been as fragile as now since it stands.
+    since: date of fragility of each rock; None for a rock that has always been as fragile as now.
     """
     late = [None] * ages.shape[1] if since is None else list(since)
     draws = max(len(ages), *(len(one.years) for one in late if one), 1)
     ages = np.resize(ages, (draws, ages.shape[1]))
-    fragile = ages.copy()  # the lesser of a rock's age and its date of fragility
-    random = np.random.default_rng([0, 1])  # in which order dates of fragility meet ages
+    fragile = ages.copy()  # minimum of a rock's age and its date of fragility
+    random = np.random.default_rng([0, 1])  # pairs dates of fragility with ages
     for number, one in enumerate(late):
         if one is not None:
             fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(one.years, draws)))
@@ -213,11 +215,12 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
 
 
 _WIDEST, _SUREST, _UNSUREST = 500.0, 2000.0, 3.0
-"""Ratio of a range's ends, and of an age to its uncertainty and back, from which on one is in thousands: 15-30,000."""
+"""Limits beyond which two numbers must have different units (years, thousands): ratio of a range's ends, of an age to
+its uncertainty, and of an uncertainty to its age."""
 
 
 def _is_file(text: str) -> bool:
-    """Whether a text names a file; one longer than any name does not."""
+    """Whether a text names a file; False where it is too long for a name."""
     try:
         return Path(text).is_file()
     except OSError:
@@ -225,7 +228,7 @@ def _is_file(text: str) -> bool:
 
 
 def _of_words(text: str) -> Array:
-    """Years of an age in words; not a number of one that is none."""
+    """Equally likely years of an age given as text; NaN if it is invalid."""
     found = _AGE.fullmatch(text.strip()) if len(text) <= _LONGEST else None
     if found is None:
         return np.array([math.nan])
@@ -250,7 +253,7 @@ def _levels(count: int) -> Array:
 
 
 def _normal(mean: float, deviation: float, least: float, levels: Array) -> Array:
-    """Quantiles of a normal variable that is cut below."""
+    """Quantiles of a normal variable truncated below at `least`; NaN if it is invalid."""
     if not deviation > 0:
         return np.array([math.nan])
     floor = ndtr((least - mean) / deviation)
@@ -265,7 +268,7 @@ def _of_file(path: Path) -> Array:
 
 
 def _read_ages(path: Path) -> tuple[Array, Array]:
-    """Years and weights of a file, weights of one where it has none."""
+    """Years and weights from a file; unit weights where it has none."""
     lines = plain_table(text_given(path, _file_error, _LARGEST_BYTES).splitlines())
     try:
         rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if any(row)]

@@ -1,4 +1,4 @@
-"""A hazard curve, and the rate at which its motions topple rocks (`toppling.results.hazard` has the formulae)."""
+"""Hazard curves, and their conversion to discrete events for integrals (formulae: `toppling.results.hazard`)."""
 
 import math
 from collections.abc import Sequence
@@ -13,38 +13,36 @@ from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal
 
 NODES_PER_E_FOLD = 400
-"""Points of the integration in an interval where intensity grows by e.
+"""Number of integration nodes per factor e of intensity.
 
-Under a power law of exponent k the rate comes out too large by (k / 400)^2 / 24 of it: 1e-6 for k = 2, 2.3e-6 for
-3. A nearly sharp fragility (beta below .02) adds up to 4.4e-5 k, the most where beta is a third of an interval; a
-sharp one adds nothing.
+Under a power law of exponent k the relative error of the rate is (k / 400)^2 / 24: 1e-6 for k = 2, 2.3e-6 for k = 3. A
+nearly sharp fragility (beta below 0.02) adds up to 4.4e-5 k, most where beta is a third of an interval.
 """
 
 _PRINTED = 2e-6
-"""Share by which a value may exceed the one at a lower level: files print seven figures, some six."""
+"""Relative amount by which a value may exceed that at a lower level: files print seven digits, some six."""
 
 
 @dataclass(frozen=True, eq=False)
 class HazardCurve:
-    """Annual rate at which an intensity is exceeded at a site, a power law between its points."""
+    """Annual rate of exceedance of an intensity at a site, a power law between its points."""
 
     name: str
-    # Column of the results that the intensity is a value of, such as pga_m_s2; sa_0.2s_m_s2 for other
-    # periods.
+    # Column of the results, such as pga_m_s2; sa_0.2s_m_s2 for other periods.
     measure: str
     # (n,): increasing and positive, in the measure's SI unit. A branch of a tree may have fewer than two
     # points, where no event of its catalogue was strong enough.
     intensity: NDArray[np.float64]
     annual_rate: NDArray[np.float64]  # (n,): positive and finite, not increasing
-    # (longitude, latitude): degrees; where its file says that it holds.
+    # (longitude, latitude) in degrees of the file's site.
     site: tuple[float, float] | None = None
-    site_name: str = ""  # as the file has it, if it does
-    component: str = ""  # horizontal component, such as RotD50, where it is known
+    site_name: str = ""  # name in the file, if any
+    component: str = ""  # horizontal component, such as RotD50, where known
     source: str = ""  # file that it was read from
-    assumed: str = ""  # a sentence on the unit of its levels, where only the measure's name implies it
-    years: float | None = None  # time that the file's probabilities are over; None where it states rates
-    # Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that
-    # underflowed): they bear no rate, and count where probabilities are averaged over branches.
+    assumed: str = ""  # sentence on the unit of its levels, where only the measure's name implies it
+    years: float | None = None  # investigation time of the file's probabilities; None where it states rates
+    # Levels with a stated probability of 1 (unbounded rate) and of 0 (underflow): they have no finite rate, but
+    # count where probabilities are averaged over branches.
     certain: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     never: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
@@ -67,17 +65,17 @@ class HazardCurve:
 
     @property
     def levels(self) -> NDArray[np.float64]:
-        """All levels of the file, with those that bear no rate."""
+        """All levels of the file, including those without a finite rate."""
         return np.concatenate([self.certain, self.intensity, self.never])
 
     @property
     def rates(self) -> NDArray[np.float64]:
-        """Annual rates at `levels`: infinite where exceedance is certain, 0 where it never happens."""
+        """Annual rates at `levels`: infinite where exceedance is certain, 0 where it is impossible."""
         unbounded, none = np.full(len(self.certain), math.inf), np.zeros(len(self.never))
         return np.concatenate([unbounded, self.annual_rate, none])
 
     def stronger(self, factor: float) -> "HazardCurve":
-        """The same curve of motions that are a factor stronger: rate'(x) = rate(x / factor)."""
+        """Curve of motions stronger by a factor: rate'(x) = rate(x / factor)."""
         return replace(
             self, intensity=factor * self.intensity, certain=factor * self.certain, never=factor * self.never
         )
@@ -86,16 +84,15 @@ class HazardCurve:
 def _curve_of_rates(
     name: str, measure: str, x: NDArray[np.float64], rate: NDArray[np.float64], **stated: Any
 ) -> HazardCurve:
-    """Curve of annual rates as a file states them: rates of 0, and infinite ones, become levels without a rate.
+    """Curve from a file's annual rates; rates of 0 and infinite ones become levels without a rate.
 
-    Raises InputError if levels neither rise nor fall throughout, or rates are negative, no numbers, or rise with
-    the level.
+    Raises InputError if levels are not monotonic, or rates are negative, NaN, or rise with the level.
     """
     where = str(stated.get("source") or name)
     expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
     if len(x) > 1 and (np.diff(x) < 0).all():
         x, rate = x[::-1], rate[::-1]
-    if len(x) > 1 and x[0] == 0:  # exceeded by every event: no level of a logarithmic curve
+    if len(x) > 1 and x[0] == 0:  # exceeded by every event, and has no logarithm
         x, rate = x[1:], rate[1:]
     if wrong := _wrong_levels(x):
         raise InputError(
@@ -139,7 +136,7 @@ def _curve_of_rates(
 
 
 def _wrong_levels(x: NDArray[np.float64]) -> str:
-    """What is wrong with the levels of a curve; empty if nothing is."""
+    """Describe an error in the levels of a curve; empty if they are valid."""
     if not len(x):
         return "has no level"
     if not (np.isfinite(x) & (x > 0)).all():
@@ -156,11 +153,11 @@ def _wrong_levels(x: NDArray[np.float64]) -> str:
 def curve_of(
     name: str, measure: str, levels: ArrayLike, values: ArrayLike, years: float = 0.0, **stated: Any
 ) -> HazardCurve:
-    """Curve of what a file states: probabilities of exceedance over some years, or annual rates where these are 0.
+    """Curve from a file's probabilities of exceedance over some years, or from its annual rates where `years` is 0.
 
-    -ln(1 - p) / T is the annual rate of Poisson events. Levels beyond those whose values are numbers are left out.
+    -ln(1 - p) / T is the annual rate of Poisson events. Levels at the ends whose values are NaN are left out.
 
-    Raises InputError as `_curve_of_rates`; if the time is negative, or probabilities lie outside 0 to 1.
+    Raises InputError as `_curve_of_rates`, and if the time is negative or probabilities lie outside 0 to 1.
     """
     x, p = np.asarray(levels, float), np.asarray(values, float)
     known = x[np.isfinite(x) & ~np.isnan(p)]
@@ -191,7 +188,7 @@ def curve_of(
 
 
 def annual_rate_of(probability: ArrayLike, years: float) -> NDArray[np.float64]:
-    """Annual rate of Poisson events with a probability of at least one in some years; infinite for 1."""
+    """Annual rate of Poisson events from the probability of at least one in some years; infinite for 1."""
     with np.errstate(divide="ignore"):
         return -np.log1p(-np.asarray(probability, float)) / years
 
@@ -204,13 +201,13 @@ def probability_of(annual_rate: ArrayLike, years: float) -> NDArray[np.float64]:
 def bearing(
     levels: NDArray[np.float64], rates: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points of a curve that have a rate."""
+    """Points of a curve with a positive, finite rate."""
     positive = (rates > 0) & np.isfinite(rates)
     return levels[positive], rates[positive]
 
 
 def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
-    """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
+    """Intensity exceeded at an annual rate, by log-log interpolation; NaN outside the range of the rates."""
     x, falling = bearing(levels, rates)
     falling = np.minimum.accumulate(falling)
     if len(x) < 2 or not falling[-1] <= annual_rate <= falling[0]:
@@ -219,7 +216,7 @@ def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual
 
 
 def _nodes_between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithms of intensities from the first corner to the last, all corners among them, for an integral."""
+    """Logarithms of integration nodes from the first corner to the last, including all corners."""
     pieces = [
         np.linspace(start, end, math.ceil((end - start) * NODES_PER_E_FOLD), endpoint=False)
         for start, end in pairwise(corners)
@@ -230,10 +227,10 @@ def _nodes_between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def events_of_curves(
     curves: Sequence[HazardCurve], thresholds: Sequence[float] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
+    """Discretise hazard curves: intensities (m,) common to all, and annual rates of their events (curves, m).
 
-    They are as fine as an integral over the curves needs. Corners of the curves and thresholds, such as medians, lie
-    between two intensities: none straddles two power laws or a sharp threshold. All events beyond the last point of a
+    `NODES_PER_E_FOLD` sets the resolution. Points of the curves and thresholds, such as medians, are ends of intervals:
+    none contains parts of two power laws or both sides of a sharp threshold. All events beyond the last point of a
     curve have the intensity of that point.
     """
     bearing = [curve for curve in curves if len(curve.intensity)]
@@ -253,17 +250,17 @@ def events_of_curves(
 
 
 def continued(hazard: HazardCurve, curves: Sequence[Lognormal]) -> HazardCurve:
-    """Hazard curve with what it leaves out: the first segment's power law below, all that topples above.
+    """Extend a hazard curve by the first segment's power law below, and by its last rate at intensities that topple.
 
-    It reaches as far as the rocks' fragilities ask for; the module says where the two ends come from.
+    It extends as far as the rocks' fragilities require; `toppling.results.hazard` explains both ends.
     """
     x, rate = hazard.intensity, hazard.annual_rate
     if len(x) < 2:
         return hazard
     exponent = math.log(rate[0] / rate[1]) / math.log(x[1] / x[0])
-    # F(x) x^-k is a normal density about ln(median) - k beta^2, and nothing is left 8 beta below that.
+    # F(x) x^-k is proportional to a normal density about ln(median) - k beta^2, negligible 8 beta below that.
     low = min(math.log(curve.median) - exponent * curve.beta**2 - 8 * curve.beta for curve in curves)
-    if exponent > 0:  # rates that a double can hold
+    if exponent > 0:  # avoid overflow of the rates
         low = max(low, math.log(x[0]) - 600.0 / exponent)
     high = 2.0 * max(curve.intensity(1 - 1e-12) for curve in curves)
     if math.exp(low) < x[0]:

@@ -1,4 +1,4 @@
-"""Events with annual rates and motions, branch by branch: sets of earthquakes, and hazard curves read as events."""
+"""Events with annual rates and motions for each branch: sets of earthquakes, and hazard curves as events."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,17 +17,17 @@ from toppling.results.hazard.tree import HazardTree
 MEAN = "mean hazard"
 
 _SHARED = 128
-"""Curves whose events share their motions, so that a tree of thousands needs no more memory than one of these."""
+"""Number of curves that are discretised to common events, which bounds memory for a tree of thousands."""
 
 Motions = Mapping[str, Array]
-"""Values of each measure, in its SI unit, of some events; 0 where an event is not felt."""
+"""Values of each measure of some events, in its SI unit; 0 where an event is not felt."""
 
 Fragility = Lognormal | Surface
 
 
 @dataclass(frozen=True)
 class EventSite:
-    """A site of a set of events."""
+    """Site at which a set of events is felt."""
 
     name: str
     place: tuple[float, float] | None = None  # (longitude, latitude): degrees
@@ -35,33 +35,33 @@ class EventSite:
 
 @dataclass(frozen=True, eq=False)
 class EventBranch:
-    """Events of one branch, or of one model."""
+    """Events of one branch of a hazard model."""
 
     name: str
     rate: Array  # (m,): annual rate of each event
     # mapping of (m, sites): by measure, in its SI unit; 0 where an event is not felt. Branches may share it.
     motions: Motions
-    weight: float = 1.0  # of this branch among others
-    model: str = ""  # its ground-motion model, where the branches' names tell it
+    weight: float = 1.0  # weight among the branches
+    model: str = ""  # ground-motion model, where the branch's name contains it
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Branches that share their events' motions."""
+    """Branches with the same events, and their rates."""
 
     numbers: list[int]
     motions: Motions
     rates: Array  # (branches, m)
 
     def chosen(self, some: NDArray) -> "Group":
-        """Some of the events (m,) alone."""
+        """Group of a subset of the events (m,)."""
         return Group(
             self.numbers, {name: each[some] for name, each in self.motions.items()}, self.rates[:, some]
         )
 
 
 def _groups_of(branches: Sequence[EventBranch]) -> list[Group]:
-    """Branches by the motions that they share."""
+    """Group branches that share the motions of their events."""
     alike: dict[int, list[int]] = {}
     for number, branch in enumerate(branches):
         alike.setdefault(id(branch.motions), []).append(number)
@@ -73,23 +73,22 @@ def _groups_of(branches: Sequence[EventBranch]) -> list[Group]:
 
 @dataclass(frozen=True, eq=False)
 class EventSet:
-    """Branches of events that are felt at the same sites."""
+    """Hazard as events: branches whose events are felt at the same sites."""
 
     sites: tuple[EventSite, ...]
     branches: tuple[EventBranch, ...]
     source: str  # file or folder
-    # Time that the events of each branch were simulated for, where they are a catalogue.
+    # Simulated time of each branch's catalogue, if the events are one.
     years: float | None = None
-    notes: tuple[str, ...] = ()  # what a reader of the answer should know
-    # Whether the events are a sample, whose rates are uncertain by chance; not where they stand for hazard
-    # curves.
+    notes: tuple[str, ...] = ()  # remarks for a reader of the results
+    # Whether the events are a random sample with uncertain rates; False where they represent hazard curves.
     sampled: bool = True
-    # The branches again, once for each of several equally likely readings of what the hazard leaves open;
-    # intervals are over them. Empty where nothing is left open.
+    # Alternative, equally likely versions of the branches (such as of an unknown joint rate), which intervals include;
+    # empty where the hazard is unambiguous.
     readings: tuple[tuple[EventBranch, ...], ...] = ()
-    # Whether two measures of one event vary together as in earthquakes.
+    # Whether the residuals of two measures of one event are correlated as in earthquakes.
     correlated: bool = True
-    # Events of the mean hazard; None where it is the branches' events at their rates times the weights.
+    # Events of the mean hazard; None for the branches' events with their weighted rates.
     mean: EventBranch | None = None
 
     @property
@@ -99,24 +98,24 @@ class EventSet:
 
     @property
     def prior(self) -> Array:
-        """Weights of the branches, which sum to 1."""
+        """Normalised prior weights of the branches."""
         weights = np.array([branch.weight for branch in self.branches])
         return weights / weights.sum()
 
     @cached_property
     def groups(self) -> list[Group]:
-        """The branches and, last, the mean hazard, by the motions that they share."""
+        """Groups of the branches and, last, the mean hazard, by common motions."""
         return _groups_of([*self.branches, self.mean or _together(self.branches, self.prior)])
 
     @cached_property
     def drawn_groups(self) -> list[list[Group]]:
-        """The branches of each reading, without the mean hazard unless it has events of its own."""
+        """Groups of the branches of each of `readings`, with the mean hazard only if it has its own events."""
         own = [self.mean] if self.mean else []
         return [_groups_of([*branches, *own]) for branches in self.readings or (self.branches,)]
 
 
 def _together(branches: Sequence[EventBranch], prior: Array) -> EventBranch:
-    """The events of all branches, at their rates times the branches' weights."""
+    """Mean hazard: the events of all branches, with rates multiplied by the branches' weights."""
     rates = [w * branch.rate for w, branch in zip(prior, branches, strict=True)]
     motions = {name: np.concatenate([one.motions[name] for one in branches]) for name in branches[0].motions}
     return EventBranch(MEAN, np.concatenate(rates), motions)
@@ -124,23 +123,23 @@ def _together(branches: Sequence[EventBranch], prior: Array) -> EventBranch:
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A rock that has stood through events."""
+    """A rock that still stands."""
 
     name: str
     fragility: Fragility
-    site: int = 0  # number of its site among those of the events
-    since: Since | None = None  # when it became as fragile as it is; None where it has always been
-    age: str = ""  # how long it has stood, as it was stated
+    site: int = 0  # index of its site among those of the events
+    since: Since | None = None  # date at which it became as fragile as now; None where it always was
+    age: str = ""  # label of its age
 
     @property
     def curve(self) -> Lognormal:
-        """Its fragility, of a rock that has one over a single measure."""
+        """Fragility over a single measure; an error for a surface."""
         assert isinstance(self.fragility, Lognormal)
         return self.fragility
 
     @cached_property
     def drawn(self) -> list[Any]:
-        """Its fragility of each resample of the records; none where they are not known."""
+        """Fragility of each resample of the records; empty without resamples."""
         known = self.fragility.resampled
         if known is None or not len(known.fitted):
             return []
@@ -150,7 +149,7 @@ class Standing:
 
 
 def events_of_tree(tree: HazardTree, rocks: Sequence[Standing], mean: HazardCurve) -> EventSet:
-    """Curves of a tree, and of its mean, as events: the falls of their rates from level to level."""
+    """Events of a tree's curves and their mean: the differences of rates between levels."""
     medians = [rock.curve.median for rock in rocks]
     curves = [*tree.curves, mean]
     found: list[EventBranch] = []

@@ -1,4 +1,4 @@
-"""A hazard written back as OpenQuake's realisations, with the weights that the rocks give them."""
+"""Export of a hazard as OpenQuake realisations, with the posterior weights."""
 
 import csv
 import io
@@ -19,14 +19,14 @@ from toppling.results.hazard.tree import FRACTILES, statistics_of
 from toppling.results.hazard.update import Update
 
 _YEARS_OF_RATES = 50.0
-"""Investigation time of probabilities that rates are written as; the engine states no rates."""
-
+"""Investigation time of the probabilities written for annual rates, years: OpenQuake's files state no rates."""
 _YEARS_OF_EVENTS = 1.0
+"""Investigation time of the probabilities written for a set of events, years."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Curves:
-    """Rates of one measure: of each branch, their updated mean and fractiles, by kind; a row a site."""
+    """Rates of one measure: branches, updated mean and fractiles, by OpenQuake's kind; a row per site."""
 
     measure: str
     levels: Array
@@ -37,12 +37,12 @@ class _Curves:
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
     """Write realizations.csv with the posterior weights, each branch's curve, and their updated mean and fractiles.
 
-    Those of a set of events are counted from them at the rocks' sites, with probabilities in `_YEARS_OF_EVENTS`, so
-    that their mean over branches is that of the rates.
+    Curves of a set of events are counted at the rocks' sites, with probabilities in `_YEARS_OF_EVENTS`, so that
+    their mean over branches is that of the rates.
 
-    update: its sites state their places.
-    folder: made if absent.
-    ratio: by which the hazard's motions were multiplied: the files are for its own component again.
+    update: update whose sites have coordinates.
+    folder: output folder, created if absent.
+    ratio: factor by which the hazard's motions were multiplied; the files are for its original component.
     Yields each file once it is complete.
     """
     tree, events, weights = update.tree, update.events, update.posterior
@@ -74,7 +74,7 @@ def _kinds(
     numbers: Sequence[int], rates: Array, mean: Array,
     fractiles: Mapping[float, Array],
 ) -> dict[str, Array]:  # fmt: skip
-    """Rates (sites, levels) by OpenQuake's name of their kind."""
+    """Rates (sites, levels) by OpenQuake's name of their kind of curve."""
     kinds = {f"rlz-{number:03}": rate for number, rate in zip(numbers, rates, strict=True)}
     return kinds | {"mean": mean} | {f"quantile-{q:g}": rate for q, rate in fractiles.items()}
 
@@ -112,7 +112,7 @@ def _write(
 
 
 def _written(target: Path, header: str, rows: list[list[str]]) -> Path:
-    """A file as the engine writes it: its first line ends with one quoted cell of pairs."""
+    """Write a file in the engine's format: the first line ends with one quoted cell of key-value pairs."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     first = "#" + "," * (len(rows[0]) - 1) + f'"{header}"\n'

@@ -14,13 +14,13 @@ from toppling.models.files.documents import read_json
 from toppling.results.hazard.places import EARTH_RADIUS_KM
 
 _NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
-"""Properties that may hold a fault's name, in this order."""
+"""Properties that may contain a fault's name, by precedence."""
 
 _MAGNITUDES = ("magnitude", "mag", "Mw", "mw", "max_mag", "mag_max", "maximum_magnitude")
-"""Properties that may hold the magnitude of its earthquake."""
+"""Properties that may contain the magnitude of a fault's earthquake, by precedence."""
 
 _STEP_DEG = 0.05
-"""Longest piece of a line that is drawn straight on the map."""
+"""Maximum length of a segment drawn straight on the map, degrees of longitude or latitude."""
 
 
 _fault_error = refusals(
@@ -31,25 +31,25 @@ _fault_error = refusals(
 
 @dataclass(frozen=True, eq=False)
 class FaultTrace:
-    """A fault's trace."""
+    """Trace of a fault."""
 
     name: str
-    # tuple of (n, 2): points in km east and north of the rock: distances and directions from the rock are
-    # those of the great circle.
+    # tuple of (n, 2): points in km east and north of the rock (azimuthal equidistant: great-circle distances and
+    # azimuths from the rock are true).
     lines: tuple[Array, ...]
-    magnitude: float | None = None  # of its earthquake, where the file states one
+    magnitude: float | None = None  # magnitude of its earthquake, where the file states one
 
     @property
     def distance_km(self) -> float:
-        """Least distance of the trace from the rock."""
+        """Minimum distance of the trace from the rock."""
         return min(_least_distance(line) for line in self.lines)
 
 
 def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     """Read fault traces from GeoJSON: lines in longitude and latitude, with a name and perhaps a magnitude.
 
-    site: (longitude, latitude), of the rock, degrees.
-    Raises InputError if the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
+    site: (longitude, latitude) of the rock in degrees.
+    Raises InputError if the file is absent, is not GeoJSON, contains no line, or has invalid coordinates.
     """
     features = list(_features(read_json(path, _fault_error)))
     traces = []
@@ -74,7 +74,7 @@ def _features(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
 
 
 def _lines(geometry: Any) -> Iterator[Sequence[Any]]:
-    """Lines of a geometry: traces, and the outlines of polygons."""
+    """Coordinates of a geometry's lines: traces, and the outlines of polygons."""
     if not isinstance(geometry, dict):
         return
     kind, coordinates = geometry.get("type"), geometry.get("coordinates")
@@ -104,7 +104,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
 
 
 def _straight(points_deg: Array) -> Array:
-    """Points of lines that are straight in longitude and latitude, as GeoJSON has them, close enough to be mapped."""
+    """Densify a line that is straight in longitude and latitude, as in GeoJSON, to `_STEP_DEG` for projection."""
     steps = np.maximum(np.ceil(np.abs(np.diff(points_deg, axis=0)).max(axis=1) / _STEP_DEG).astype(int), 1)
     places = np.concatenate([number + np.arange(count) / count for number, count in enumerate(steps)])
     places = np.append(places, len(points_deg) - 1.0)
@@ -113,7 +113,7 @@ def _straight(points_deg: Array) -> Array:
 
 
 def azimuthal_km(points_deg: Array, site: tuple[float, float]) -> Array:
-    """Points (n, 2) of longitude and latitude in km east and north of a site: azimuthal equidistant.
+    """Project points (n, 2) of longitude and latitude to km east and north of a site: azimuthal equidistant.
 
     Snyder (1987, Map projections: a working manual, USGS Professional Paper 1395), equations 5-3, 22-4 and 22-5.
     """
@@ -129,7 +129,7 @@ def azimuthal_km(points_deg: Array, site: tuple[float, float]) -> Array:
 
 
 def _least_distance(line: Array) -> float:
-    """Distance of the origin from a line of straight pieces."""
+    """Distance of the origin from a polyline."""
     start, along = line[:-1], np.diff(line, axis=0)
     length = (along**2).sum(axis=1)
     share = np.clip(-(start * along).sum(axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)

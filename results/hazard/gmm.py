@@ -1,8 +1,8 @@
-"""Ground-motion models of the optional package pygmm: median and spread of a measure, given magnitude and distance.
+"""Ground-motion models of the optional package pygmm: median and sigma of a measure, given magnitude and distance.
 
-pygmm (MIT, 0.2 MB, no dependencies that are not here) is taken over OpenQuake's hazardlib (AGPL, 156 MB, with GDAL):
-both give the same numbers for Boore et al. (2014) (0.14971 g and 12.837 cm/s at magnitude 7, 20 km, Vs30 760 m/s). It
-has no subduction set and no NGA-East.
+pygmm (MIT, 0.2 MB, no new dependencies) is preferred to OpenQuake's hazardlib (AGPL, 156 MB, with GDAL): both give the
+same numbers for Boore et al. (2014) (0.14971 g and 12.837 cm/s at magnitude 7, 20 km, Vs30 760 m/s). It has no
+subduction models and no NGA-East.
 """
 
 import importlib
@@ -31,29 +31,29 @@ MODELS = {
     "c03": "Campbell2003",
     "tp05": "TavakoliPezeshk05",
 }
-"""Class of pygmm by the name that is given here.
+"""pygmm's class of each model, by the name used here.
 
-Left out: Atkinson and Boore (2006) and Pezeshk et al. (2011), whose standard deviations pygmm 0.8 states in base 10
-where the others are natural, and the PGV of the former a thousand times too low.
+Left out: Atkinson and Boore (2006) and Pezeshk et al. (2011), whose standard deviations pygmm 0.8 gives in base 10
+instead of natural logarithms, and the PGV of the former a thousand times too low.
 """
 
 MECHANISMS = ("SS", "NS", "RS", "U")
-"""Strike slip, normal, reverse, unknown."""
+"""Styles of faulting: strike slip, normal, reverse, unknown."""
 
 MEASURES = {"pga_m_s2": None, "pgv_m_s": None, "sa_1s_m_s2": 1.0, "sa_2s_m_s2": 2.0}
-"""Measures that models give, and the period of a spectral one."""
+"""Measures that the models predict, with the period of spectral accelerations, s."""
 
 _MAGNITUDES = (4.5, 8.5)
 _DISTANCES_KM = (1.0, 300.0)
-"""Widest range that is asked for; each model has its own within it."""
+"""Ranges of magnitude and distance (km) that models are evaluated in; each model's own limits narrow them."""
 
 
 @dataclass(frozen=True)
 class GroundMotionModel:
     """A ground-motion model for one measure, site and style of faulting.
 
-    The site lies beside a fault whose top edge is `depth_top_km` deep, on its footwall where it dips: the distance is
-    that to the surface above the top edge (Joyner-Boore), from which the distance to the rupture follows.
+    The site lies on the footwall of a fault whose top edge is `depth_top_km` deep: the distance is that to the surface
+    above the top edge (Joyner-Boore), from which the distance to the rupture follows.
 
     Raises InputError if pygmm is not installed, the model is unknown, or does not cover the site or the mechanism.
     """
@@ -62,10 +62,10 @@ class GroundMotionModel:
     measure: str  # column of the results
     vs30_m_s: float  # shear-wave velocity of the upper 30 m at the rock
     mechanism: str = "SS"  # one of `MECHANISMS`
-    # Of the fault.
+    # Dip of the fault, and depth of its top edge.
     dip_deg: float = 90.0
     depth_top_km: float = 0.0
-    # Peak of the horizontal vector over the model's component (RotD50 for the NGA-West2 models).
+    # Ratio of the horizontal vector's peak to the model's component (RotD50 for the NGA-West2 models).
     ratio: float = 1.0
 
     def __post_init__(self) -> None:
@@ -116,22 +116,22 @@ class GroundMotionModel:
 
     @property
     def magnitudes(self) -> tuple[float, float]:
-        """Range that the model is for."""
+        """Range of magnitudes of the model."""
         return self._within("mag", _MAGNITUDES)
 
     @property
     def distances_km(self) -> tuple[float, float]:
-        """Range that the model is for."""
+        """Range of distances of the model."""
         name = "dist_jb" if self._limits("dist_rup") is None else "dist_rup"
         return self._within(name, _DISTANCES_KM)
 
     @property
     def has_site_term(self) -> bool:
-        """Whether the model knows Vs30; others are for hard rock."""
+        """Whether the model depends on Vs30; others are for hard rock."""
         return any(one.name == "v_s30" for one in self._class.PARAMS)
 
     def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[NDArray, NDArray]:
-        """Logarithm of the median, in SI, and its standard deviation, of each pair of magnitude and distance."""
+        """Natural logarithm of the median (SI) and sigma, for broadcast magnitudes and distances."""
         pairs = np.broadcast(np.asarray(magnitude, float), np.asarray(distance_km, float))
         found = np.array([self._one(*pair) for pair in pairs]).reshape(*pairs.shape, 2)
         return found[..., 0], found[..., 1]
@@ -184,7 +184,7 @@ class GroundMotionModel:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep pygmm's warnings off: what lies outside a model's limits is not asked for."""
+    """Silence pygmm's warnings: models are not evaluated outside their limits."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

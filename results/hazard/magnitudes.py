@@ -1,11 +1,11 @@
-"""Magnitudes and distances that a rock's standing excludes, given a ground-motion model.
+"""Magnitudes and distances that a standing rock excludes, given a ground-motion model.
 
 An earthquake of magnitude M at a distance R gives a median motion exp(mu) with a spread sigma, and topples a rock of
 lognormal fragility (median theta, spread beta) with
 
     P(M, R) = Phi((mu - ln theta) / sqrt(sigma^2 + beta^2)),
 
-exactly; of any other fragility with the integral of F over the motion's lognormal. One such earthquake is excluded with
+exactly; for any other fragility, the integral of F over the motion's lognormal. One such earthquake is excluded with
 confidence C where P >= C, n of them where 1 - (1 - P)^n >= C, and a source that repeats it every T years (Poisson) over
 an uncertain age A where E[exp(-P A / T)] <= 1 - C. Models are averaged by their weights: P = sum w P.
 """
@@ -27,44 +27,40 @@ from toppling.results.hazard.gmm import GroundMotionModel
 from toppling.results.hazard.survival import greatest_rate
 
 _MAGNITUDE_STEP = 0.1
+"""Step of the grid of magnitudes."""
 _DISTANCES = 40
-"""In equal steps of the logarithm."""
-
+"""Number of distances of the grid, in equal steps of the logarithm."""
 _QUADRATURE = np.linspace(-8.0, 8.0, 2001)
-"""Standard deviations of ln(motion) over which fragilities that are not lognormal are integrated."""
-
+"""Nodes in standard deviations of ln(motion) for the integration of fragilities that are not lognormal."""
 TARGETS = (6.0, 6.5, 7.0, 7.5)
-"""Magnitudes whose least distances are told."""
+"""Magnitudes for which the smallest allowed distance is reported."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionGrid:
-    """Motions of some models over magnitude and distance."""
+    """Motions of some models on a grid of magnitudes and distances."""
 
     magnitude: Array  # (m,)
     distance_km: Array  # (r,)
-    # (models, m, r): of the logarithm of the motion in SI.
+    # (models, m, r): mean and standard deviation of the logarithm of the motion in SI.
     mean: Array
     sigma: Array
-    weights: Array  # (models,): summing to 1
+    weights: Array  # (models,): weights of the models, summing to 1
 
 
 @dataclass(frozen=True)
 class Occurrence:
-    """How often an earthquake has happened while the rock stood."""
+    """Occurrences of an earthquake while the rock stood."""
 
     name: str  # such as "one event"
-    # Toppling probability of one such earthquake from which on it is excluded; above 1 where none can be.
+    # Smallest toppling probability of a single earthquake that excludes it; above 1 where none can be excluded.
     probability: float
 
 
 def toppling_probability(
     fragility: Lognormal | Callable[[NDArray], NDArray], mean: ArrayLike, sigma: ArrayLike
 ) -> Array:
-    """Probability that motions with a lognormal distribution topple a rock.
-
-    mean, sigma: of the logarithm of the motion.
-    """
+    """Probability that motions topple a rock; `mean` and `sigma` are those of the logarithm of the motion."""
     centre, spread = np.broadcast_arrays(np.asarray(mean, float), np.asarray(sigma, float))
     if isinstance(fragility, Lognormal):
         if fragility.median == math.inf:
@@ -79,10 +75,10 @@ def toppling_probability(
 def motion_grid(
     models: Sequence[GroundMotionModel], weights: Sequence[float], distances_km: ArrayLike | None = None
 ) -> MotionGrid:
-    """Motions of models over the magnitudes and distances that all of them are for.
+    """Motions of models over the magnitudes and distances that are valid for all of them.
 
-    weights: summing to 1.
-    distances_km: instead of those; nearer and farther ones than the models are for count as the nearest and farthest.
+    weights: weights of the models, summing to 1.
+    distances_km: distances of the grid instead; those outside the models' range are clipped to it.
     """
     if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
         raise InputError(
@@ -104,23 +100,20 @@ def motion_grid(
 
 
 def one_event(confidence: float, events: int = 1) -> Occurrence:
-    """An earthquake that has happened a number of times."""
+    """Occurrence of an earthquake a given number of times."""
     name = "one event" if events == 1 else f"{events} events"
     return Occurrence(name, -math.expm1(math.log1p(-confidence) / events))
 
 
 def recurring(confidence: float, years: Array, recurrence_years: float) -> Occurrence:
-    """A source that repeats an earthquake at random, every so many years on average, while the rock stood.
-
-    years: (n,), equally likely ages.
-    """
+    """Poisson occurrence of an earthquake with a mean recurrence time, over equally likely ages `years` (n,)."""
     exposure = np.asarray(years, float) / recurrence_years
     name = f"one event every {recurrence_years:,.0f} years"
     return Occurrence(name, greatest_rate(exposure, 1.0 - confidence))
 
 
 def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:
-    """By how many standard deviations magnitude and distance (m, r) are beyond exclusion: excluded above 0."""
+    """Probit of the toppling probability minus that of exclusion, (m, r): an earthquake is excluded above 0."""
     if occurrence.probability >= 1:
         return np.full(grid.mean.shape[1:], -math.inf)
     shares = np.tensordot(grid.weights, toppling_probability(fragility, grid.mean, grid.sigma), axes=1)
@@ -130,12 +123,11 @@ def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Ar
 def largest_magnitudes(
     grid: MotionGrid, fragility: Lognormal, drawn: Sequence[Lognormal], occurrence: Occurrence
 ) -> pd.DataFrame:
-    """Largest magnitude that the rock's standing allows at each distance.
+    """Largest magnitude that the standing rock allows at each distance.
 
-    drawn: of resampled records; empty where they are not known.
-    Returns DataFrame: one row a distance: distance_km, magnitude (infinite where no magnitude of the models is
-    excluded, minus infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null where not
-    known).
+    drawn: fragilities of resampled records; empty if unknown.
+    Returns DataFrame: one row per distance: distance_km, magnitude (infinite where no magnitude of the models is
+    excluded, minus infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null if unknown).
     """
     return _crossings(
         grid.magnitude, drawn, fragility, lambda one: excess(grid, one, occurrence).T, "distance_km", "magnitude",
@@ -146,12 +138,12 @@ def largest_magnitudes(
 def least_distances(
     grid: MotionGrid, fragility: Lognormal, drawn: Sequence[Lognormal], occurrence: Occurrence
 ) -> pd.DataFrame:
-    """Least distance that the rock's standing allows at each magnitude.
+    """Smallest distance that the standing rock allows at each magnitude.
 
-    Returns DataFrame: one row a magnitude: magnitude, distance_km (0 where no distance of the models is excluded,
-    infinite where all are), distance_km_low, distance_km_high (95 %, resampled records; null where not known).
+    Returns DataFrame: one row per magnitude: magnitude, distance_km (0 where no distance of the models is excluded,
+    infinite where all are), distance_km_low, distance_km_high (95 %, resampled records; null if unknown).
     """
-    # Far is what is allowed: along falling distance the excess rises, as it does along magnitude.
+    # The excess rises with falling distance, as it does with magnitude.
     table = _crossings(
         -np.log(grid.distance_km[::-1]), drawn, fragility, lambda one: excess(grid, one, occurrence)[:, ::-1],
         "magnitude", "distance_km", grid.magnitude,
@@ -173,7 +165,7 @@ def _crossings(
 
 
 def _last_allowed(along: Array, beyond: Array) -> Array:
-    """Value of a rising variable from which on all is excluded, in each row; infinite without one, or if all is."""
+    """Largest allowed value of an increasing variable in each row; inf where none is excluded, -inf where all are."""
     allowed = beyond < 0
     none, whole = ~allowed.any(axis=1), allowed[:, -1]
     last = np.where(none | whole, 0, beyond.shape[1] - 1 - np.argmax(allowed[:, ::-1], axis=1))
@@ -190,12 +182,12 @@ def excluded_bins(
     bins: Sequence[Bin], models: Sequence[GroundMotionModel], weights: Sequence[float], fragility: Lognormal,
     occurrences: Sequence[Occurrence],
 ) -> pd.DataFrame:  # fmt: skip
-    """Toppling probability and verdict of the earthquake in the middle of each bin that contributes.
+    """Toppling probability and exclusion of the earthquake at the centre of each contributing deaggregation bin.
 
-    models, weights: ground-motion models, and their weights.
-    Returns DataFrame: one row an occurrence and bin: occurrence, magnitude, distance_km (middles), share (of the hazard
-    that is taken apart), topples (probability that one such earthquake topples the rock), excluded, beyond_models
-    (outside what the models are for, taken as their nearest). The largest share first.
+    models, weights: ground-motion models and their weights.
+    Returns DataFrame: one row per occurrence and bin: occurrence, magnitude, distance_km (centres), share (fraction of
+    the deaggregated hazard), topples (probability that one such earthquake topples the rock), excluded, beyond_models
+    (whether it was clipped to the models' range). The largest contribution first.
     """
     known = [one for one in bins if one.contribution > 0]
     magnitude = np.array([math.fsum(one.magnitude) / 2 for one in known])
@@ -217,7 +209,7 @@ def excluded_bins(
 
 
 def bins_words(table: pd.DataFrame) -> list[str]:
-    """How much of the hazard the rock excludes, an occurrence a line, and its strongest contribution."""
+    """Lines on the excluded fraction of the hazard and the largest contribution, one per occurrence."""
     lines = []
     for occurrence, rows in table.groupby("occurrence", sort=False):
         gone = rows[rows["excluded"]]

@@ -1,4 +1,4 @@
-"""Names and units of intensity measures in hazard files, and the results' columns that they are."""
+"""Names and units of intensity measures in hazard files, and the corresponding columns of the results."""
 
 import re
 from collections.abc import Iterator
@@ -12,26 +12,26 @@ _SA = re.compile(
     rf"SA[ _]?\(?(?:T ?= ?)?{_NUMBER_S} ?(?P<hz>HZ)?{_SECONDS}?\)?|"
     rf"(?:T ?= ?)?{_NUMBER_S}[ -]?(?:{_SECONDS}|(?P<hertz>HZ)) SA|SA(\d+)P(\d+)"
 )
-"""Spectral acceleration at a period, or at a frequency."""
+"""Pattern of a spectral acceleration at a period or a frequency, in capitals."""
 _WORDS = (
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION|^A_?G$"), "PGA"),
     (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
     (re.compile(r"\b(?:PSEUDO[- ])?SPECTRAL ACCELERATION|\bPSA\b"), "SA"),
 )
-"""Words for measures, in capitals."""
+"""Patterns of words for measures, in capitals, and the measures' abbreviations."""
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 UNSCALED = ("arias_m_s", "cav_m_s")
-"""Measures of both horizontal components: no ratio of components applies to them."""
+"""Measures that already combine both horizontal components, so that no ratio of components applies."""
 
 LONGEST_NAME = 200
-"""Characters; a longer text names no column, and is not searched for one."""
+"""Maximum number of characters of a measure's name; a longer text is not parsed."""
 
 _BEFORE_UNIT = re.compile(r"_|,\s*|\s+in\s+|\s+")
-"""What parts a measure from its unit, where no brackets do."""
+"""Separators between a measure and its unit without brackets."""
 
 
 def is_spectral(column: str) -> bool:
-    """Whether a column is a spectral acceleration, at any period: sa_3s_m_s2."""
+    """Whether a column is a spectral acceleration at any period, such as sa_3s_m_s2."""
     return _SA_COLUMN.fullmatch(column) is not None
 
 
@@ -41,16 +41,16 @@ def period_s(column: str) -> float:
 
 
 def quantity_of(column: str) -> Quantity:
-    """What a column of peaks or spectral ordinates is of, by its unit."""
+    """Physical quantity of a column of peaks or spectral ordinates, from its unit."""
     if column.endswith("_m_s2"):
         return "acceleration"
     return "velocity" if column.endswith("_m_s") else "displacement"
 
 
 def measure_of(imt: str) -> tuple[str, float] | None:
-    """Column of a measure as OpenQuake (SA(0.2)) or nshmp-haz (SA0P2) name it, and what its unit is in SI.
+    """Column of a measure named as in OpenQuake (SA(0.2)) or nshmp-haz (SA0P2), and its unit in SI.
 
-    Both state accelerations in g and velocity in cm/s. None for a measure that no column is.
+    Both give accelerations in g and velocity in cm/s. None for a measure without a column.
     """
     imt = " ".join(imt.strip()[:LONGEST_NAME].upper().split())
     for words, short in _WORDS:
@@ -67,7 +67,7 @@ def measure_of(imt: str) -> tuple[str, float] | None:
 
 
 def imt_of(column: str) -> tuple[str, float]:
-    """OpenQuake's name of a column, and the factor from SI to its unit."""
+    """OpenQuake's name of a column, and the factor from SI to OpenQuake's unit."""
     if column in OPENQUAKE:
         return OPENQUAKE[column]
     if found := _SA_COLUMN.fullmatch(column):
@@ -76,7 +76,7 @@ def imt_of(column: str) -> tuple[str, float]:
 
 
 def measure_with_unit(text: str) -> tuple[str, float] | None:
-    """Column and SI factor of a header's words: pga_m_s2, PGA, SA(0.2), PGA (g), PGV [m/s], pgv_cm_s, pga_g."""
+    """Column and SI factor of a header such as pga_m_s2, PGA, SA(0.2), PGA (g), PGV [m/s], pgv_cm_s, pga_g."""
     text = text.strip()
     if len(text) > LONGEST_NAME:
         return None
@@ -88,7 +88,7 @@ def measure_with_unit(text: str) -> tuple[str, float] | None:
 
 
 def _name_and_unit(text: str) -> Iterator[tuple[str, str]]:
-    """Ways to part a header's words into a measure and its unit."""
+    """Possible splits of a header into a measure and its unit."""
     if bracketed := re.fullmatch(r"(.+?)\s*[(\[]([^()\[\]]+)[)\]]", text):
         yield bracketed[1], bracketed[2]
     for sign in _BEFORE_UNIT.finditer(text):
@@ -96,7 +96,7 @@ def _name_and_unit(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _of_unit(name: str, unit_name: str) -> tuple[str, float] | None:
-    """Column of a measure and SI factor of its unit; None if either is not known or the unit is of something else."""
+    """Column of a measure and SI factor of its unit; None if either is unknown or they are of different quantities."""
     known, unit = measure_of(name), unit_of(unit_name)
     if known is None or unit is None or known[0] == "cav_m_s":
         return None

@@ -1,4 +1,4 @@
-"""Places of hazard files and of rocks: how far apart they are, and which site is meant."""
+"""Sites of hazard files and rocks: their distances, and the choice of a site."""
 
 from collections.abc import Sequence
 
@@ -10,22 +10,21 @@ from toppling.models.errors import InputError
 from toppling.models.files.documents import listed
 
 SITE_REACH_KM = 30.0
-"""Farthest that a site of a hazard file may lie from the place that is asked for.
+"""Maximum distance of a hazard file's site from the requested location, km.
 
-A node of a grid of 0.3 degrees is within 24 km of every place, and published grids are of 0.05 to 0.2. Farther off is
-another place: nearer to a fault or beyond it, with another curve.
+A grid of 0.3 degrees has a node within 24 km of every location, and published grids have 0.05 to 0.2 degrees. A site
+farther away may lie on another side of a fault, with a different hazard.
 """
-
 _SAME_SITE_KM = 0.2
-"""Files of one site print its place with five decimals, some with two: nearer than this they mean the same."""
-
+"""Distance below which two locations are the same site, km: files print them with five decimals, some with two."""
 EARTH_RADIUS_KM = 6371.0
+"""Mean radius of the Earth, km."""
 Place = tuple[float, float]
 """Longitude and latitude in degrees."""
 
 
 def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[float, float]) -> Array:
-    """Distances of places from a site (longitude, latitude) along the great circle; 241.9 and -118.1 east are one."""
+    """Great-circle distances from a site (longitude, latitude); longitudes are modulo 360 degrees."""
     east, north, here = (
         np.deg2rad(np.asarray(angle, float)) for angle in (longitude_deg, latitude_deg, site)
     )
@@ -35,15 +34,12 @@ def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[f
 
 
 def some_of(names: Sequence[str]) -> str:
-    """Names in a message, of many the first."""
+    """List names in a message, abbreviated if there are many."""
     return listed(names, 12)
 
 
 def check_place(asked: Place) -> None:
-    """Refuse a place that is none on Earth.
-
-    Raises InputError if it is none.
-    """
+    """Raise InputError if longitude and latitude are out of range."""
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
         raise InputError(
             "site.out_of_range",
@@ -55,10 +51,7 @@ def check_place(asked: Place) -> None:
 
 
 def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
-    """Numbers of the sites of a name, in any case.
-
-    Raises InputError if none has it.
-    """
+    """Indices of the sites with a name, ignoring case; InputError if there are none."""
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
         known = some_of([*dict.fromkeys(filter(None, names))]) or "none that has a name"
@@ -73,9 +66,9 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
 
 
 def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
-    """Number of the site that is meant by a place.
+    """Index of the site nearest to a location.
 
-    Raises InputError if the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
+    Raises InputError if the coordinates are out of range, or the nearest site lies beyond `SITE_REACH_KM`.
     """
     check_place(asked)
     east, north = np.transpose(sites)
@@ -94,5 +87,5 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
 
 
 def same_place(one: Place | None, other: Place | None) -> bool:
-    """Whether two places may be one: nearer than `_SAME_SITE_KM`, or one of them unknown."""
+    """Whether two locations may be the same: nearer than `_SAME_SITE_KM`, or one of them unknown."""
     return one is None or other is None or bool(distance_km(*one, other) <= _SAME_SITE_KM)

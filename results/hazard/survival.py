@@ -1,15 +1,14 @@
-"""Rocks that stand together through events: their survival, what it rejects, and what it allows at most.
+"""Joint survival of rocks through events, the rates that it rejects, and the largest scale factors that it allows.
 
 An event of annual rate r topples at least one of some rocks with 1 - prod(1 - F_i(its motion at rock i)): rocks feel
 the same events, and taking them as independent would be biased. Such events have the rate nu = sum r (1 - prod(1 -
-F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson. Over the years that only the older rocks
-stood, only they could topple. A hazard curve is events too (`curves.events_of_curves`).
+F_i)), and all rocks survive A years with exp(-nu A) (Poisson events). In the years in which only the older rocks
+stood, only these could topple. Hazard curves are converted to events (`curves.events_of_curves`).
 
-Two readings of "scaling a hazard": motions that are a factor s stronger, rate'(x) = rate(x / s), and rates that are a
-factor k higher, rate' = k rate. Each is the factor at which survival falls to a probability: 1 and more says that the
-hazard is compatible as it is. Draws are of what is uncertain: fragilities of other records, ages, the events of a
-catalogue (each occurs a Poisson number of times, as the number of events in a catalogue would), and readings of the
-hazard.
+A hazard is scaled in two ways: motions stronger by a factor s, rate'(x) = rate(x / s), and rates higher by a factor k,
+rate' = k rate. Each factor is that at which survival falls to a given probability: 1 or more means that the unscaled
+hazard is compatible. Uncertainty is drawn from resampled fragilities, ages, the events of a catalogue (each occurs a
+Poisson number of times), and versions of the hazard (`EventSet.readings`).
 """
 
 import math
@@ -31,17 +30,15 @@ from toppling.results.hazard.curves import HazardCurve, continued, events_of_cur
 from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, Standing
 
 _LEAST_LOGARITHM = -745.0
-"""Of a probability of survival: exp gives 0, and 0 times it is 0."""
-
+"""Smallest finite logarithm of a survival probability: its exp underflows to 0."""
 _FURTHEST = math.log(1e3)
-"""Logarithm of the largest factor of motions that is looked for; minus it of the least."""
-
+"""Logarithm of the largest scale factor of motions in a search; the smallest is its inverse."""
 _STEP = math.log(1.05)
-"""Between factors of motions at which draws are computed; rates are power laws between them."""
-
+"""Logarithmic step between scale factors of motions in a draw; rates are power laws between them."""
 _MANY_EVENTS = 2000
+"""Number of events from which negligible ones are left out of a search for factors."""
 _NEGLIGIBLE = 1e-12
-"""Toppling probability of an event ten times stronger below which it is left out of a search for factors."""
+"""Toppling probability at ten times the motion below which an event is negligible."""
 
 
 def topples(fragility: Fragility, motions: Motions) -> Array:
@@ -64,10 +61,10 @@ def topples(fragility: Fragility, motions: Motions) -> Array:
 
 
 def any_topples(rocks: Sequence[Standing], motions: Motions, states: ArrayLike | None = None) -> Array:
-    """Probability that an event topples at least one of the rocks, (s, m) in each of their states.
+    """Probability that each event topples at least one of the rocks, (s, m) for each set of states.
 
-    motions: mapping of (m, sites).
-    states: (s, rocks), of `Exposure`; all rocks as they are unless given.
+    motions: mapping of (m, sites), by measure.
+    states: (s, rocks), of `Exposure`; all rocks as now unless given.
     """
     wanted = np.full((1, len(rocks)), AS_NOW) if states is None else np.asarray(states)
     standing = np.zeros((len(wanted), len(next(iter(motions.values())))))
@@ -87,23 +84,23 @@ def _log_standing(fragility: Fragility, motions: Motions) -> Array:
 
 
 def together(curves: Sequence[Lognormal], intensity: ArrayLike) -> Array:
-    """Probability that an event of some intensity topples at least one rock of some fragilities."""
+    """Probability that an event of a given intensity topples at least one of several rocks."""
     rocks = [Standing("", curve) for curve in curves]
     return any_topples(rocks, {curves[0].measure: np.asarray(intensity, float).reshape(-1, 1)})[0]
 
 
 def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
-    """Annual rate of events that topple at least one of some rocks at a site.
+    """Annual rate of events that topple at least one of several rocks at a site.
 
-    Rates above the hazard curve's last point count with the probability at that point, rates below its first
-    not at all (`unstated_shares`).
+    The rate above the hazard curve's last point has the probability at that point; events below its first are not
+    counted (`unstated_shares`).
     """
     intensity, rates = events_of_curves([hazard], [curve.median for curve in curves])
     return float(together(curves, intensity) @ rates[0])
 
 
 def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
-    """Shares of the toppling rate under the `continued` curve that lie below and above the stated points."""
+    """Fractions of the toppling rate under the `continued` curve from below and above the stated points."""
     stated, whole = (toppling_rate(curves, curve) for curve in (hazard, continued(hazard, curves)))
     if not whole > 0:
         return 0.0, 0.0
@@ -112,7 +109,7 @@ def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[f
 
 
 def rates_by_state(rocks: Sequence[Standing], groups: Sequence[Group], states: NDArray[np.int8]) -> Array:
-    """Annual rate of events that topple at least one of the rocks, of each branch and state (branches, s)."""
+    """Annual rate of events that topple at least one of the rocks, for each branch and set of states (branches, s)."""
     found = np.empty((sum(len(group.numbers) for group in groups), len(states)))
     for group in groups:
         found[group.numbers] = group.rates @ any_topples(rocks, group.motions, states).T
@@ -127,10 +124,10 @@ def survivals(rocks: Sequence[Standing], events: EventSet, exposure: Exposure) -
 def rejected_rate(
     rocks: Sequence[Standing], intensity: ArrayLike, exposure: Exposure, confidence: float = 0.95
 ) -> Array:
-    """Annual rate of exceedance above which an intensity is rejected, whatever the rest of the hazard curve.
+    """Annual rate of exceedance above which an intensity is rejected, independently of the rest of the hazard curve.
 
     Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
-    at most exp(-F(x) lambda(x) T). Returned is the rate at which that bound is 1 - confidence; infinite where
+    at most exp(-F(x) lambda(x) T). The result is the rate at which that bound is 1 - confidence; infinite where
     F(x) is 0.
     """
     motions = {rocks[0].fragility.measures[0]: np.asarray(intensity, float).reshape(-1, 1)}
@@ -139,9 +136,9 @@ def rejected_rate(
 
 
 def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
-    """Intensity that no single event has exceeded, at a confidence, since the rocks stand: F(x) = confidence.
+    """Intensity that no event has exceeded, at a confidence, since the rocks stand: F(x) = confidence.
 
-    What can be said without an age or a hazard curve. Infinite where no curve gets there.
+    Needs neither an age nor a hazard curve. Infinite where the probability stays below the confidence.
     """
     low, high = (min(curve.intensity(share) for curve in curves) for share in (1e-9, confidence))
     if len(curves) == 1 or math.isinf(high):
@@ -150,7 +147,7 @@ def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
 
 
 def greatest_rate(exposure: Array, chance: float) -> float:
-    """Rate at which the mean of exp(-rate x exposure) over draws falls to a chance; infinite without exposure."""
+    """Rate at which the mean of exp(-rate x exposure) over draws falls to `chance`; infinite without exposure."""
     if not exposure.mean() > 0:
         return math.inf
     # The mean of exp(-rate A) lies between exp(-rate mean(A)), by Jensen, and exp(-rate min(A)).
@@ -164,10 +161,9 @@ def greatest_rate(exposure: Array, chance: float) -> float:
 
 
 def scale_factors(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Array:
-    """Largest factor of motions under which the rocks survive with a probability: of each branch, and of the mean.
+    """Largest scale factor of motions with a survival probability of `chance`, for each branch and the mean hazard.
 
-    Infinite where they do however strong the motions are, as there are so few events; 0 where no factor is small
-    enough.
+    Infinite where there are so few events that survival never falls so low; 0 where no factor is small enough.
     """
     found = np.empty(len(events.branches) + 1)
     for group in events.groups:
@@ -184,13 +180,13 @@ def scale_factors(rocks: Sequence[Standing], events: EventSet, exposure: Exposur
 
 
 def _scaled(rocks: Sequence[Standing], log_factor: float) -> list[Standing]:
-    """Rocks under motions a factor stronger: those that take motions a factor weaker."""
+    """Rocks whose fragility under unscaled motions is that under motions scaled by a factor."""
     factor = math.exp(-log_factor)
     return [replace(rock, fragility=rock.fragility.stouter(factor)) for rock in rocks]
 
 
 def _largest_factor(above: Callable[[float], float]) -> float:
-    """Factor at which a falling function of its logarithm is 0; infinite or 0 where that is far beyond 1."""
+    """Factor at which a decreasing function of its logarithm is 0; infinite or 0 outside the search range."""
     if above(_FURTHEST) > 0:
         return math.inf
     if above(-_FURTHEST) < 0:
@@ -199,7 +195,7 @@ def _largest_factor(above: Callable[[float], float]) -> float:
 
 
 def _felt(rocks: Sequence[Standing], group: Group) -> Group:
-    """Events without those that topple nothing even ten times stronger: a large set has few others."""
+    """Large groups without the events that topple nothing even at ten times the motion."""
     if group.rates.shape[1] < _MANY_EVENTS:
         return group
     return group.chosen(any_topples(_scaled(rocks, math.log(10.0)), group.motions)[0] > _NEGLIGIBLE)
@@ -207,26 +203,25 @@ def _felt(rocks: Sequence[Standing], group: Group) -> Group:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Draws of what is uncertain, and what the rocks say in each."""
+    """Results in each draw of the uncertain quantities."""
 
-    carries: tuple[str, ...]  # what differs between draws: event, fragility, age, joint rate
-    # The bootstrap with the fewest records, which decides how wide an interval has to be; None where the
-    # fragility does not vary.
+    carries: tuple[str, ...]  # varied quantities: event, fragility, age, joint rate
+    # Bootstrap with the fewest records, which sets the expansion of intervals; None where fragilities do not vary.
     records: Resampled | None
-    # (draws, branches), and the mean hazard last: expected topplings since the rocks stand, of which survival
-    # is exp of minus it, and factors of motions.
+    # (draws, branches), the mean hazard last: expected number of topplings since the rocks stand (survival is
+    # exp(-topplings)), and scale factors of motions.
     topplings: Array
     factors: Array
 
     def interval(self, values: Array) -> Array:
-        """Ends of the 95 % interval (2, ...) of values of each draw (draws, ...), which may be infinite."""
+        """Ends (2, ...) of the 95 % interval of values (draws, ...), which may be infinite."""
         return ends(values) if self.records is None else self.records.interval(values)
 
 
 def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Any]], Resampled] | None:
-    """Fragilities of all rocks in each resample, as many as every rock has, and the bootstrap with the fewest records.
+    """Fragilities of all rocks in each common resample, and the bootstrap with the fewest records.
 
-    None unless all rocks' fragilities are known to vary.
+    None unless all rocks have resampled fragilities.
     """
     drawn = [rock.drawn for rock in rocks]
     if not all(drawn):
@@ -236,7 +231,7 @@ def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Any]], Resample
 
 
 def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Draws | None:
-    """Draws of all that is uncertain; None where nothing is."""
+    """Results in draws of all uncertain quantities; None where there are none."""
     known, count = drawn_together(rocks), exposure.years.shape[1]
     vary = {
         "event": events.sampled, "fragility": known is not None, "age": count > 1,
@@ -246,7 +241,7 @@ def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, ch
         return None
     curves, records = known or ([[rock.fragility for rock in rocks]] * SAMPLES, None)
     levels = ((np.arange(len(curves)) + 0.5) * count / len(curves)).astype(int)
-    ages = exposure.years[:, np.random.default_rng(0).permutation(levels)]  # none goes with a resample
+    ages = exposure.years[:, np.random.default_rng(0).permutation(levels)]  # independent of the resamples
     found = [
         _one_draw(
             [replace(rock, fragility=one) for rock, one in zip(rocks, fragilities, strict=True)],
@@ -265,9 +260,9 @@ def _one_draw(
     stood: tuple[NDArray[np.int8], Array],
     chance: float,
 ) -> tuple[Array, Array]:
-    """Expected topplings of a draw, and factors of motions at which survival is a chance: by branch, the mean last.
+    """Expected topplings and scale factors (survival `chance`) of a draw, for each branch and, last, the mean hazard.
 
-    Factors lie on a grid of logarithms, of which each is computed once for all branches that share their events.
+    Factors are interpolated on a logarithmic grid, computed once for all branches with common events.
 
     stood: states of the rocks, and the years in each.
     """
@@ -298,7 +293,7 @@ def _one_draw(
 
 
 def _reached(topplings: Callable[[int], float], enough: float) -> float:
-    """Factor of motions from which on topplings, which rise with it, are enough; infinite or 0 where far beyond 1."""
+    """Scale factor at which the expected topplings reach `enough`; infinite or 0 outside the search range."""
     high = math.ceil(_FURTHEST / _STEP)
     low = -high
     if topplings(high) < enough:
@@ -316,22 +311,21 @@ def _reached(topplings: Callable[[int], float], enough: float) -> float:
 
 @dataclass(frozen=True)
 class RandomRock:
-    """Fragility of a theoretical random rock of a site."""
+    """Fragility of a random rock drawn from those of a site."""
 
-    # Its beta holds the spread between rocks and the mean spread within them: the logarithm's variance of a
-    # mixture of their curves is the sum of both.
+    # Its variance is that of the mixture of the rocks' curves: variance between medians plus mean variance within.
     curve: Lognormal
     # Root mean square of the rocks' betas, and standard deviation of the logarithms of their medians.
     beta_within: float
     beta_between: float
-    # 95 %, over other records; None where these are not known of all rocks.
+    # 95 %, over resampled records; None where not all rocks have resamples.
     median_interval: tuple[float, float] | None
-    # What the median exceeds at least, where some rock's lies beyond its strongest shaking; None where none does.
+    # Lower bound of the median, where some rock's median lies beyond its strongest shaking; else None.
     beyond: float | None
 
 
 def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
-    """Fragility of a random rock from several over one measure; None of fewer than two, or where one never topples."""
+    """Fragility of a random rock over one measure; None for fewer than two rocks, or where one never topples."""
     curves = [rock.curve for rock in rocks]
     if len(curves) < 2 or not all(math.isfinite(curve.median) for curve in curves):
         return None

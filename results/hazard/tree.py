@@ -1,8 +1,8 @@
-"""A logic tree of hazard: branches with weights, their mean and fractiles, before and after the rocks have a say.
+"""Hazard logic tree: branches with prior and posterior weights, their mean and fractiles.
 
-Statistics are OpenQuake's: the mean and the fractiles are of probabilities over the investigation time, level by level,
-and a fractile is read off the cumulated weights of the branches in rising order (openquake/hazardlib/stats.py). Where
-a tree states annual rates instead, the mean is of rates: the same for rare events.
+Statistics follow OpenQuake: mean and fractiles are of probabilities over the investigation time, level by level, and a
+fractile is interpolated on the cumulative weights of the sorted branches (openquake/hazardlib/stats.py). Where a tree
+states annual rates instead, the mean is of rates: the same for rare events.
 """
 
 import math
@@ -18,7 +18,7 @@ from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probabil
 from toppling.results.hazard.places import Place
 
 _WEIGHT_TOLERANCE = 1e-3
-"""By which weights may miss a sum of 1: files print them in single precision, analysts with three decimals."""
+"""Maximum deviation of the sum of weights from 1: files print single precision, analysts three decimals."""
 
 FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
 
@@ -28,16 +28,15 @@ class Branch:
     """One branch of a logic tree."""
 
     name: str
-    weight: float  # before the rocks have a say; those of a tree sum to 1
+    weight: float  # prior weight; those of a tree sum to 1
     curve: HazardCurve
-    # Choices that lead to it, as OpenQuake abbreviates them: one letter a level, source models ~ ground
-    # motion.
+    # Choices of its path in OpenQuake's abbreviation: one letter per level, source models ~ ground motion.
     path: str = ""
-    number: int | None = None  # of OpenQuake's realisation
+    number: int | None = None  # OpenQuake's number of the realisation
 
     @property
     def model(self) -> str:
-        """Its ground-motion model, as the path has it; its name where that has none."""
+        """Ground-motion model in the path; the branch's name where there is none."""
         return self.path.partition("~")[2] or self.name
 
 
@@ -46,11 +45,11 @@ class HazardTree:
     """Branches of one intensity measure at one site."""
 
     measure: str  # column of the results
-    branches: tuple[Branch, ...]  # one where a file states a single curve
-    weights_from: str = "equal"  # who states the weights: a file, the command line, or nobody ("equal")
-    # As the files state them. They are no branches, and cannot be weighted again.
+    branches: tuple[Branch, ...]  # a single branch where a file states one curve
+    weights_from: str = "equal"  # source of the weights: a file, the command line, or "equal"
+    # Fractiles stated by the files, which cannot be reweighted.
     fractiles: dict[float, HazardCurve] = field(default_factory=dict)
-    # Contributions that add up to the one branch: by source type, by ground-motion model.
+    # Contributions that add up to a single branch: by source type or by ground-motion model.
     parts: tuple[HazardCurve, ...] = ()
 
     def __post_init__(self) -> None:
@@ -66,17 +65,17 @@ class HazardTree:
 
     @property
     def site(self) -> Place | None:
-        """Where its first branch says that it holds."""
+        """Location of the first branch that states one."""
         return next((branch.curve.site for branch in self.branches if branch.curve.site), None)
 
     @property
     def site_name(self) -> str:
-        """Name of the site, if the files have one."""
+        """Name of the site; empty if the files state none."""
         return next((branch.curve.site_name for branch in self.branches if branch.curve.site_name), "")
 
     @property
     def years(self) -> float | None:
-        """Time that the files' probabilities are over; None where some state rates."""
+        """Investigation time of the files' probabilities; None where some state rates."""
         stated = {branch.curve.years for branch in self.branches}
         return stated.pop() if len(stated) == 1 else None
 
@@ -87,7 +86,7 @@ class HazardTree:
         return weights / weights.sum()
 
     def stronger(self, factor: float) -> "HazardTree":
-        """The same tree of motions that are a factor stronger, as those of another horizontal component."""
+        """Tree of motions stronger by a factor, such as for another horizontal component."""
         return replace(
             self,
             branches=tuple(replace(branch, curve=branch.curve.stronger(factor)) for branch in self.branches),
@@ -102,7 +101,7 @@ class HazardTree:
 
 
 def sources(tree: HazardTree) -> list[str]:
-    """Files that a tree was read from, each once, that of the weights first."""
+    """Distinct files that a tree was read from, that of the weights first."""
     weights = [tree.weights_from] if tree.weights_from.endswith(".csv") else []
     curves = [*tree.curves, *tree.fractiles.values(), *tree.parts]
     return list(dict.fromkeys([*weights, *(curve.source for curve in curves if curve.source)]))
@@ -113,20 +112,20 @@ class Statistics:
     """Mean and fractiles of a tree's annual rates of exceedance."""
 
     levels: Array  # (n,): intensities in SI
-    # (n,): annual rates; infinite where every branch is certain, 0 where none has a rate.
+    # (n,): annual rates; infinite where exceedance is certain in all branches, 0 where it is impossible.
     mean: Array
     fractiles: dict[float, Array]  # dict of (n,)
 
 
 def same_levels(one: Array, other: Array) -> bool:
-    """Whether two curves are over the same levels, as files print them."""
+    """Whether two curves have the same levels to printed precision."""
     return len(one) == len(other) and np.allclose(one, other, rtol=1e-6)
 
 
 def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:
-    """Levels of some curves (n,) and the rates of each there (curves, n).
+    """Common levels (n,) of curves, and the rates of each (curves, n).
 
-    Curves over other levels are interpolated at all levels of all of them, within what every one of them covers.
+    Curves with different levels are interpolated at the union of their levels, within the range common to all.
 
     Raises InputError if the curves have fewer than two levels in common.
     """
@@ -157,12 +156,12 @@ def _rates_at(curve: HazardCurve, levels: Array) -> Array:
 
 
 def statistics(tree: HazardTree) -> Statistics:
-    """Mean and fractiles of a tree under its own weights."""
+    """Mean and fractiles of a tree under its prior weights."""
     return statistics_of(*common_levels(tree.curves), tree.weights, tree.years)
 
 
 def statistics_of(levels: Array, rates: Array, weights: Array, years: float | None = None) -> Statistics:
-    """Mean and fractiles of the rates of branches (branches, levels): of their probabilities over a time, if given."""
+    """Mean and fractiles of rates (branches, levels), taken of probabilities over the investigation time, if given."""
     values = rates if years is None else probability_of(rates, years)
     back = (lambda x: x) if years is None else (lambda x: annual_rate_of(np.minimum(x, 1.0), years))
     return Statistics(
@@ -173,8 +172,7 @@ def statistics_of(levels: Array, rates: Array, weights: Array, years: float | No
 def weighted_fractile(values: Array, weights: Array, probability: float) -> Array:
     """Fractile of each column of values (branches, n) by OpenQuake's rule.
 
-    Branches are sorted, and values interpolated over their cumulated weights; below the first weight the least
-    value holds.
+    Sorted values are interpolated on their cumulative weights; below the first weight it is the smallest value.
     """
     order = np.argsort(values, axis=0, kind="stable")
     rising = np.take_along_axis(values, order, axis=0)
@@ -185,13 +183,13 @@ def weighted_fractile(values: Array, weights: Array, probability: float) -> Arra
 
 
 def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> Array:
-    """Bayes weights of hazard branches, given the probability of the rocks' survival under each; null if under none."""
+    """Posterior weights of branches, given the rocks' survival probability under each; NaN if all are zero."""
     joint = np.asarray(prior, float) * np.asarray(survivals, float)
     return joint / joint.sum() if joint.sum() > 0 else np.full(len(joint), math.nan)
 
 
 def drawn_weights(prior: Array, survivals: Array) -> Array:
-    """Bayes weights of each draw (draws, branches), those of draws under which no branch survives left out."""
+    """Posterior weights of each draw (draws, branches), without draws in which survival is zero under all branches."""
     joint = prior * survivals
     total = joint.sum(axis=1, keepdims=True)
     return (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0]
@@ -200,10 +198,10 @@ def drawn_weights(prior: Array, survivals: Array) -> Array:
 def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
     """Choice of each branch at each level of the logic tree, from OpenQuake's abbreviated paths.
 
-    One letter is one level where all paths are as long; otherwise each part between ~ is one. Levels at which all
-    branches chose alike are left out.
+    Each letter is a level where all paths have equal length; otherwise each part between ~ is one. Levels at which all
+    branches have the same choice are left out.
 
-    Returns dict of lists of str by level's name: such as "source 1", "ground motion 2".
+    Returns dict of lists of str, by the level's name, such as "source 1", "ground motion 2".
     """
     parts = [path.split("~") for path in paths]
     if not paths or len({len(split) for split in parts}) != 1 or not all(paths):
@@ -221,7 +219,7 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _choices(column: Sequence[str]) -> list[Sequence[str]]:
-    """Choices at each level of one part of some paths: a letter a level, in old engines names with _ between them."""
+    """Choices at each level of one part of the paths: a letter per level, or in old engines names separated by _."""
     if any(text.startswith("[") for text in column):
         return [column]
     split = [text.split("_") if "_" in text else list(text) for text in column]

@@ -1,4 +1,4 @@
-"""What standing rocks do to a hazard: branches weighted by survival, the hazard before and after, factors, levels."""
+"""Bayesian update of a hazard by standing rocks: posterior weights, prior and posterior hazard, scale factors."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -48,32 +48,30 @@ from toppling.results.hazard.tree import (
 )
 
 RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
-"""Annual rates at which motions are compared; those of 475 and 2475 years are 10 and 2 % in 50 years."""
-
+"""Annual rates at which prior and posterior motions are compared; 475 and 2475 years are 10 and 2 % in 50 years."""
 _LEVELS = 60
-"""Order statistics of the motions of a set of events, at most, at which rates of exceedance are counted."""
-
+"""Maximum number of levels (order statistics of the motions of events) at which rates of exceedance are counted."""
 _LEAST_EVENTS = 10.0
-"""Effective number of events that support a rate: with fewer it is uncertain by more than 1 / sqrt(10), a third."""
+"""Minimum effective number of events for a rate: its relative standard error is then 1 / sqrt(10)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exceedance:
-    """Annual rates of exceedance of the branches, of a measure at a site."""
+    """Annual rates of exceedance of all branches, for a measure and a site."""
 
     measure: str
     site: str
     levels: Array  # (n,)
     rates: Array  # (branches, n)
-    # Time over whose probabilities means and fractiles are; None for those of rates.
+    # Investigation time of the probabilities that means and fractiles are of; None for rates.
     years: float | None = None
-    # Of the one branch, as its files state them: they stand in for fractiles over branches.
+    # Fractiles stated by the files of a single branch, used in place of fractiles over branches.
     stated: dict[float, Array] | None = None
-    # (branches, n): sum of squares of the single events' rates; None for curves.
+    # (branches, n): sum of squares of the events' rates; None for curves.
     squares: Array | None = None
 
     def statistics(self, weights: Array, *, after: bool = False) -> Statistics:
-        """Mean and fractiles under some weights, null where too few events support them."""
+        """Mean and fractiles under given weights, NaN where too few events support them."""
         found = statistics_of(self.levels, self.rates, weights, self.years)
         if self.squares is not None:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -89,26 +87,25 @@ class Exceedance:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """A hazard and the rocks that have stood under it."""
+    """A hazard and the rocks that constrain it."""
 
     rocks: Sequence[Standing]
     events: EventSet
     exposure: Exposure
-    # A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at
-    # which survival falls to it.
+    # A branch with a survival probability below 1 - confidence is rejected; scale factors have that survival.
     confidence: float = 0.95
-    tree: HazardTree | None = None  # of curves, where the events stand for these
+    tree: HazardTree | None = None  # logic tree of curves that the events represent, if any
 
     @classmethod
     def of_curves(
         cls, rocks: Sequence[Standing], tree: HazardTree, exposure: Exposure, confidence: float = 0.95
     ) -> "Update":
-        """What rocks do to a logic tree of curves at their site."""
+        """Update a logic tree of curves by rocks at its site."""
         return cls(rocks, events_of_tree(tree, rocks, _mean_of(tree)), exposure, confidence, tree)
 
     @cached_property
     def _rates(self) -> Array:
-        """Of events that topple any of the rocks in each of their states: each branch, and the mean hazard last."""
+        """Annual rates of events that topple any rock (branches with the mean hazard last, states)."""
         return rates_by_state(self.rocks, self.events.groups, self.exposure.states)
 
     @cached_property
@@ -117,34 +114,34 @@ class Update:
 
     @property
     def survival(self) -> Array:
-        """Of the rocks under each branch."""
+        """Survival probability of the rocks under each branch."""
         return self._survivals[:-1]
 
     @property
     def rejected(self) -> NDArray[np.bool_]:
-        """Branches that the confidence rejects."""
+        """Mask of the rejected branches."""
         return self.survival < 1.0 - self.confidence
 
     @cached_property
     def posterior(self) -> Array | None:
-        """Posterior weights (Bayes); None where all branches are inconsistent with the rocks: no update is one."""
+        """Posterior weights of the branches; None where all are rejected and an update is meaningless."""
         return None if self.rejected.all() else branch_weights(self.events.prior, self.survival)
 
     @cached_property
     def draws(self) -> Draws | None:
-        """Of all that is uncertain."""
+        """Results in draws of all uncertain quantities; None where there are none."""
         return draws_of(self.rocks, self.events, self.exposure, 1.0 - self.confidence)
 
     def _interval(self, values: Array) -> Array:
-        assert self.draws is not None  # whose values these are
+        assert self.draws is not None  # the values come from draws
         return self.draws.interval(values)
 
     @cached_property
     def factors(self) -> pd.DataFrame:
         """Survival and largest factors of each branch and, last, of the mean hazard, with intervals.
 
-        name (of a branch, or `MEAN`), survival, scale_factor (of motions), rate_factor, and _low and _high of each (95
-        %, over all that is drawn; null where nothing is known to vary).
+        Columns: name (of a branch, or `MEAN`), survival, scale_factor (of motions), rate_factor, and _low and _high of
+        each (95 %, over all draws; null without draws).
         """
         chance = 1.0 - self.confidence
         table = pd.DataFrame({"name": [*(branch.name for branch in self.events.branches), MEAN]})
@@ -166,14 +163,14 @@ class Update:
 
     @cached_property
     def branches(self) -> pd.DataFrame:
-        """Each branch: survival, verdict, weights and factors.
+        """Table of branches: survival, rejection, weights and factors.
 
         A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
-        Returns DataFrame: one row a branch: name, toppling_rate (annual, any of the rocks), rejected, prior_weight,
-        posterior_weight (null where all branches are rejected), and columns of `factors`. Of a set of events
-        also model, events and effective_events (Kish's number of those that bear the toppling rate); of curves
-        unstated_below and unstated_above (shares of the rate outside the curve's points, not counted:
+        Returns DataFrame: one row per branch: name, toppling_rate (annual, any of the rocks), rejected, prior_weight,
+        posterior_weight (null where all branches are rejected), and columns of `factors`. For a set of events
+        also model, events and effective_events (Kish's number for the toppling rate); for curves
+        unstated_below and unstated_above (fractions of the rate outside the curve's points, not counted:
         `results.hazard`) and survival_least (with these counted).
         """
         bearing_rate = [
@@ -205,7 +202,7 @@ class Update:
 
     @property
     def decided(self) -> dict[str, float | None]:
-        """How much the rocks decide: effective branches before and after, mean survival, and the weight rejected."""
+        """Effective number of branches before and after the update, mean survival, and rejected prior weight."""
         prior, gone = self.events.prior, self.rejected
         return {
             "branches": len(prior),
@@ -220,7 +217,7 @@ class Update:
 
     @property
     def of_all_branches(self) -> dict[str, Any]:
-        """What a statement says of all branches together."""
+        """Summary of all branches for a statement."""
         return {
             "mean": self.factors.iloc[-1].to_dict(),
             "decided": self.decided,
@@ -229,7 +226,7 @@ class Update:
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Tables by name, those that hold something."""
+        """Non-empty tables by name."""
         found = {
             "branches": self.branches,
             "models": models_table(self),
@@ -243,7 +240,7 @@ class Update:
 
     @cached_property
     def exceedances(self) -> list[Exceedance]:
-        """The hazard of each measure at each of the rocks' sites, where some event is felt."""
+        """Hazard of each measure at each of the rocks' sites, where some event is felt."""
         if self.tree is not None:
             return [_of_tree(self.tree, self.events.sites[0].name)]
         places = dict.fromkeys(rock.site for rock in self.rocks)
@@ -260,7 +257,7 @@ class Update:
 
     @cached_property
     def _judged(self) -> list[tuple[Exceedance, Statistics, Statistics | None]]:
-        """Each hazard with its mean and fractiles under the prior and under the posterior weights."""
+        """Each hazard, with its mean and fractiles under the prior and the posterior weights."""
         prior, new = self.events.prior, self.posterior
         return [
             (one, one.statistics(prior), None if new is None else one.statistics(new, after=True))
@@ -278,9 +275,9 @@ class Update:
         return self._judged[0][2]
 
     def counted(self, measure: str, sites: Sequence[int]) -> tuple[Array, Array]:
-        """Levels, and each branch's rate of events that reach them at sites (branches, sites, levels); none felt, none.
+        """Levels, and each branch's rates of exceedance (branches, sites, levels); empty where no event is felt.
 
-        Levels are those of curves, or order statistics of the motions, ever more apart.
+        Levels are those of the curves, or order statistics of the motions in increasing steps.
         """
         if self.tree is not None:
             levels, rates = common_levels(self.tree.curves)
@@ -292,14 +289,14 @@ class Update:
         return levels, self._above(measure, sites, levels, 1)
 
     def _above(self, measure: str, sites: Sequence[int], levels: Array, power: int) -> Array:
-        """Sum of a power of the rates of the events that reach some levels: (branches, sites, levels)."""
+        """Sum of a power of the rates of the events that reach each level, (branches, sites, levels)."""
         return np.array([
             [_exceeded(one.motions[measure][:, site], one.rate**power, levels) for site in sites]
             for one in self.events.branches
         ])  # fmt: skip
 
     def _drawn_means(self, of: Exceedance) -> Array | None:
-        """Posterior mean rates of each draw (draws, levels); None where nothing varies, or all is inconsistent."""
+        """Posterior mean rates of each draw (draws, levels); None without draws, or where all branches are rejected."""
         if self.draws is None or self.posterior is None:
             return None
         weights = drawn_weights(self.events.prior, np.exp(-self.draws.topplings[:, :-1]))
@@ -311,11 +308,10 @@ class Update:
 
     @cached_property
     def updated(self) -> pd.DataFrame:
-        """The hazard before and after at every level.
+        """Prior and posterior hazard at every level.
 
         Returns DataFrame: measure, site, level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95:
-        over branches), rate_posterior_mean_low and _high (95 %, over all that is drawn), change_percent (of the mean
-        rate).
+        over branches), rate_posterior_mean_low and _high (95 %, over all draws), change_percent (of the mean rate).
         """
         return _stacked([self._updated(*one) for one in self._judged])
 
@@ -334,12 +330,12 @@ class Update:
 
     @cached_property
     def changes(self) -> pd.DataFrame:
-        """The motions exceeded at some annual rates, before and after.
+        """Prior and posterior motions exceeded at the annual rates `RATES`.
 
         Returns DataFrame: measure, site, annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05,
-        p50, p95: over branches), level_posterior_mean_low and _high (95 %, over all that is drawn),
-        level_change_percent (of the mean's motion), rate_change_percent (of the mean's rate at the prior's motion).
-        Null where a curve does not reach the rate.
+        p50, p95: over branches), level_posterior_mean_low and _high (95 %, over all draws), level_change_percent (of
+        the mean's motion), rate_change_percent (of the mean's rate at the prior's motion). Null where a curve does not
+        reach the rate.
         """
         return _stacked([self._changes(*one) for one in self._judged])
 
@@ -357,7 +353,7 @@ class Update:
 
 
 def _of_tree(tree: HazardTree, site: str) -> Exceedance:
-    """Rates of a tree's curves, with the fractiles that the files state where these state no branches."""
+    """Rates of a tree's curves, with the files' fractiles where the tree has a single branch."""
     levels, rates = common_levels(tree.curves)
     stated = None
     if len(tree.branches) == 1 and tree.fractiles:
@@ -380,7 +376,7 @@ def _stacked(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _mean_of(tree: HazardTree) -> HazardCurve:
-    """The mean of a tree as a curve, of the levels at which it has a rate."""
+    """Mean hazard of a tree as a curve, at the levels where it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]
     curves = statistics(tree)
@@ -406,7 +402,7 @@ def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dic
 def _level_interval(
     levels: Array, means: Array | None, rate: float, interval: Callable[[Array], Array]
 ) -> tuple[float, float]:
-    """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
+    """Ends of the interval of the motion at a rate over mean curves (draws, levels); NaN where one lacks the rate."""
     found = np.array([intensity_at(levels, drawn, rate) for drawn in (() if means is None else means)])
     if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
@@ -424,10 +420,10 @@ def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
 
 
 def _levels_table(update: Update) -> pd.DataFrame:
-    """Choices of the logic tree's levels before and after, the level that the rocks move most first.
+    """Prior and posterior weights of the choices at each level of the logic tree, the most changed level first.
 
-    Returns DataFrame: level, moved (share of the weight that changes its choice: half the sum of absolute changes),
-    choice, prior_weight, posterior_weight; empty where branches have no paths.
+    Returns DataFrame: level, moved (total variation: half the sum of absolute changes of weight), choice,
+    prior_weight, posterior_weight; empty where branches have no paths.
     """
     if update.posterior is None or update.tree is None:
         return pd.DataFrame()
@@ -444,9 +440,9 @@ def _levels_table(update: Update) -> pd.DataFrame:
 
 
 def _parts_table(update: Update) -> pd.DataFrame:
-    """Shares of the toppling rate that contributions to the hazard have: by source type, by ground-motion model.
+    """Contributions to the toppling rate by source type or ground-motion model.
 
-    Returns DataFrame: part, toppling_rate (annual), share; empty where the files state no contributions.
+    Returns DataFrame: part, toppling_rate (annual), share (fraction); empty where the files state no contributions.
     """
     if update.tree is None:
         return pd.DataFrame()
@@ -458,10 +454,10 @@ def _parts_table(update: Update) -> pd.DataFrame:
 
 
 def models_table(update: Update) -> pd.DataFrame:
-    """Ground-motion models of a set of events: survival averaged over a model's branches, weight before and after.
+    """Ground-motion models of a set of events: mean survival over a model's branches, prior and posterior weight.
 
-    Returns DataFrame: best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (over all
-    models' mean); empty for curves.
+    Returns DataFrame: best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (relative to
+    the mean of all models); empty for curves.
     """
     if update.tree is not None:
         return pd.DataFrame()
@@ -477,9 +473,9 @@ def models_table(update: Update) -> pd.DataFrame:
 
 
 def leave_one_out(update: Update) -> pd.DataFrame:
-    """What each rock adds: weights of the branches without it, and its survival as the others predict it.
+    """Leave-one-out update: branch weights without each rock, and its survival as predicted from the others.
 
-    Returns DataFrame: one row a rock and branch: left_out, branch, survival_of_others, posterior_weight (by the
+    Returns DataFrame: one row per rock and branch: left_out, branch, survival_of_others, posterior_weight (from the
     others), survival_predicted (of the rock that is left out, given that the others stand: the same in all its
     rows); empty for one rock, or curves.
     """

@@ -1,6 +1,6 @@
-"""A statement of stated precision from few jobs: the curve, what is asked of it, and which jobs tell most of it."""
+"""Sequential design: a statement of given precision from few jobs (curve, target, and choice of informative jobs)."""
 
 __all__ = ["STATEMENT_FILE", "design", "probit", "statement", "target"]
 
 STATEMENT_FILE = "statement.json"
-"""Of a run: what it states, written again after every round."""
+"""File of a run's statement, rewritten after every round."""

@@ -1,10 +1,10 @@
-"""Jobs where they tell something: rounds of a campaign's jobs, each chosen by what the rounds before answered.
+"""Sequential design: rounds of a campaign's jobs, each chosen from the answers to the rounds before it.
 
-Records come in a balanced random order, and so do the cells (azimuth and realisation) they are shaken in, so that all
-are represented as in the full campaign near the curve; a record that no level brings there is left to jobs at random.
-Levels lie where the curve so far gives probabilities that tell most of the target; a share of the jobs has levels at
-random, to show a curve that is no lognormal. A round depends on the answers to the rounds before it alone. Decides; no
-input, no output.
+Records are taken in a balanced random order, and so are the cells (azimuth and realisation) they are shaken in, so that
+all are represented as in the full campaign near the curve; a record that no level brings there has only random jobs.
+Levels lie where the current curve gives the probabilities that are most informative on the target; a fraction of the
+jobs has random levels, to detect a curve that is not lognormal. A round depends only on the answers to the rounds
+before it. The module decides, and does no input or output.
 """
 
 import math
@@ -23,54 +23,55 @@ from toppling.results.precision.target import Estimate, Target, estimate
 _Numbers = NDArray[np.int64]
 
 FIRST_ROUND = 32
+"""Number of jobs of the first round."""
 _GROWTH = (0.3, 1.0)
-"""Least and largest next round, as shares of the jobs so far: who looks often stops at a curve that looks steep by
-chance."""
-_RANDOM_SHARE = 0.15
-"""Of the jobs at random levels."""
+"""Minimum and maximum size of the next round, as fractions of the jobs so far: frequent looks would stop a run at a
+curve that is steep by chance."""
+_RANDOM_FRACTION = 0.15
+"""Fraction of the jobs at random levels."""
 _OUTSIDE = 1.0 / 3.0
-"""How far beyond the range of probabilities that tells most a record may lie and still get designed jobs, as a part of
-what is left to 0 and to 1: a record that no level of the campaign brings so near has only jobs at random levels."""
+"""Fraction of the distance from the informative probabilities to 0 and to 1 within which a record still gets designed
+jobs; a record that no level of the campaign brings so near has only jobs at random levels."""
 _LEAST_JOBS, _LEAST_OF_EACH = 48, 5
-"""Jobs, and jobs of each answer, before a statement may end a run."""
+"""Minimum number of jobs, and of jobs of each answer, before a statement may end a run."""
 _SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300
-"""Relative variance of the slope above which a narrow interval may be that of a curve which only looks steep, and jobs
-after which it is: of a sharp threshold the slope is never known."""
+"""Relative variance of the slope above which a narrow interval is not trusted, because the curve may be steep by
+chance; and number of jobs from which it is trusted: the slope of a sharp threshold is never known."""
 _ONE_SIDED_JOBS = 120
-"""Jobs of one answer that show that the levels do not reach the curve."""
+"""Number of equal answers that show that the levels do not reach the curve."""
 _USUAL, _MEASURE_JOBS, _CLEARLY_BETTER = "pgv_m_s", 60, 5.0
-"""The usual measure; jobs after which the measure stays, as the best of several at every round would be the one that
-looks best by chance; and the logarithm of the likelihood ratio by which another than the usual one must be better."""
+"""Default measure; number of jobs after which the measure is fixed, because a choice at every round would favour
+chance; and log-likelihood ratio by which another measure must be better than the default."""
 _RECORDS_BOUND = 0.3
-"""Share of the records' part of the variance that jobs still add, when more of them cannot help."""
+"""Ratio of the jobs' to the records' variance below which more jobs cannot narrow the interval."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Jobs that may be chosen: all of a campaign under one contact."""
+    """Jobs to choose from: those of a campaign under one contact."""
 
     rows: _Numbers  # (records, cells, levels): rows of the plan
-    log_x: Mapping[str, Array]  # of each measure its logarithm by record and level, (records, levels)
+    log_x: Mapping[str, Array]  # logarithm of each measure, (records, levels)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the jobs so far say, and whether they are enough."""
+    """Estimate from the jobs so far, and whether they are enough."""
 
-    measure: str  # that predicts best, or that the target states
-    curve: Curve | None = None  # None before both answers have come
+    measure: str  # the target's measure, or the best predictor
+    curve: Curve | None = None  # None before both answers have occurred
     estimate: Estimate | None = None
     ended: bool = False
     reason: str = ""  # why the precision cannot be reached; empty where it is reached, or may still be
-    jobs_needed: int = 0  # in all, by what is known
-    departure: Departure | None = None  # how the answers contradict the curve, where they do
+    jobs_needed: int = 0  # estimated total number of jobs
+    departure: Departure | None = None  # significant departure of the answers from the curve, if any
 
 
 def _best_measure(observed: Mapping[str, Answers]) -> str:
-    """Measure whose curve makes the answers likeliest: all curves have as many coefficients.
+    """Measure whose curve has the highest likelihood; all curves have equally many coefficients.
 
-    The usual one stays unless another is clearly better: levels are chosen by it, so that its answers are all near its
-    threshold, where each tells little of how well it predicts.
+    The default measure stays unless another is clearly better: levels are chosen by it, so its answers are near its
+    threshold, where they say little about its predictive power.
     """
     likelihood = {name: fit_curve(answers).log_likelihood for name, answers in observed.items()}
     best = max(likelihood, key=lambda name: likelihood[name])
@@ -79,11 +80,11 @@ def _best_measure(observed: Mapping[str, Answers]) -> str:
 
 
 def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
-    """Say what the answers so far tell of the target, and whether another round is worth it.
+    """Estimate the target from the answers so far, and decide whether another round follows.
 
-    observed: answers by measure: jobs with an answer of all rounds so far.
-    precision: half of what the interval of 95 % may have from jobs and records: relative, for a probability in its own
-    unit.
+    observed: answers by measure, of all rounds so far.
+    precision: largest half width of the 95 % interval due to jobs and records: relative, but absolute for a
+    probability.
     """
     any_measure = next(iter(observed))
     toppled = observed[any_measure].toppled
@@ -109,7 +110,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     known = replace(known, departure=departure(curve, observed[measure]))
     if found.precision <= precision and _reaches(pool, curve, measure, target):
         return replace(known, ended=True, jobs_needed=jobs)
-    # A part of the variance falls with the number of jobs, the other with that of records alone.
+    # One part of the variance falls with the number of jobs, the other only with that of records.
     allowed = (precision / found.scale / curve.student(math.inf)) ** 2
     if allowed < found.pairs and found.independent <= _RECORDS_BOUND * found.pairs:
         more = math.ceil(len(pool.rows) * (found.pairs / allowed - 1.0))
@@ -120,7 +121,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
 
 
 def _needed(jobs: int, curve: Curve, found: Estimate, precision: float) -> int:
-    """Jobs that reach a precision, or show that records do not bear it."""
+    """Number of jobs that reach a precision, or show that the records do not support it."""
     for times in 1.05 ** np.arange(1, 120):
         left = found.independent / times
         half = found.scale * curve.student(times) * math.sqrt(left + found.pairs)
@@ -135,7 +136,7 @@ def _rounded(number: int) -> int:
 
 
 def _reaches(pool: Pool, curve: Curve, measure: str, target: Target) -> bool:
-    """Whether some record was given a level as strong, and as weak, as the intensity that is asked for."""
+    """Whether the levels of the records bracket the target's intensity."""
     if target.name == "rate":
         return True
     at = math.log(target.intensity) if target.intensity else target.score(curve.coefficients)
@@ -143,12 +144,7 @@ def _reaches(pool: Pool, curve: Curve, measure: str, target: Target) -> bool:
 
 
 def _round_size(number: int, jobs: int, needed: int) -> int:
-    """Jobs of a round.
-
-    number: of the round, from 0.
-    jobs: chosen so far.
-    needed: in all, as far as known.
-    """
+    """Number of jobs of round `number` (from 0), after `jobs` so far and about `needed` in total."""
     if number == 0:
         return FIRST_ROUND
     least, most = (math.ceil(share * jobs) for share in _GROWTH)
@@ -156,19 +152,19 @@ def _round_size(number: int, jobs: int, needed: int) -> int:
 
 
 def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> _Numbers:
-    """Rows of the plan to shake next; fewer than asked where the pool is exhausted.
+    """Rows of the plan to shake next; fewer than `size` where the pool is exhausted.
 
     chosen: (n,), rows of the rounds before, in their order.
-    seed: of the campaign.
-    verdict: of the answers so far; one without a curve makes all levels random.
+    seed: seed of the campaign.
+    verdict: judgement of the answers so far; without a curve all levels are random.
     """
     free = ~np.isin(pool.rows, chosen)
     visits = (~free).sum(axis=(1, 2))
     random = np.random.default_rng([seed, len(chosen)])
     low, high = target.shares
-    # Stratified, so that each round covers the range evenly.
+    # Stratified: each round covers the range evenly.
     shares = low + (high - low) * (random.permutation(size) + random.random(size)) / size
-    at_random = random.random(size) < _RANDOM_SHARE
+    at_random = random.random(size) < _RANDOM_FRACTION
     curve, log_x = verdict.curve, pool.log_x[verdict.measure]
     tells = np.ones(log_x.shape, bool)
     if curve is not None:
@@ -195,20 +191,20 @@ def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict,
 
 
 def _least_visited(able: NDArray[np.bool_], visits: _Numbers, seed: int) -> int:
-    """Of some records one with the fewest jobs, in a random order of its own for each number of them."""
+    """Index of an allowed record with the fewest jobs, in a random order that differs for each number of jobs."""
     least = int(visits[able].min())
     order = np.random.default_rng([seed, 1, least]).permutation(len(visits))
     return int(next(record for record in order if able[record] and visits[record] == least))
 
 
 def _in_turn(seed: int, number: int, count: int) -> int:
-    """Member of a balanced random sequence: all come once, in a random order, before any comes again."""
+    """Element `number` of a balanced random sequence: a new random permutation of `count` follows the last."""
     turn, index = divmod(number, count)
     return int(np.random.default_rng([seed, 2, turn]).permutation(count)[index])
 
 
 def _first_free(free: NDArray[np.bool_], cell: int, order: _Numbers) -> tuple[int, int]:
-    """Cell and level of a record that is not taken: the level wanted in this cell or one after it, or else the next."""
+    """Free cell and level of a record: the first wanted level free in this cell or a later one, else the next level."""
     cells = np.roll(np.arange(len(free)), -cell)
     for level in order:
         open_cells = cells[free[cells, level]]
@@ -218,14 +214,14 @@ def _first_free(free: NDArray[np.bool_], cell: int, order: _Numbers) -> tuple[in
 
 
 class Rounds:
-    """The rounds of one contact's jobs, one after the other.
+    """Successive rounds of one contact's jobs.
 
-    precision: as `judge` takes it.
-    seed: of the campaign.
+    precision: see `judge`.
+    seed: seed of the campaign.
     chosen: (n,), rows of the plan of all rounds so far.
-    verdict: of the last round that was answered.
-    judged: how many of the chosen it rests on.
-    sizes: of the rounds.
+    verdict: judgement after the last answered round.
+    judged: number of chosen jobs that the verdict is based on.
+    sizes: number of jobs of each round.
     """
 
     def __init__(self, pool: Pool, target: Target, precision: float, seed: int) -> None:
@@ -241,7 +237,7 @@ class Rounds:
         return self.verdict is not None and self.verdict.ended
 
     def advance(self, observed: Mapping[str, Answers] | None) -> None:
-        """Judge the answers to all that is chosen, and choose the next round unless they are enough.
+        """Judge the answers to all chosen jobs, and choose the next round unless they are enough.
 
         observed: answers by measure; None before the first round.
         """

@@ -1,9 +1,9 @@
-"""Probit-lognormal fragility from few jobs: P(topple | x) = Phi(a + b ln x), which a step cannot degenerate.
+"""Penalised probit-lognormal fragility from few jobs: P(topple | x) = Phi(a + b ln x), finite for separated answers.
 
-The likelihood is multiplied by Jeffreys' prior (Firth 1993), so that a maximum exists whatever the answers are: where a
-threshold separates them the curve stays as steep as the jobs can tell, no steeper. Jobs of one record are not
-independent: the variance is that of independent jobs, and what pairs of jobs of one record add to it. So it holds for
-one job a record, where there are no pairs, and for hundreds, where the records are all that counts.
+The likelihood is multiplied by Jeffreys' prior (Firth 1993), so that a maximum always exists: where a threshold
+separates the answers, the curve is only as steep as the number of jobs supports. Jobs of one record are not
+independent: the variance is that of independent jobs plus the covariance of pairs of jobs of one record. It holds for
+one job per record, without pairs, and for hundreds, where only the number of records matters.
 """
 
 import math
@@ -22,19 +22,20 @@ from toppling.results.analysis.bases import bases_of
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 
 _STEPS, _SMALL_STEP = 200, 1e-9
+"""Maximum number of scoring steps; smallest damping factor, and relative change of coefficients that ends them."""
 _DIFFERENCE = 1e-4
-"""Share of a coefficient's standard error over which a target's slope is taken."""
+"""Step of numerical derivatives, as a fraction of a coefficient's standard error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Answers to jobs, in the order in which they were chosen."""
+    """Answers to jobs, in the order in which the jobs were chosen."""
 
     log_x: Array  # (n,): logarithm of the intensity
     toppled: Array  # (n,): 1 or 0
-    record: NDArray[np.int64]  # (n,): number of each job's record
-    weight: Array  # (n,): how much each counts; of mean 1
-    # (n,): number of each job's realisation, which has a base of its own; (m,): how much each of these counts.
+    record: NDArray[np.int64]  # (n,): index of each job's record
+    weight: Array  # (n,): weight of each job, with mean 1
+    # (n,): index of each job's realisation, each of which has its own base; (m,): weights of the realisations.
     base: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     of_base: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -42,12 +43,12 @@ class Answers:
 def answers_of(
     frame: pd.DataFrame, jobs: Sequence[str], measures: Sequence[str], records: Mapping[str, int]
 ) -> dict[str, Answers]:
-    """Answers to some jobs by measure, in their order whatever the order in which the rows came.
+    """Answers to some jobs by measure, in the order of the jobs rather than of the rows.
 
-    frame: rows of results; weights in `record_weight` where they are unlike.
-    jobs: ids, in the order chosen.
-    measures: one that is not positive in every row is left out.
-    records: number of each record.
+    frame: rows of results, with weights in `record_weight` where they differ.
+    jobs: job ids, in the order chosen.
+    measures: columns; those not positive in every row are left out.
+    records: index of each record id.
     """
     rows = frame.set_index("job_id").reindex(jobs)
     rows = rows[rows["toppled"].notna()]
@@ -66,51 +67,51 @@ def answers_of(
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A fitted curve and how well it is known."""
+    """A fitted curve with its covariance."""
 
     coefficients: Array  # (2,): a and b
-    independent: Array  # (2, 2): covariance, were jobs independent
-    pairs: Array  # (2, 2): what pairs of jobs of one record add
+    independent: Array  # (2, 2): covariance as if jobs were independent
+    pairs: Array  # (2, 2): covariance added by pairs of jobs of one record
     log_likelihood: float  # at the maximum, without the prior
-    # Numbers; Kish's effective one of records that weigh unlike.
+    # Number of jobs, and Kish's effective number of records.
     jobs: int
     records: float
-    # Number of pairs over jobs squared, by which the pairs' part shrinks if a record has more jobs.
+    # Number of ordered pairs of jobs of one record, over the square of the number of jobs.
     pairs_share: float
 
     @property
     def median(self) -> float:
-        """Intensity at which half topple."""
+        """Intensity with a toppling probability of one half."""
         a, b = self.coefficients
         return math.exp(min(-a / b, 700.0))
 
     @property
     def beta(self) -> float:
-        """Standard deviation of its logarithm, the mean over what the slope may be.
+        """Logarithmic standard deviation, averaged over the uncertainty of the slope.
 
-        The inverse of the likeliest slope is less: a run that ends once its interval is narrow prefers steep curves.
+        The inverse of the estimated slope is biased low: stopping at a narrow interval favours steep curves.
         """
         return float((1.0 + self.slope_variance) / self.coefficients[1])
 
     def log_x(self, z: Array) -> Array:
-        """Logarithm of the intensity at which Phi(z) topple."""
+        """Logarithm of the intensity with toppling probability Phi(z)."""
         a, b = self.coefficients
         return (z - a) / b
 
     def wide_log_x(self, z: Array) -> Array:
-        """The same of a curve as flat as the answers allow, two standard deviations of its slope off.
+        """Logarithm of the intensity with toppling probability Phi(z) on a curve two standard deviations flatter.
 
-        Jobs chosen by a curve that looks steep by chance would never show it.
+        Jobs chosen by a curve that is steep by chance would never reveal that.
         """
         a, b = self.coefficients
         return -a / b + z / b * (1.0 + 2.0 * math.sqrt(self.slope_variance))
 
     def student(self, times: float = 1.0) -> float:
-        """How many standard errors half an interval of 95 % has, were there so many times the jobs.
+        """Half width of a 95 % interval in standard errors, if there were `times` as many jobs.
 
-        A standard error is proportional to beta, which is itself estimated, with a relative standard deviation c. That
-        is worth 1 / (2 c^2) degrees of freedom, or fewer if there are fewer records, and beta is too small by c^2 on
-        average.
+        A standard error is proportional to beta, which is estimated with a relative standard deviation c. This
+        corresponds to 1 / (2 c^2) degrees of freedom, or fewer if there are fewer records, and beta is too small by c^2
+        on average.
         """
         c2 = self.slope_variance / times
         freedom = max(self.records - 1.0, 1.0)
@@ -120,14 +121,11 @@ class Curve:
 
     @property
     def slope_variance(self) -> float:
-        """Variance of the slope over its square."""
+        """Relative variance of the slope."""
         return float(self.independent[1, 1] + max(self.pairs[1, 1], 0.0)) / float(self.coefficients[1]) ** 2
 
     def variances(self, target: Callable[[Array], float]) -> tuple[float, float]:
-        """Variance of a target were jobs independent, and what pairs of jobs of one record add to it.
-
-        target: of the coefficients (2,).
-        """
+        """Variance of a function of the coefficients (2,) for independent jobs, and the part added by pairs."""
         step = _DIFFERENCE * np.sqrt(np.diag(self.independent))
         ends = [[target(self.coefficients + sign * shift) for sign in (1, -1)] for shift in np.diag(step)]
         slope = -np.diff(ends)[:, 0] / (2.0 * step)
@@ -135,10 +133,7 @@ class Curve:
 
 
 def fit_curve(answers: Answers) -> Curve:
-    """Fit the curve by penalised maximum likelihood; its slope is positive.
-
-    answers: two or more intensities.
-    """
+    """Fit the curve, with a positive slope, by penalised maximum likelihood to answers at two or more intensities."""
     middle = float(np.average(answers.log_x, weights=answers.weight))
     spread = float(answers.log_x.std())
     design = np.column_stack([np.ones(len(answers.log_x)), (answers.log_x - middle) / spread])
@@ -163,7 +158,7 @@ def fit_curve(answers: Answers) -> Curve:
 
 
 def _maximise(design: Array, answers: Answers) -> Array:
-    """Coefficients at which likelihood times Jeffreys' prior is largest, by damped scoring; the slope is positive."""
+    """Coefficients, with a positive slope, that maximise likelihood times Jeffreys' prior, by damped scoring."""
     found = np.array([0.0, 1.0])
     value = _penalised(design, answers, found)
     for _ in range(_STEPS):
@@ -205,7 +200,7 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
 
 
 def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:
-    """Information (n, 2, 2) and score (n, 2) of each job, and the log-likelihood of all."""
+    """Information (n, 2, 2) and score (n, 2) of each job, and the total log-likelihood."""
     log_density, above, below = -0.5 * eta**2 - LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
     each = np.where(answers.toppled > 0.5, above, below)
     sign = np.where(answers.toppled > 0.5, 1.0, -1.0)
@@ -216,10 +211,10 @@ def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, f
 
 
 def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array:
-    """What pairs of jobs of one record add to the covariance, (2, 2).
+    """Covariance (2, 2) added by pairs of jobs of one record.
 
-    Scores are enlarged by what their record takes of the information (the jackknife's leverage), as residuals of few
-    records are too small.
+    Scores are corrected by the leverage of their record (as in the jackknife), because residuals of few records are
+    too small.
     """
     count = int(record.max()) + 1
     of_record, total = np.zeros((count, 2, 2)), information.sum(axis=0)
@@ -231,38 +226,38 @@ def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array
 
 
 _LEVEL = 0.02
-"""Of the test. The answers chose the jobs, which can double the share of false alarms: they stay below 5 %."""
+"""Significance level of the test for a departure. Adaptive choice of the jobs can double it, to less than 5 %."""
 _LEAST_RECORDS, _LEAST_P = 20, 1e-3
+"""Minimum number of records for the test, and smallest p-value that is printed."""
 _EDGES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-"""Probabilities of the curve between which its words are compared with the answers."""
+"""Edges of the bins of predicted probability in which prediction and answers are compared."""
 _LEAST_JOBS_BETWEEN = 10
+"""Minimum number of jobs of such a bin."""
 
 
 @dataclass(frozen=True)
 class Departure:
-    """How answers contradict a curve."""
+    """Significant departure of the answers from a lognormal curve."""
 
-    p_value: float  # probability of as clear a contradiction under a lognormal curve
-    # Shares that topple, by the curve and by the answers, of the jobs where they differ most clearly.
+    p_value: float  # probability of as large a departure under a lognormal curve
+    # Fractions toppled, by the curve and by the answers, of the jobs where they differ most significantly.
     expected: float
     observed: float
-    jobs: int  # how many those are
+    jobs: int  # number of those jobs
 
     @property
     def words(self) -> str:
-        """For the statement."""
+        """Clause for the statement."""
         shares = f"{100 * self.observed:.0f} % of {self.jobs} jobs topple where it says {100 * self.expected:.0f} %"
         p = f"p = {self.p_value:.1g}" if self.p_value >= _LEAST_P else f"p below {_LEAST_P:g}"
         return f"the curve is no lognormal: {shares} ({p})"
 
 
 def _p_value(curve: Curve, answers: Answers) -> float:
-    """Probability, under a lognormal curve, of answers that depart from the fitted one as clearly; 1 of few records.
+    """p-value of the answers' departure from the lognormal curve fitted to them; 1 for few records.
 
-    A score test by record: residuals are summed against bends of the curve that no other median or beta imitates, and
-    each record is one observation of the sums (Boos 1992, generalised score tests; Liang & Zeger 1986, clusters).
-
-    curve: fitted to the answers.
+    A generalised score test by record: residuals are summed against deformations of the curve that are orthogonal to
+    median and beta, and each record is one observation of the sums (Boos 1992; Liang & Zeger 1986 for clusters).
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape
@@ -276,9 +271,9 @@ def _p_value(curve: Curve, answers: Answers) -> float:
 
 
 def _departures(curve: Curve, answers: Answers) -> Array:
-    """Of each record the summed residuals along two bends of the curve, (records, 2).
+    """Summed residuals of each record along two deformations of the curve, (records, 2).
 
-    P and P cubed, less what a change of the coefficients does: together they make asymptotes and shoulders.
+    The deformations are P and P cubed, orthogonalised against the coefficients: they form asymptotes and shoulders.
     """
     eta = curve.coefficients[0] + curve.coefficients[1] * answers.log_x
     probability, log_density = ndtr(eta), -0.5 * eta**2 - LOG_ROOT_2_PI
@@ -294,7 +289,7 @@ def _departures(curve: Curve, answers: Answers) -> Array:
 
 
 def departure(curve: Curve, answers: Answers) -> Departure | None:
-    """How answers contradict the curve fitted to them; None where they do not."""
+    """Departure of answers from the curve fitted to them; None where it is not significant."""
     p = _p_value(curve, answers)
     if p >= _LEVEL:
         return None
@@ -305,7 +300,7 @@ def departure(curve: Curve, answers: Answers) -> Departure | None:
         there = bin_of_job == part
         weight, expected = answers.weight[there], probability[there]
         variance = float((weight**2 * expected * (1.0 - expected)).sum())
-        # Half a job more, so that the first surprise where all is certain does not count as the clearest.
+        # Half a job is added to the variance, so that a first exception among certain answers is not the clearest.
         return abs(float(weight @ (answers.toppled[there] - expected))) / (variance + 0.5) ** 0.5
 
     parts = [part for part in range(len(_EDGES) + 1) if (bin_of_job == part).sum() >= _LEAST_JOBS_BETWEEN]

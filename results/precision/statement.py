@@ -1,4 +1,4 @@
-"""What a run of few jobs states: a file of its folder, written again after every round."""
+"""Statement of a sequential run: a file of its folder, rewritten after every round."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -17,14 +17,14 @@ _SCHEMA_VERSION = 1
 
 
 def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:
-    """What the rounds of one contact say so far.
+    """Statement from the rounds of one contact so far.
 
-    rounds: with a verdict.
-    answered, records: jobs with an answer, and their records.
+    rounds: rounds with a verdict.
+    answered, records: numbers of jobs with an answer and of their records.
     contact: columns of the results and their values.
-    Returns dict: contact, target, measure, value, low, high, precision and asked (relative, of a probability in its own
-    unit), beta, jobs, records, rounds, ended, reason, how the answers contradict the curve (departure; None where they
-    do not), the words, and the sentence, which says too how it goes on.
+    Returns dict: contact, target, measure, value, low, high, precision and asked (relative, but absolute for a
+    probability), beta, jobs, records, rounds, ended, reason, departure (of the answers from the curve, or None), words,
+    and sentence, which adds what remains to be done.
     """
     verdict = rounds.verdict
     assert verdict is not None
@@ -58,13 +58,13 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
 
 
 def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id: str) -> None:
-    """Write what a run states, one entry a contact."""
+    """Write the statements of a run, one per contact."""
     content = {"schema_version": _SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
     write_json(run / STATEMENT_FILE, content)
 
 
 def statements_of(run: Path) -> list[dict[str, Any]]:
-    """What a run states; empty for one that was not asked.
+    """Read the statements of a run; empty for a run without a target.
 
     Raises InputError if the file is damaged, or of another run.
     """
@@ -85,7 +85,7 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
 
 
 def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What a person should know, one sentence for each contact."""
+    """Summary for a reader: one sentence per contact."""
     said = [one["sentence"] for one in statements]
     if len(said) > 1:
         under = "with friction {friction_static:g} and restitution {restitution:g} "

@@ -1,4 +1,4 @@
-"""What a run of few jobs is asked for: an intensity, a probability or a failure rate, and how sure it is to be."""
+"""Target of a sequential run: an intensity, a probability or a failure rate, and its estimate with an interval."""
 
 import math
 from dataclasses import dataclass
@@ -16,30 +16,30 @@ from toppling.results.precision.probit import Curve
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
 _SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
-"""Targets that are intensities, by the share that topples there."""
+"""Toppling probability of each target that is an intensity."""
 
 _USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
-"""Of jobs of one record, with as many pairs' weight: it only foretells what more jobs would bring."""
+"""Prior correlation of two jobs of one record, and its weight in pairs; used only to predict gains of more jobs."""
 
 
 _USUAL_BETA = 0.4
-"""Of most rocks over the measure that predicts best: it only foretells what records bear before any job is done."""
+"""Typical beta over the best predictor; used only to predict the precision of the records before any job is done."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A number that follows from a fragility curve."""
+    """A quantity derived from a fragility curve."""
 
-    # One of `_SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
+    # One of `_SHARES`, "probability" (at an intensity), or "rate" (of failure under a hazard curve).
     name: str = "median"
-    # Column of the results; None for whichever predicts best. Stated with a probability and a rate.
+    # Column of the results; None for the best predictor. Required for a probability or a rate.
     measure: str | None = None
-    intensity: float | None = None  # at which the probability is asked for, in the measure's SI unit
+    intensity: float | None = None  # intensity of the probability, in the measure's SI unit
     hazard: HazardCurve | None = None
 
     @property
     def shares(self) -> tuple[float, float]:
-        """Toppling probabilities between which jobs tell most of it."""
+        """Range of toppling probabilities in which jobs are most informative on the target."""
         if self.name == "median":
             return 0.25, 0.75
         if self.name == "probability":
@@ -48,10 +48,10 @@ class Target:
         return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])
 
     def borne_by(self, records: int) -> float | None:
-        """About the half interval that so many records bear, had each jobs without end; None of other than intensities.
+        """Approximate half interval from so many records with unlimited jobs; None unless the target is an intensity.
 
-        Thresholds of records are normal with standard deviation beta; of a quantile z the variance is that of the mean
-        times 1 + z^2 / 2.
+        Log thresholds of records are normal with standard deviation beta; the variance of the quantile z is that of
+        the mean times 1 + z^2 / 2.
         """
         if self.name not in _SHARES or records < 2:
             return None
@@ -59,9 +59,9 @@ class Target:
         return float(t.ppf(0.975, records - 1)) * _USUAL_BETA * wider / math.sqrt(records)
 
     def score(self, coefficients: Array) -> float:
-        """Target on the scale on which its interval is symmetric: a logarithm, for a probability its probit.
+        """Target on the scale of its symmetric interval: its logarithm, or the probit of a probability.
 
-        coefficients: (2,), of a probit on the logarithm of the intensity.
+        coefficients: (2,), intercept and slope of a probit on the logarithm of the intensity.
         """
         a, b = coefficients
         if self.name == "probability":
@@ -74,17 +74,17 @@ class Target:
         return float((ndtri(_SHARES[self.name]) - a) / b)
 
     def value(self, score: float) -> float:
-        """Target in its own unit."""
+        """Convert a score to the target in its own unit."""
         return float(ndtr(score)) if self.name == "probability" else math.exp(min(score, 700.0))
 
     def precision(self, score: float, half: float) -> float:
-        """Half an interval: relative, for a probability in its own unit."""
+        """Half width of an interval: relative, but absolute for a probability."""
         if self.name == "probability":
             return 0.5 * (self.value(score + half) - self.value(score - half))
         return half
 
     def words(self, measure: str, value: float, low: float, high: float) -> str:
-        """The statement of a value and its interval of 95 %."""
+        """Clause that states a value and its 95 % interval."""
         name, unit = SHORT_NAMES[measure], describe(SCHEMA.field(measure))["unit"]
         if self.name == "probability":
             at = f"at a {name} of {self.intensity:g} {unit}"
@@ -98,25 +98,24 @@ class Target:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A target and how well jobs so far know it."""
+    """Estimate of a target from the jobs so far."""
 
-    # The target and its interval of 95 %.
+    # The target and its 95 % interval.
     value: float
     low: float
     high: float
-    # Halves of what the interval has from jobs and their records, which more of them narrow, and from the base:
-    # relative, for a probability in its own unit.
+    # Half widths due to jobs and records, and due to the unknown base: relative, but absolute for a probability.
     precision: float
     base: float
-    bearable: float  # the first of these, had each record jobs without end
-    # Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
+    bearable: float  # `precision` if every record had unlimited jobs
+    # Variance on the target's scale: part of independent jobs, which falls with their number, and of records.
     independent: float
     pairs: float
-    scale: float  # precision over the square root of that variance, in standard errors of half an interval
+    scale: float  # precision over Student's factor times the standard error on the target's scale
 
 
 def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
-    """Correlation of two jobs of one record in what they say of a target; about half, where hardly any pair tells."""
+    """Correlation of two jobs of one record in their influence on a target; tends to the prior for few pairs."""
     count = 0.5 * curve.pairs_share * curve.jobs**2
     if not count:
         return _USUAL_CORRELATION
@@ -127,8 +126,8 @@ def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
 def estimate(curve: Curve, target: Target, records: int, spread: BaseSpread | None = None) -> Estimate:
     """Target of a fitted curve with its interval over records and bases.
 
-    records: that the campaign has.
-    spread: of the bases; None where there is one.
+    records: number of records of the campaign.
+    spread: variation between bases; None for a single base.
     """
     score = target.score(curve.coefficients)
     independent, added = curve.variances(target.score)

@@ -1,4 +1,4 @@
-"""Answers: the schema and the store of a run, queries, fragility, figures, hazard constraints."""
+"""Results: schema and store of a run, queries, fragility, figures, hazard constraints."""
 
 __all__ = [
     "completeness", "queries", "reader", "replayed_job", "run_integrity", "schema", "store",

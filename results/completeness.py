@@ -1,4 +1,4 @@
-"""How much of a run has been done, said first wherever an unfinished one is read."""
+"""Progress of a run, reported first wherever an unfinished run is read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,20 +7,20 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Completeness:
-    """Jobs that a run was begun with, and those that have run."""
+    """Numbers of planned, done and stored jobs of a run."""
 
-    planned: int | None  # None where the run does not say, as one that is no whole folder
-    done: int  # jobs with a row, whatever its status
-    stored: int = 0  # rows that a session said it had stored
+    planned: int | None  # None where unknown, as in an incomplete folder
+    done: int  # jobs with a row of any status
+    stored: int = 0  # rows stored according to `run.json`
 
     @property
     def left(self) -> int:
-        """Jobs that have not run; 0 where it is not known how many there are."""
+        """Number of jobs that have not run; 0 where the planned number is unknown."""
         return max((self.planned or 0) - self.done, 0)
 
     @property
     def remark(self) -> str:
-        """What an unfinished run has to say of itself; empty for a finished one.
+        """Remark on an unfinished run; empty for a finished one.
 
         Examples
         --------
@@ -38,6 +38,6 @@ class Completeness:
 
 
 def rows_stored(document: Mapping[str, Any]) -> int:
-    """Rows that a session of a run had stored when it ended, the most of all, by its `run.json`."""
+    """Largest number of rows that a session of a run had stored when it ended, from `run.json`."""
     counts = [one.get("done") for one in document.get("sessions") or ()]
     return max((count for count in counts if type(count) is int), default=0)

@@ -1,6 +1,6 @@
-"""SQL over one or several runs: the tables that it is asked of, what it may not pool, its limits of memory and time.
+"""SQL over one or several runs: tables, refusal to pool different experiments, limits of memory and time.
 
-Unless whoever asks trusts it, a query reads the tables that it is given and nothing else.
+An untrusted query can read nothing but the tables of the runs.
 """
 
 import contextlib
@@ -18,13 +18,13 @@ from toppling.models.errors import InputError
 from toppling.results.store import newest_rows, read_steady, result_files
 
 _APART = ("engine", "preset", "scene_id", "physics_version")
-"""Columns of `results` in which runs may differ, so that their rows answer different questions."""
+"""Columns of `results` whose values must not be pooled over runs unasked."""
 
 _TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
 
 
 class _Readable(Protocol):
-    """What a query asks of a run (`results.reader.Run`)."""
+    """Interface of a run that queries need (`results.reader.Run`)."""
 
     @property
     def name(self) -> str: ...
@@ -36,10 +36,11 @@ class _Readable(Protocol):
 
 
 _MEMORY_BYTES = 2 << 30
-"""Of a query at work, and of its answer: the sums and joins of a million jobs take a tenth of it."""
+"""Memory limit of an untrusted query and of its answer; sums and joins of a million jobs take a tenth of it."""
 _TIME_S = 120.0
+"""Time limit of an untrusted query, s."""
 _BATCH_ROWS = 2_048
-"""Of an answer that are made at once, before its size is looked at."""
+"""Number of rows of an answer that are fetched between checks of its size."""
 
 _LOCKED = {
     "enable_external_access": "false",
@@ -48,21 +49,21 @@ _LOCKED = {
     "python_enable_replacements": "false",
     "temp_directory": "",
 }
-"""What keeps a query from everything but the tables that it is given."""
+"""DuckDB settings that restrict an untrusted query to the given tables."""
 
 
 def ask(runs: Sequence[_Readable], query: str, *, trusted: bool = False) -> pa.Table:
-    """Answer of a DuckDB query over one or several runs.
+    """Answer a DuckDB query over one or several runs.
 
-    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where the
-    bases of a rock weigh unlike, `bases` holds their weights. Where the runs
-    differ in engine, preset, scene or physics version, a query over `results` has to name the run or that column: rows
-    that answer different questions are not pooled unasked.
+    The tables `results`, `motions` and `scene` contain the rows of all runs, distinguished by the column `run`. Where
+    the bases of a rock have different weights, `bases` contains them. Where the runs differ in engine, preset, scene or
+    physics version, a query over `results` must name the run or that column, so that different experiments are not
+    pooled by accident.
 
     query: one SELECT, which reads nothing but these tables.
-    trusted: let the query do all that DuckDB can: read and write files, load extensions.
-    Raises InputError if DuckDB refuses the query, two runs have the same name, or the query would pool rows of
-    different questions.
+    trusted: allow all that DuckDB can do: read and write files, load extensions.
+    Raises InputError if DuckDB refuses the query, two runs have the same name, or the query would pool different
+    experiments.
     """
 
     def answer() -> pa.Table:
@@ -81,14 +82,11 @@ def ask(runs: Sequence[_Readable], query: str, *, trusted: bool = False) -> pa.T
 
 
 def rows_where(run: _Readable, where: str, trusted: bool) -> pa.Table:
-    """Rows of `results` for which a condition holds.
-
-    Raises InputError if DuckDB refuses it.
-    """
+    """Rows of `results` that satisfy an SQL condition; InputError if DuckDB refuses it."""
 
     def answer() -> pa.Table:
         with _tables_of([run], trusted) as connection:
-            # As an expression of its own, not as text in a statement, from which it could break out.
+            # A parsed expression, because text within a statement could inject SQL.
             return connection.table("results").filter(duckdb.SQLExpression(where)).to_arrow_table()
 
     return read_steady([run.root], answer)
@@ -96,7 +94,7 @@ def rows_where(run: _Readable, where: str, trusted: bool) -> pa.Table:
 
 @contextlib.contextmanager
 def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.DuckDBPyConnection]:
-    """Tables of some runs as they are now, for a block within limits; what DuckDB says of it becomes an InputError."""
+    """Connection with the current tables of some runs, within limits; DuckDB's errors become InputError."""
     with _connect(runs, trusted) as connection:
         try:
             with _time_limit(connection, trusted):
@@ -104,7 +102,7 @@ def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.Duck
         except duckdb.PermissionException as error:
             raise _refused(str(error)) from error
         except duckdb.Error as error:
-            if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
+            if isinstance(error, duckdb.InvalidInputException):  # perhaps a damaged file, which this names
                 for run in runs:
                     newest_rows(result_files(run.root))
             raise InputError(
@@ -119,10 +117,9 @@ def _tables_of(runs: Sequence[_Readable], trusted: bool) -> Iterator[duckdb.Duck
 
 
 def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBPyConnection:
-    """DuckDB connection with the views `results`, `motions`, `scene` and `bases` over some runs as they are now.
+    """DuckDB connection with the current views `results`, `motions`, `scene` and `bases` of some runs.
 
-    Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its
-    configuration is locked.
+    An untrusted connection cannot access files, extensions or Python variables, and its configuration is locked.
     """
     names = [run.name for run in runs]
     if len(set(names)) < len(names):
@@ -152,7 +149,7 @@ def _connect(runs: Sequence[_Readable], trusted: bool = False) -> duckdb.DuckDBP
 
 
 def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered: Iterable[str]) -> None:
-    """Refuse a query that says nothing of what tells the rows of its runs apart, in its text or its answer."""
+    """Refuse a query that neither names nor returns the columns in which its runs differ."""
     words = {word.lower() for word in re.findall(r"\w+", _TEXT_OR_REMARK.sub(" ", query))}
     if "results" not in words:
         return
@@ -192,10 +189,7 @@ def _refused(what: str) -> InputError:
 
 @contextlib.contextmanager
 def _time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator[None]:
-    """Stop a query of this block that takes too long, unless it is trusted.
-
-    Raises InputError if it was stopped, or needed too much memory.
-    """
+    """Stop an untrusted query that takes too long; InputError if it was stopped, or needed too much memory."""
     watch = threading.Timer(_TIME_S, connection.interrupt)
     watch.daemon = True
     if not trusted:
@@ -203,10 +197,10 @@ def _time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterato
     try:
         yield
     except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
-        if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
+        if trusted:  # interrupted by the user, such as by Ctrl-C
             raise
         reason = str(error).partition("\n")[0]
-        # What fails while the answer is fetched comes through Arrow, by its message.
+        # Errors while the answer is fetched come through Arrow, and are recognised by their message.
         if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
             raise _too_much(f"the query took more than {_TIME_S:g} s and was stopped") from error
         raise _too_much(f"the query cannot be answered ({reason})") from error
@@ -215,10 +209,7 @@ def _time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterato
 
 
 def _collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
-    """All rows of an answer.
-
-    Raises InputError if they take more memory than an answer may, unless the query is trusted.
-    """
+    """All rows of an answer; InputError if an untrusted query's answer exceeds the memory limit."""
     if trusted:
         return answer.to_arrow_table()
     reader, batches, size = answer.to_arrow_reader(_BATCH_ROWS), [], 0

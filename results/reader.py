@@ -1,4 +1,4 @@
-"""A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
+"""Reading a run, also while it is in progress: pyarrow, pandas, and SQL over its rows, records and scene."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ _SITE_COLUMNS = (
 
 
 class Run:
-    """A run's folder, read again at each question, so that a run that goes on shows what it has.
+    """Folder of a run, read anew by each method, so that a run in progress shows its current state.
 
     Parameters
     ----------
     path : path
-        The folder that `toppling run` made, or its address in an object store.
+        Folder written by `toppling run`, or its address in an object store.
 
     Raises
     ------
     InputError
-        If the folder is not a run's, or holds files of another run.
+        If the folder is not a run, or contains files of another run.
     """
 
     def __init__(self, path: PathLike) -> None:
@@ -71,14 +71,14 @@ class Run:
 
     @property
     def rocks(self) -> tuple[Run, ...]:
-        """Each rock of an atlas, to be read like a run of its own; none for a run of one rock."""
+        """Runs of the single rocks of an atlas; empty for a run of one rock."""
         if self.root != self.path:
             return ()
         return tuple(Run(self.path / SCENES / one["rock"]) for one in self.provenance().get("scenes") or ())
 
     @property
     def entry(self) -> dict[str, Any]:
-        """What `run.json` says of one rock of an atlas; empty for a run of one rock."""
+        """Entry of a rock of an atlas in `run.json`; empty for a run of one rock."""
         if self.root == self.path:
             return {}
         return next(one for one in self.provenance()["scenes"] if one["rock"] == self.path.name)
@@ -95,12 +95,12 @@ class Run:
 
     @property
     def name(self) -> str:
-        """The folder's name, which tells runs apart where several are asked together."""
+        """Name of the folder, which identifies the run in queries over several."""
         return self.path.resolve().name
 
     @property
     def rock(self) -> str:
-        """Name of the rock: as the run was begun with, or that of the scene which its campaign names, or of the run."""
+        """Name of the rock: from `run.json`, or else the folder of the campaign's scene, or the run's name."""
         if self.root != self.path:
             return self.path.name
         with contextlib.suppress(InputError):  # damaged: as below
@@ -111,12 +111,12 @@ class Run:
         return rock_name(self.path) if name == "scene" else name
 
     def unmeasured(self) -> dict[str, Any]:
-        """What realisations draw besides base and centre of mass, by the campaign's key `unmeasured`."""
+        """Distributions that realisations draw besides base and centre of mass (the campaign's key `unmeasured`)."""
         drawn = self._campaign().get("unmeasured")
         return drawn if isinstance(drawn, dict) else {}
 
     def _campaign(self) -> dict[str, Any]:
-        """Content of the run's campaign; empty where there is none, or a damaged one, as those say who rest on it."""
+        """Content of the run's campaign; empty if absent or damaged: callers that need it report that."""
         path = self.root / "campaign.toml"
         try:
             return read_toml(path) if path.exists() else {}
@@ -124,19 +124,19 @@ class Run:
             return {}
 
     def table(self) -> pa.Table:
-        """All rows under `results.schema.SCHEMA`, one per job."""
+        """All rows with the schema `results.schema.SCHEMA`, one per job."""
         table = read_steady([self.root], lambda: newest_rows(result_files(self.root)))
         return table if self.root == self.path else table.filter(self._own)
 
     @property
     def _own(self) -> pc.Expression:
-        """Holds for the rows of one rock of an atlas."""
+        """Filter for the rows of one rock of an atlas."""
         return pc.field("scene_id") == self.entry["scene_id"]
 
     def dataset(self) -> ds.Dataset:
         """Rows as a pyarrow dataset, read lazily unless a job has several rows.
 
-        While the run goes on its files may be merged away before they are read: `table` reads at once.
+        While a run is in progress its files may be merged before they are read; `table` reads immediately.
         """
         files = result_files(self.root)
         if self.root != self.path:
@@ -153,31 +153,31 @@ class Run:
         return ds.dataset(self.table()) if repeated else lazy
 
     def frame(self, where: str | None = None, *, trusted: bool = False) -> pd.DataFrame:
-        """All rows as a pandas frame, or those that a condition of SQL holds for; `toppled` is a nullable boolean.
+        """Rows as a pandas frame, all or those that satisfy an SQL condition; `toppled` is a nullable boolean.
 
         Parameters
         ----------
         where : str or None
-            One expression over the columns of `results`; `motions` and `scene` may be asked in it.
+            One SQL expression over the columns of `results`; subqueries may use `motions` and `scene`.
         trusted : bool
-            Let it read files too.
+            Whether it may read files too.
 
         Raises
         ------
         InputError
-            If the condition is not one expression of SQL, or names what is no column.
+            If the condition is not a single SQL expression, or names an unknown column.
         """
         if not where:
             return as_frame(self.table())
         return as_frame(rows_where(self, where, trusted))
 
     def planned(self) -> int | None:
-        """Number of jobs that the run was started with; None where it does not say."""
+        """Number of planned jobs; None where unknown."""
         jobs = (self.entry or self.provenance()).get("jobs")
         return None if jobs is None else int(jobs)
 
     def completeness(self) -> Completeness:
-        """How many of its jobs have run: an unfinished run says so first wherever it is read."""
+        """Numbers of planned and done jobs."""
         ids = ["job_id", "attempt", "scene_id"]
         rows = read_steady([self.root], lambda: newest_rows(result_files(self.root), ids))
         done = rows if self.root == self.path else rows.filter(self._own)
@@ -185,38 +185,38 @@ class Run:
         return Completeness(self.planned(), len(done), stored)
 
     def weighted(self, frame: pd.DataFrame, weights: Weights | None = None) -> pd.DataFrame:
-        """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.
+        """Add the column `record_weight` to rows of a run whose records or bases have different weights.
 
         Records have the weights of 'toppling records select --deaggregation', 1 on average over those in use. Bases
-        have those that the run found (`results.weights`); `base_weight` is their part. Where all weigh alike the frame
-        stays as it is.
+        have the weights of the run (`results.weights`), also in the column `base_weight`. With equal weights the frame
+        is returned unchanged.
 
         Parameters
         ----------
         weights : Weights or None
-            Weights of the bases by more than the run knows of.
+            Weights of the bases to use instead of the run's.
 
         Raises
         ------
         InputError
-            If the run's own weights of its bases are not there, or are damaged.
+            If the run's weights of its bases are missing or damaged.
         """
         weights = weights or self.weights()
         frame = self._by_records(frame)
         return frame if weights is None else weighed(frame, weights)
 
     def weights(self) -> Weights | None:
-        """Weights of the bases, where the campaign asks for some.
+        """Weights of the bases; None where the campaign requests none.
 
         Raises
         ------
         InputError
-            If they are not there yet, or damaged.
+            If they are missing or damaged.
         """
         return weights_of(self.path)
 
     def bases(self) -> pa.Table | None:
-        """Weight of each base under each contact, a row each; None where all weigh alike."""
+        """Table of the weight of each base under each contact; None where all are equal."""
         weights = self.weights()
         return None if weights is None else weights.table()
 
@@ -237,7 +237,7 @@ class Run:
         return frame.assign(record_weight=frame["record_id"].map(weights) * (len(used) / sum(used)))
 
     def sql(self, query: str, *, trusted: bool = False) -> pa.Table:
-        """Answer of a DuckDB query over the tables `results`, `motions` and `scene`; see :func:`ask`.
+        """Answer a DuckDB query over the tables `results`, `motions` and `scene`; see :func:`ask`.
 
         Raises
         ------
@@ -247,9 +247,9 @@ class Run:
         return ask([self], query, trusted=trusted)
 
     def motions(self) -> pa.Table | None:
-        """Catalogue of the run's records, one row a record; None where the run has no ensemble.
+        """Catalogue of the run's records, one row per record; None where the run has no ensemble.
 
-        In an atlas, `rock` names whose own a record is; null is all others'.
+        In an atlas, `rock` names the rock that a record belongs to; null for the common records.
         """
         check_files(self.root)
         if self.rocks:
@@ -264,7 +264,7 @@ class Run:
         return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
-        """One row about the scene; None where the run has none. For an atlas one row a rock, with its site."""
+        """One row describing the scene, or one per rock of an atlas with its site; None without a scene."""
         check_files(self.root)
         if self.rocks:
             return pa.concat_tables(table for one in self.rocks if (table := one.scene()) is not None)
@@ -272,20 +272,20 @@ class Run:
         return _scene_table(scene, self.entry) if scene else None
 
     def _scene_document(self) -> dict[str, Any]:
-        """Content of `scene.json`; empty where there is none."""
+        """Content of `scene.json`; empty without a scene."""
         path = self.scene_folder / "scene.json"
         return read_scene_document(path) if path.exists() else {}
 
     def scene_report(self) -> dict[str, Any]:
-        """What the scan of the run's scene found out on the way; empty where there is none."""
+        """Report of the scan of the run's scene; empty without one."""
         return dict(self._scene_document().get("report") or {})
 
     def on_one_base(self, jobs: pd.DataFrame) -> bool:
-        """Whether some of its jobs are on one base of a rock whose base is drawn."""
+        """Whether given jobs are all on the same base of a rock with drawn bases."""
         return (self.scene_folder / BASES).exists() and jobs["realisation"].nunique() == 1
 
     def scene_id(self) -> str | None:
-        """Hash of the rock's scene; None where the run does not say."""
+        """Hash of the rock's scene; None where unknown."""
         entry = self.entry or self.provenance()
         return str(entry["scene_id"]) if entry.get("scene_id") else None
 
@@ -305,12 +305,12 @@ class Run:
         )
 
     def provenance(self) -> dict[str, Any]:
-        """Content of `run.json`, how the run was made; empty where there is none."""
+        """Content of `run.json`, the provenance of the run; empty without one."""
         path = self.root / "run.json"
         return check_run_document(read_json(path), path, whole_document=False) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
-        """Every column of every table with its unit and meaning."""
+        """Unit and description of every column of every table."""
         rows = [{"table": "results", **describe(_RUN_COLUMN)}]
         tables = (
             ("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene()), ("bases", self.bases())
@@ -323,7 +323,7 @@ class Run:
 
 
 def atlas_of(path: Path) -> Path | None:
-    """The atlas whose rock lies in a folder, if it does."""
+    """Folder of the atlas that a rock's folder belongs to; None if it belongs to none."""
     scenes = path.absolute().parent
     whole = scenes.name == SCENES and all(
         (scenes.parent / name).exists() for name in (SITES_FILE, "run.json")
@@ -337,7 +337,7 @@ def open_run(path: PathLike) -> Run:
     Raises
     ------
     InputError
-        If the folder is not a run's.
+        If the folder is not a run.
     """
     return Run(path)
 
@@ -353,7 +353,7 @@ def _as_recorded(field: pa.Field) -> dict[str, str]:
 
 
 def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
-    """One row, of a scene document and of what a table of rocks says of it."""
+    """Table of one row from a scene document and the rock's entry in a table of rocks."""
     rock, plane, contact = document["rock"], document["interface"], document["contact"]
     statics = document["quasi_static_toppling_m_s2"]
     least = min((row["value"] for row in statics if row["value"] is not None), default=None)

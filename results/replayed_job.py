@@ -1,4 +1,4 @@
-"""One shake seen again: scene, motion and the rock's trajectory, in numbers."""
+"""Replay of one shake: scene, motion and the rock's trajectory, as numbers."""
 
 from dataclasses import dataclass
 
@@ -14,41 +14,41 @@ from toppling.models.trajectory import Trajectory
 from toppling.results.schema import described_table
 
 STILL_SHARE = 1e-3
-"""A rock whose centre of mass moves by less than this share of its height shows nothing yet."""
+"""Displacement of the centre of mass, as a fraction of the rock's height, below which the rock is at rest."""
 
 _LEAD_S = 0.5
-"""Time shown before something is to be seen."""
+"""Time shown before the rock begins to move, s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
     """A rock's trajectory under a ground motion, in the pedestal's frame."""
 
-    scene: Scene  # in the pose that the trajectory starts from
+    scene: Scene  # in the initial pose of the trajectory
     motion: Motion  # as imposed
-    trajectory: Trajectory  # its quaternions rotate from the pose in the scene to the present one
-    topple_time_s: float | None = None  # time of no return
+    trajectory: Trajectory  # quaternions rotate from the pose in the scene
+    topple_time_s: float | None = None  # time of the point of no return
 
     @property
     def tilt_deg(self) -> Array:
-        """Angle between the interface's normal and where the rock has carried it since the start, (n,)."""
+        """Tilt (n,): angle between the interface's normal and the same body axis in the current pose."""
         return self.tilts_deg(self.trajectory.quaternion_xyzw)
 
     def tilts_deg(self, quaternion_xyzw: Array) -> Array:
-        """The same of rotations (k, 4), from that of the trajectory's first pose."""
+        """Tilt (k,) of rotations (k, 4), relative to the trajectory's first pose."""
         turns, normal = Rotation.from_quat(quaternion_xyzw), self.scene.pedestal.normal
         first = Rotation.from_quat(self.trajectory.quaternion_xyzw[0])
         carried = (turns * first.inv()).apply(normal)
         return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
 
     def ground_m_s2(self, time_s: ArrayLike) -> Array:
-        """Acceleration of the ground at some times, (k, 3); zero after the motion."""
+        """Ground acceleration (k, 3) at given times; zero after the motion."""
         times, motion = np.asarray(time_s, float), self.motion
         axes = [np.interp(times, motion.time_s, axis, right=0.0) for axis in motion.acceleration_m_s2.T]
         return np.stack(axes, axis=-1)
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Centres of mass (k, 3) and rotations (k, 4) at any times of the trajectory."""
+        """Centres of mass (k, 3) and rotations (k, 4), interpolated at given times."""
         path = self.trajectory
         position = np.column_stack([np.interp(time_s, path.time_s, axis) for axis in path.position_m.T])
         times, first = np.unique(path.time_s, return_index=True)
@@ -58,7 +58,7 @@ class Replay:
         return position, turns(np.clip(time_s, times[0], times[-1])).as_quat()
 
     def shown_s(self) -> tuple[float, float]:
-        """First and last time of the part in which something is to be seen; the whole motion where the rock rests."""
+        """Start and end of the part in which the rock moves; the whole motion where it stays at rest."""
         path = self.trajectory
         off = np.linalg.norm(path.position_m - path.position_m[0], axis=1)
         moving = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
@@ -68,7 +68,7 @@ class Replay:
 
 
 def trajectory_table(replay: Replay) -> pa.Table:
-    """The trajectory as a table, one row a pose, units and descriptions in the fields' metadata."""
+    """Trajectory as a table, one row per pose, with units and descriptions in the fields' metadata."""
     path = replay.trajectory
     ground = replay.ground_m_s2(path.time_s)
     velocity = replay.motion.velocity_at(path.time_s)

@@ -1,7 +1,7 @@
-"""Whether the files of a run's folder are that run's: whole files of another run are refused by name, not believed.
+"""Integrity of a run's folder: intact files that belong to another run are refused by name.
 
-`run.json` states the digest of every file that the run was begun with, the ids of scene and ensemble, and the plan's.
-Rows are compared with the jobs of the plan. Runs of earlier versions, which state no digests, are compared by ids.
+`run.json` records the digest of every initial file of the run, and the ids of scene, ensemble and plan. Rows are
+compared with the jobs of the plan. Runs of earlier versions, without digests, are compared by ids.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,11 +21,11 @@ from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id
 
 CAMPAIGN_FILE, _JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"
-"""Table of the rocks of an atlas, and the folder with one for each of them."""
+"""Table of the rocks of an atlas, and the parent folder of their scenes."""
 SCENE_FILES = ("scene.json", "rock.ply", "pedestal.ply", BASES)
 ENSEMBLE_FILES = (CATALOG, MOTIONS)
 _RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensemble")
-"""Of motions that the rock is known to have stood."""
+"""Ensembles of motions that the rock is known to have survived."""
 
 _WRITTEN_ONCE = (
     CAMPAIGN_FILE,
@@ -38,14 +38,14 @@ _WRITTEN_ONCE = (
 NEEDED = tuple(
     name for name in _WRITTEN_ONCE if not name.endswith((BASES, SITES_FILE)) and not name.startswith("stood/")
 )
-"""What every run of one rock is begun with."""
+"""Initial files of every run of one rock."""
 
 _CHECKED: dict[str, tuple[object, ...]] = {}
-"""What was compared already, by what it is, with the state of the files then."""
+"""Finished comparisons, with the state of the files at that time."""
 
 
 class ForeignError(InputError):
-    """A whole file of another run."""
+    """An intact file belongs to another run."""
 
     def __init__(self, what: str, where: Path) -> None:
         super().__init__(
@@ -58,7 +58,7 @@ class ForeignError(InputError):
 
 
 def written_once(run: Path) -> list[str]:
-    """Files that are there of those that a run may be begun with."""
+    """Existing initial files of a run, which are written once."""
     own = [*(f"scene/{name}" for name in SCENE_FILES), *(f"ensemble/{name}" for name in ENSEMBLE_FILES)]
     rocks = sorted(path.name for path in (run / SCENES).glob("*"))
     names = (*_WRITTEN_ONCE, *(f"{SCENES}/{rock}/{name}" for rock in rocks for name in own))
@@ -66,16 +66,16 @@ def written_once(run: Path) -> list[str]:
 
 
 def digests_of(run: Path) -> dict[str, str | None]:
-    """Digest of each file of a run that was written at its beginning and is there; None for one without a digest."""
+    """Digest of each existing initial file of a run; None for a file without a digest."""
     return {name: _opened(run / name, stated) for name in written_once(run)}
 
 
 def check_files(run: Path) -> None:
-    """Compare the files of a run that were written once with what its `run.json` says of them.
+    """Compare the initial files of a run with their digests and ids in its `run.json`.
 
-    Missing files are no matter of this check, and neither is a folder without a `run.json`.
+    Missing files, and a folder without a `run.json`, are not checked.
 
-    Raises InputError if one is of another run, by its name, or damaged.
+    Raises InputError if a file is damaged or belongs to another run.
     """
     if not (run / _RUN_FILE).exists():
         return
@@ -86,9 +86,9 @@ def check_files(run: Path) -> None:
 def check_rows(run: Path, path: Path) -> None:
     """Compare the rows of a file of results with the jobs of the run.
 
-    run: folder with the plan (`jobs.parquet`); without one there is nothing to compare with but the scene.
+    run: folder with the plan (`jobs.parquet`); without a plan only the scene is compared.
     path: verified Parquet file with columns of the schema of results.
-    Raises InputError if it holds rows of other jobs.
+    Raises InputError if it contains rows of other jobs.
     """
     known = [one for one in (run / _RUN_FILE, run / _JOBS_FILE) if one.exists()]
     if known:
@@ -96,17 +96,14 @@ def check_rows(run: Path, path: Path) -> None:
 
 
 def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
-    """Compare the id of the plan that a file states with that of the run whose folder it lies in.
-
-    Raises InputError if it is another.
-    """
+    """Raise InputError if a file's plan id differs from that of the run in whose folder it lies."""
     expected = _document(run).get("plan_id") if (run / _RUN_FILE).exists() else None
     if plan_id is not None and expected is not None and plan_id != expected:
         raise ForeignError(f"is of another run (plan {plan_id}, {run / _RUN_FILE} says {expected})", path)
 
 
 def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
-    """Compare, unless that was done with the same state of the files."""
+    """Run a comparison unless it was done already for the same state of the files."""
     stamps = tuple((str(path), stamp(path.stat())) for path in files)
     if _CHECKED.get(key) != stamps:
         compare()
@@ -131,7 +128,7 @@ def _compare(run: Path) -> None:
     here = digests_of(run)
     for name in recorded.keys() & here.keys():
         if here[name] != recorded[name]:
-            check(run / name, required=recorded[name] is not None)  # a damaged one is no foreign one
+            check(run / name, required=recorded[name] is not None)  # distinguishes damaged from foreign files
     other = [name for name in here if name in recorded and here[name] != recorded[name]]
     other += [name for name in here if recorded and name not in recorded]
     if other:
@@ -150,7 +147,7 @@ def _compare(run: Path) -> None:
 def _ids(
     run: Path, document: Mapping[str, Any], recorded: Mapping[str, Any]
 ) -> list[tuple[str, str, object]]:
-    """What files without a recorded digest say of themselves: name, key of `run.json`, value."""
+    """Ids in files without a recorded digest: name of the file, key of `run.json`, value."""
     readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
         ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
         (f"ensemble/{CATALOG}", "ensemble_id", _ensemble_id),
@@ -186,26 +183,23 @@ def _compare_rows(run: Path, path: Path) -> None:
 
 
 AUDIT_FOLDER = "audit"
-"""In a run's folder; each engine that did jobs again has a folder of its own there, laid out as a run's results."""
+"""Subfolder of a run with a folder per auditing engine, each laid out as a run's results."""
 
 DRAWN_FILE = "drawn.json"
-"""In each of these: from which jobs the sample was drawn."""
+"""File of an audit's folder that states which jobs the sample was drawn from."""
 
 REFERENCE = "reference"
 """Name of the audit by the same engine's finest preset."""
 
 _PLAN_ID = b"plan_id"
-"""Key of the metadata of an audit's `jobs.parquet`."""
+"""Key of the plan's id in the metadata of an audit's `jobs.parquet`."""
 
 LEAST_JOBS = 40
-"""Of fewer no statement is made: even without a single answer that differs a tenth of them may."""
+"""Minimum number of audited jobs: of fewer, a tenth of all answers may differ although none in the sample does."""
 
 
 def check_audit(run: Path, folder: Path) -> None:
-    """Make sure that an audit's folder is of the run in whose folder it lies.
-
-    Raises InputError if one of its files is of another run, or damaged.
-    """
+    """Raise InputError if a file of an audit's folder is damaged or belongs to another run."""
     drawn, jobs = folder / DRAWN_FILE, folder / _JOBS_FILE
     if drawn.exists():
         check_plan_id(run, drawn, read_json(drawn).get("plan_id"))
@@ -215,14 +209,14 @@ def check_audit(run: Path, folder: Path) -> None:
 
 
 def check_audits(run: Path) -> None:
-    """Make sure that all audits in a run's folder are of this run, as :func:`check_audit` does."""
+    """Apply :func:`check_audit` to all audits of a run."""
     for folder in sorted((run / AUDIT_FOLDER).glob("*")):
         if folder.is_dir():
             check_audit(run, folder)
 
 
 def write_jobs(folder: Path, jobs: pa.Table, plan_id: str) -> None:
-    """Write which jobs an audit may hold rows of: those that are given, and those that were there before."""
+    """Add jobs to the list of those that an audit may contain rows of."""
     path = folder / _JOBS_FILE
     if path.exists():
         before = read_table(path, schema=jobs.schema)

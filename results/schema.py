@@ -1,7 +1,7 @@
-"""One row per job: every column of a run, declared once, with its unit, its meaning and the part it plays.
+"""Schema of results, one row per job: every column with its group, unit and description.
 
-SI units throughout, in the names. Azimuths are degrees counter-clockwise from x (east). Null means "not
-known": a job that crashed has no tilt, and a column that is null is never zero.
+SI units throughout, in the names. Azimuths are degrees counter-clockwise from x (east). Null means unknown, never zero:
+a job that crashed has no tilt.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,9 +19,9 @@ TOPPLED_OUTCOMES = ("toppled", "lodged")
 """Values of `outcome` of a rock that toppled."""
 
 GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
-"""What was asked, what was imposed, what happened, what it cost, who computed it when.
+"""Groups of columns: parameters, imposed motion, outcome, cost, and provenance.
 
-The same campaign gives the same rows, the groups cost and provenance aside.
+A repeated campaign gives equal rows except for the groups cost and provenance.
 """
 
 _TEXT, _REAL, _TRUTH, _COUNT, _NUMBER = pa.string(), pa.float64(), pa.bool_(), pa.int64(), pa.int32()
@@ -29,7 +29,7 @@ _TIME = pa.timestamp("us", tz="UTC")
 _MUST, _MAY = False, True  # whether a column may be null
 
 _LINE, _PAGE = (0, 200), (0, 20_000)
-"""Characters of a name, and of a message."""
+"""Ranges of the number of characters of a name and of a message."""
 
 # Rounding may leave a size a little below 0.
 _SIZE, _ANGLE, _TURN, _SHARE = (-1e-6, 1e9), (-360.0, 360.0), (0.0, 180.0), (0.0, 1.0)
@@ -116,19 +116,19 @@ SCHEMA = pa.schema(
 LIMITS: Mapping[str, tuple[Any, Any]] = {
     name: limits for rows in _COLUMNS.values() for name, _, _, limits, _, _ in rows
 }
-"""Least and greatest value of a column, or length of a text: wider than any answer, and narrower than nonsense."""
+"""Range of a column's values, or of a text's length, wide enough for all valid results."""
 
 SHORT_NAMES = {
     "level_pga_m_s2": "PGA",
     **{name: each.short_name for name, each in MEASURES.items() if each.short_name},
 }
-"""Measures as people call them."""
+"""Short names of measures, for print."""
 
 ADDED_LATER = (
     *("rock", "engine_steps", "cpu", "kernels"),
     *(name for name, each in MEASURES.items() if each.added_later),
 )
-"""Columns that results of this schema version may lack: their values are not known then."""
+"""Columns that results of this schema version may lack; they are read as null."""
 
 SORT_ORDER = (
     *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),
@@ -145,7 +145,7 @@ def describe(field: pa.Field) -> dict[str, str]:
 
 
 def described_table(columns: Iterable[tuple[str, pa.Array, str, str]], **metadata: str) -> pa.Table:
-    """Table of columns with their name, values, unit and description, and what else their metadata say."""
+    """Table of columns given by name, values, unit and description, with further metadata of every field."""
     known = list(columns)
     fields = [
         pa.field(name, values.type, metadata={**metadata, "unit": unit, "description": text})

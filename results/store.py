@@ -1,9 +1,9 @@
-"""The store: part files as a run goes on, one compact sorted file when it is done.
+"""Store of result rows: part files while a run is in progress, one compact sorted file when it is finished.
 
-One writer (the client of the cluster), any number of readers. A file appears complete or not at all, and is
-verified whole by its digest before it is believed. A part that is damaged, or is not a run's, is named in the log
-and skipped: its jobs are done again. One that cannot be opened, or holds rows of another run
-(`results.run_integrity`), is refused. Where a job has several rows, its newest attempt counts.
+One writer (the client of the cluster), any number of readers. Files are written atomically and verified by their
+digest when read. A part that is damaged, or is no part of a run, is logged and skipped: its jobs are repeated. One that
+cannot be opened, or contains rows of another run (`results.run_integrity`), is refused. Where a job has several rows,
+its newest attempt counts.
 """
 
 import logging
@@ -33,7 +33,7 @@ RESULTS_FILE = "results.parquet"
 PARTS_FOLDER = "parts"
 _PART_NAME = re.compile(r"part-[0-9]{20}-[0-9a-f]{8}\.parquet")
 _ROWS_IN_GROUP = 20_000
-"""Rows in a row group: small enough that a query of one record skips most of a large run."""
+"""Number of rows per Parquet row group, small enough that a query of one record skips most of a large run."""
 
 PathLike = str | os.PathLike[str]
 _Answer = TypeVar("_Answer")
@@ -42,16 +42,17 @@ _Answer = TypeVar("_Answer")
 def write_part(run_folder: PathLike, rows: pa.Table | Iterable[Mapping[str, Any]]) -> Path:
     """Append rows to a run as one new part file.
 
-    rows: a table under `SCHEMA`, or column name to value; a nullable column may be left out, and NaN is kept as null.
-    Returns Path: the part file, on disk when this returns.
-    Raises ValueError if there are no rows, a row has a column that the schema does not know, or lacks a required one.
-    Raises FileNotFoundError if there is no such folder: one that vanished under a run is not made again, its earlier
-    rows are gone.
+    rows: a table with `SCHEMA`, or mappings of column name to value; nullable columns may be left out, and NaN becomes
+    null.
+    Returns Path: the part file, which is on disk.
+    Raises ValueError if there are no rows, or a row has an unknown column or lacks a required one.
+    Raises FileNotFoundError if the folder does not exist: a folder deleted during a run is not created again, because
+    its earlier rows are lost.
     """
     table = rows if isinstance(rows, pa.Table) else table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
     folder.mkdir(exist_ok=True)
-    # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
+    # Names sort by time of writing; a random suffix prevents two concurrent writers from overwriting each other.
     target = folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet"
     write_table(table, target, _ROWS_IN_GROUP)
     return target
@@ -60,12 +61,12 @@ def write_part(run_folder: PathLike, rows: pa.Table | Iterable[Mapping[str, Any]
 def finished_ids(
     run_folder: PathLike, known: frozenset[str] | None = None, redo: Mapping[str, int] = MappingProxyType({})
 ) -> set[str]:
-    """Ids of the jobs that have a row, whatever its status.
+    """Ids of the jobs that have a row of any status.
 
-    Where the run's jobs are `known`, a damaged part is set aside as `_NAME`, not merged. A job to `redo` counts only
-    with an attempt above the one that stands there.
+    With `known` jobs, damaged parts are renamed to `_NAME`. A job in `redo` is finished only by an attempt above the
+    given number.
 
-    Raises InputError as :func:`result_files`, and if a file has rows of others than the `known` jobs.
+    Raises InputError as :func:`result_files`, and if a file has rows of jobs that are not in `known`.
     """
     return read_steady([run_folder], lambda: _finished_ids(run_folder, known, redo))
 
@@ -83,7 +84,7 @@ def _finished_ids(run_folder: PathLike, known: frozenset[str] | None, redo: Mapp
 
 
 def attempts_with(run_folder: PathLike, statuses: Collection[str]) -> dict[str, int]:
-    """Jobs whose newest row has one of some statuses, each with the number of that attempt."""
+    """Attempt numbers, by job id, of the jobs whose newest row has one of the statuses."""
     names = ["job_id", "status", "attempt"]
     newest = read_steady([run_folder], lambda: newest_rows(result_files(run_folder), names))
     chosen = newest.filter(pc.is_in(newest["status"], pa.array(list(statuses), pa.string()))).drop_null()
@@ -91,10 +92,10 @@ def attempts_with(run_folder: PathLike, statuses: Collection[str]) -> dict[str, 
 
 
 def compact(run_folder: PathLike) -> Path:
-    """Merge all parts into `results.parquet`, sorted, one row a job, and remove the parts that went into it.
+    """Merge all parts into `results.parquet`, sorted, one row per job, and remove the merged parts.
 
-    The file's metadata carries the schema's units and descriptions, and `run.json` and `campaign.toml` as
-    text where the run has them. A reader that meets both the file and its parts sees every job once.
+    The file's metadata contains the schema's units and descriptions, and the text of `run.json` and `campaign.toml`
+    where the run has them. A reader that finds both the file and its parts still sees every job once.
 
     Raises FileNotFoundError if the run has no readable results.
     """
@@ -118,20 +119,20 @@ def compact(run_folder: PathLike) -> Path:
 
 
 def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]:
-    """Parquet files of a run's results, verified: the compact one, and the parts not yet merged into it.
+    """Verified Parquet files of a run's results: the compact file, and parts not yet merged.
 
-    Damaged parts and files that hold no results are named in the log and left out; damaged ones are also renamed to
-    `_NAME` where the caller, the run's writer, says so.
+    Damaged parts and files without results are logged and left out; damaged ones are also renamed to `_NAME` with
+    `set_aside`, which only the run's writer may request.
 
     Raises InputError if the compact file is damaged, a file lacks a column of `SCHEMA` or cannot be opened, or a file
-    of the run is of another run.
+    belongs to another run.
     """
     run = Path(run_folder)
     required = has_digests(run)
     check_files(run)
     files = []
     for path in _listed(run):
-        with suppress(FileNotFoundError):  # merged and removed since the folder was listed
+        with suppress(FileNotFoundError):  # merged and removed after the folder was listed
             if _is_ours(path, required, set_aside):
                 check_rows(run, path)
                 files.append(path)
@@ -139,25 +140,22 @@ def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]
 
 
 def has_digests(run: Path) -> bool:
-    """Whether all files of a run carry digests, as its `run.json` does; older runs and loose results need not.
-
-    Raises InputError if `run.json` is damaged.
-    """
+    """Whether a run's files must have digests because its `run.json` has one; InputError if that is damaged."""
     return (run / "run.json").exists() and check(run / "run.json")
 
 
 def read_steady(run_folders: Iterable[PathLike], read: Callable[[], _Answer]) -> _Answer:
-    """Answer of a reading, which is done again if files of the runs were merged away, cut or damaged meanwhile.
+    """Call `read`, and again if files of the runs were removed or changed meanwhile.
 
-    Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to
-    them. New files are no reason to read again: their rows may count or not.
+    Such a reading fails with an exception of any library, or lacks rows of removed files. New files do not cause
+    another reading: their rows may be included or not.
     """
     folders = [Path(folder) for folder in run_folders]
     before = _stamps(folders)
     try:
         answer = read()
     except DamagedError:
-        pass  # the second reading leaves a damaged part out, or refuses again
+        pass  # the second reading skips a damaged part, or raises again
     except Exception:
         if before <= _stamps(folders):
             raise
@@ -168,7 +166,7 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], _Answer]) ->
 
 
 def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
-    """Rows of some files under `SCHEMA`, one a job: the highest attempt, and of equal ones the last written."""
+    """Rows of some files with `SCHEMA`, one per job: the highest attempt, and among equal ones the last written."""
     if not files:
         return SCHEMA.empty_table()
     table = pa.concat_tables([read_table(path, columns=columns, schema=SCHEMA) for path in files])
@@ -176,16 +174,16 @@ def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.T
         return table
     ranked = table.select(["job_id", "attempt"]).append_column("row", pa.array(range(len(table)), pa.int64()))
     order = ranked.sort_by([("attempt", "ascending"), ("row", "ascending")])
-    # Nulls sort last, so an attempt that was not numbered counts as the newest.
+    # Nulls sort last: an attempt without a number counts as the newest.
     newest = order.group_by("job_id", use_threads=False).aggregate([("row", "last")])
     return table.take(newest.column("row_last").sort())
 
 
 def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows under `SCHEMA`.
+    """Table of rows with `SCHEMA`.
 
-    Raises ValueError, TypeError if there are none, or a row has a column or a value that the schema does not know, or
-    lacks a required one.
+    Raises ValueError or TypeError if there are no rows, or a row has an unknown column, an invalid value, or lacks a
+    required column.
     """
     if not rows:
         raise ValueError("no rows to write")
@@ -209,7 +207,7 @@ def _listed(run: Path) -> list[Path]:
 
 
 def _stamps(runs: Iterable[Path]) -> set[tuple[Path, int, int]]:
-    """Tell the files of some runs apart from those of any other moment, whatever their names."""
+    """Path, size and modification time of the runs' files, to detect changes."""
     stamps = set()
     for run in runs:
         for path in _listed(run):
@@ -241,7 +239,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     wrong = [field.name for field in SCHEMA if not _is_as_declared(schema, field)]
     if not wrong:
         return True
-    # A file that says it holds results would, where a column is not as declared, answer with nulls.
+    # A file with results of another schema would silently be read as nulls.
     if b"schema_version" in (schema.metadata or {}):
         raise InputError(
             "run.columns_other",
@@ -255,6 +253,6 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
 
 
 def _is_as_declared(schema: pa.Schema, field: pa.Field) -> bool:
-    """Whether a file has a column, or may lack it."""
+    """Whether a file has a column of the declared type, or may lack it."""
     place = schema.get_field_index(field.name)
     return field.name in ADDED_LATER if place < 0 else schema.field(place).type == field.type

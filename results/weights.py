@@ -1,7 +1,7 @@
-"""Weights of the draws of a base: how much the jobs on each count, as a stage of the run found them.
+"""Weights of the drawn bases and of the jobs on them, as a stage of the run determined them.
 
-Why they weigh so is said by whoever writes them (`orchestrator.studies.conditioning`), and only passed on here. Each
-contact has weights of its own, as it is another hypothesis.
+The writer (`orchestrator.studies.conditioning`) gives the reason of the weights, which is only passed on here. Each
+contact has its own weights, because it is a different hypothesis.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 WEIGHTS_FILE = "weights.parquet"
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
 _SAME = 1e-9
-"""Share by which weights may differ and still be one."""
+"""Relative tolerance for equal weights."""
 Contact = tuple[float, float, float]
 
 _WEIGHT = pa.field(
@@ -51,18 +51,15 @@ _no_weights = refusals(
 class Weights:
     """Weights of the draws of a base, by contact."""
 
-    # Of each contact (static and kinetic friction, restitution) an array (draws,) whose mean is 1.
+    # (draws,) with mean 1, for each contact (static and kinetic friction, restitution).
     by_contact: Mapping[Contact, Array]
-    reason: str  # what is known of the rock, as a clause: "the rock stood quake"
-    method: str = ""  # what the weights are, as a page on methods says it: "the probability that ..."
-    remarks: tuple[str, ...] = ()  # what else a person should know
-    evidence: Mapping[str, Any] = field(default_factory=dict)  # what a program reads of the reason
+    reason: str  # evidence as a clause: "the rock stood quake"
+    method: str = ""  # definition of the weights for the methods section: "the probability that ..."
+    remarks: tuple[str, ...] = ()  # further remarks for a reader
+    evidence: Mapping[str, Any] = field(default_factory=dict)  # the evidence in machine-readable form
 
     def of(self, contact: Contact) -> Array:
-        """Weights under a contact.
-
-        Raises InputError if the draws were not weighed under it.
-        """
+        """Weights under a contact; InputError if there are none for it."""
         if contact not in self.by_contact:
             raise InputError(
                 "run.contact_without_weights",
@@ -74,7 +71,7 @@ class Weights:
         return self.by_contact[contact]
 
     def table(self) -> pa.Table:
-        """Weight of each base under each contact, a row each."""
+        """Table of the weight of each base under each contact."""
         rows = [
             {**dict(zip(CONTACT, contact, strict=True)), "base": base, "weight": weight}
             for contact, weights in self.by_contact.items()
@@ -90,10 +87,7 @@ class Weights:
 
     @classmethod
     def read(cls, run: Path) -> Weights:
-        """Read what :meth:`write` wrote into the folder of a run.
-
-        Raises InputError if the file is not there, not as it was written, or of another run.
-        """
+        """Read the weights that :meth:`write` wrote; InputError if missing, damaged, or of another run."""
         path = run / WEIGHTS_FILE
         if not path.exists():
             raise _no_weights("run.weights_absent", "is not there", path)
@@ -117,10 +111,10 @@ class Weights:
             ) from None
 
     def summary(self, frame: pd.DataFrame) -> dict[str, Any]:
-        """What a program reads of the weights of the bases of some rows.
+        """JSON summary of the weights of the bases of some rows.
 
-        Returns dict: the evidence, reason, remarks, and in `contacts` of each contact of the rows: the contact, weights
-        (of mean 1, by the number of the base), bases and effective_bases.
+        Returns dict: the evidence, reason, remarks, and in `contacts` for each contact of the rows: the contact,
+        weights (of mean 1, by the number of the base), bases and effective_bases.
         """
         contacts = []
         for contact, jobs in frame.groupby(CONTACT):
@@ -135,28 +129,25 @@ class Weights:
 
 
 def weights_of(run: Path) -> Weights | None:
-    """Weights of a run's bases; None where its campaign asks for none.
-
-    Raises InputError if it asks for them, and they are not there or are damaged.
-    """
+    """Weights of a run's bases, or None if its campaign requests none; InputError if they are missing or damaged."""
     return Weights.read(run) if are_due(run) else None
 
 
 def are_due(run: Path) -> bool:
-    """Whether a run has weights or is to have them."""
+    """Whether a run has weights of its bases, or its campaign requests them."""
     if any((run / name).exists() for name in (WEIGHTS_FILE, "stood")):
         return True
     try:
         return "stood" in read_toml(run / CAMPAIGN_FILE)
-    except InputError:  # damaged: who rests on the campaign says so
+    except InputError:  # damaged: reported by callers that need the campaign
         return False
 
 
 def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
-    """Rows by the weights of their bases: `base_weight`, of mean 1 over the bases in use, also within `record_weight`.
+    """Add `base_weight`, of mean 1 over the bases in use, to rows, and multiply `record_weight` by it.
 
-    Nothing is known of the base of the nominal scene (realisation 0), so that it has the mean weight. Where all weights
-    are one, they tell nothing, and the frame stays as it is.
+    The nominal scene (realisation 0), whose base is not among the draws, has weight 1. With equal weights the frame is
+    returned unchanged.
     """
     factor = frame[CONTACT[0]] * 0.0 + 1.0
     for contact, jobs in frame.groupby(CONTACT):
@@ -170,14 +161,14 @@ def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
 
 
 def unweighed(frame: pd.DataFrame) -> pd.DataFrame:
-    """The same rows with all bases alike; records keep their weights."""
+    """Rows with equal weights of the bases; records keep their weights."""
     weight = records_weight(frame)
     bare = frame.drop(columns=["base_weight", "record_weight"], errors="ignore")
     return bare if weight is None else bare.assign(record_weight=weight)
 
 
 def records_weight(frame: pd.DataFrame) -> pd.Series | None:
-    """Weight that rows have by their record alone; None where records weigh alike."""
+    """Weight of each row due to its record alone; None where records have equal weights."""
     if "record_weight" not in frame or "base_weight" not in frame:
         return frame.get("record_weight")
     weight = frame["record_weight"] / frame["base_weight"]
@@ -185,7 +176,7 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
 
 
 def sentences(summary: Mapping[str, Any]) -> list[str]:
-    """What a person should know of weights (:meth:`Weights.summary`)."""
+    """Sentences for a reader on weights (:meth:`Weights.summary`)."""
     several = len(summary["contacts"]) > 1
     reason, said = summary["reason"], []
     for one in summary["contacts"]:

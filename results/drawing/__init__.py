@@ -1,4 +1,4 @@
-"""Every picture and page: drawing only, from tables and scenes that other modules made."""
+"""Figures and pages, drawn from tables and scenes that other modules compute."""
 
 from toppling.models import matplotlib_alone as matplotlib_alone
 

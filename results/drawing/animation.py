@@ -1,4 +1,4 @@
-"""A shake as a moving picture: the rock across its fall, the seismogram below with a moving cursor."""
+"""Animated GIF of a shake: the rock seen across its fall, above a seismogram with a moving cursor."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,33 +24,34 @@ from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
 from toppling.results.replayed_job import Replay
 
 _FRAMES_HZ, _MOST_FRAMES = 12.5, 100
-"""Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
+"""Frame rate, Hz, and maximum number of frames: a longer shake is played faster, which the heading states."""
 
 WIDTH, STRIP = 480, 92
-"""Pixels: width of picture and view, height of the strip below with the seismogram."""
+"""Width of the picture, and height of the seismogram's strip, pixels."""
 
 _ROW = 19
+"""Height of a line of the heading, pixels."""
 _OVERSAMPLING = 2
-"""How much finer it is drawn than shown, so that its edges are smooth."""
+"""Factor of resolution at which frames are drawn, to smooth edges."""
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What stays the same from frame to frame: the rock's surface, and the view of its pedestal."""
+    """Constant parts of all frames: the rock's surface and the view."""
 
-    rock: Surface  # about its centre of mass, as in its scene
+    rock: Surface  # about its centre of mass, in the pose of its scene
     frame: Array  # axes of the view
-    # Middle and half width of what is seen, along these axes.
+    # Centre and half width of the view, along these axes.
     middle: Array
     half_m: float
 
     def pixels(self, seen_m: Array, size: int) -> Array:
-        """Places (..., 2) on a square of so many pixels, of points along the view's axes."""
+        """Pixel coordinates (..., 2) of points along the view's axes, on a square of `size` pixels."""
         return 0.5 * size * (1.0 + (seen_m[..., :2] - self.middle) / self.half_m * (1.0, -1.0))
 
 
 def moving_picture(replay: Replay, path: Path, title: str) -> None:
-    """Write a GIF of the part of a shake in which something is to be seen, with title, seismogram and speed."""
+    """Write a GIF of the part of a shake in which the rock moves, with title, seismogram and speed."""
     times = shown_times(replay, _FRAMES_HZ, _MOST_FRAMES)
     position, turn = replay.at(times)
     tilts = replay.tilts_deg(turn)
@@ -79,20 +80,20 @@ def moving_picture(replay: Replay, path: Path, title: str) -> None:
             width=2,
         )
         frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
-    # The last pose is held for a second.
+    # The last pose is shown for a second.
     durations = [milliseconds] * (len(frames) - 1) + [1000]
     frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
 
 
 def _speed_words(speed: float) -> str:
-    """Say how much faster or slower than the shake the picture moves."""
+    """Describe the playback speed relative to real time."""
     if abs(speed - 1.0) < 0.05:
         return "real time"
     return f"{speed:.1f} times real time" if speed > 1.0 else f"1/{1.0 / speed:.1f} of real time"
 
 
 def _view_of(replay: Replay, position: Array) -> _View:
-    """Across the fall, wide enough for all of it."""
+    """View across the fall that includes all poses."""
     rock = replay.scene.rock
     frame = view_frame(ELEVATION_DEG, azimuth_across(replay))
     reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
@@ -103,7 +104,7 @@ def _view_of(replay: Replay, position: Array) -> _View:
 
 
 def _ground(replay: Replay, view: _View) -> tuple[NDArray[np.uint8], Array]:
-    """What `_drawn` gives of the pedestal; before a plane, whose triangles are large, the rock is everywhere."""
+    """Colour and depth of the pedestal (see `_drawn`); a plane is always behind the rock."""
     pedestal = replay.scene.pedestal
     triangles, colours, of_rock = painted(surfaces_of(replay.scene), view.frame, pedestal)
     colour, depth = _drawn(view, triangles[~of_rock], colours[~of_rock])
@@ -111,9 +112,9 @@ def _ground(replay: Replay, view: _View) -> tuple[NDArray[np.uint8], Array]:
 
 
 def _drawn(view: _View, triangles: Array, colours: Array) -> tuple[NDArray[np.uint8], Array]:
-    """Triangles (n, 3, 3) and their colours, from far to near, seen orthographically: each pixel's colour and depth.
+    """Orthographic image of coloured triangles (n, 3, 3), sorted from far to near: colour and depth of each pixel.
 
-    A pixel of none is infinitely far.
+    A pixel without a triangle has infinite depth.
     """
     size = _OVERSAMPLING * WIDTH
     image = Image.new("I", (size, size))
@@ -134,7 +135,7 @@ def _pose(
     attitude: Array,
     time_s: float,
 ) -> Image.Image:
-    """Rock before or behind its pedestal, and the ground's acceleration as an arrow."""
+    """Frame of the rock, in front of or behind its pedestal, with the ground's acceleration as an arrow."""
     turn = Rotation.from_quat(attitude).as_matrix().T
     rock = replace(
         view.rock, vertices_m=centre_m + view.rock.vertices_m @ turn, normals=view.rock.normals @ turn
@@ -177,7 +178,7 @@ def _heading(title: str, speed: float) -> Image.Image:
 
 
 def _seismogram(replay: Replay, times: Array) -> Image.Image:
-    """The stronger horizontal component over the time shown, with the point of no return."""
+    """Plot of the stronger horizontal component over the time shown, with the point of no return."""
     motion = replay.motion
     column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
     at = np.linspace(times[0], times[-1], 4 * WIDTH)

@@ -1,4 +1,4 @@
-"""A constraint as a folder: page, statement, tables, figures, and the hazard with its new weights."""
+"""Export of a constraint to a folder: page, statement, tables, figures, and the hazard with posterior weights."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -23,17 +23,17 @@ from toppling.results.hazard.export import write_openquake
 from toppling.results.hazard.update import Update
 
 _OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
-"""What a statement under a set of events says of it."""
+"""Keys of a statement that describe its set of events."""
 
 
 def write_constraint(
     constraint: Constraint, statement: dict[str, Any], folder: Path, ratio: float = 1.0
 ) -> Iterator[Path]:
-    """Write all of a constraint into a folder: page, statement, tables, figures, and the hazard with its new weights.
+    """Write a constraint to a folder: page, statement, tables, figures, and the hazard with posterior weights.
 
-    statement: its statement, with the choices that led to it.
-    folder: made if absent; files of the same names are replaced.
-    ratio: by which the hazard's motions were multiplied.
+    statement: the constraint's statement, with the options that produced it.
+    folder: output folder, created if absent; files of the same names are replaced.
+    ratio: factor by which the hazard's motions were multiplied.
     Yields each file, once it is complete.
     """
     yield from _write(statement, constraint.tables, curve_drawings(constraint, statement), folder)
@@ -47,16 +47,13 @@ def write_constraint(
 def write_events(
     update: Update, statement: dict[str, Any], folder: Path, ratio: float = 1.0
 ) -> Iterator[Path]:
-    """Write all that rocks say under a set of events, as `write_constraint` does.
-
-    Yields each file, once it is complete.
-    """
+    """Write an update of a set of events to a folder (see `write_constraint`); yields each complete file."""
     yield from _write(statement, update.tables, event_drawings(statement, update.tables), folder)
     yield from _hazard_after(update, folder, ratio)
 
 
 def _hazard_after(update: Update, folder: Path, ratio: float) -> Iterator[Path]:
-    """The hazard with its posterior weights, where it has these and states its places."""
+    """Write the hazard with its posterior weights, if it has these and coordinates of its sites."""
     placed = all(update.events.sites[rock.site].place for rock in update.rocks)
     if placed and len(update.events.branches) > 1 and update.posterior is not None:
         yield from write_openquake(update, folder / "openquake", ratio)
@@ -74,7 +71,7 @@ def _write(
 
 
 def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:
-    """Every choice, file and number of branches, a row each, for who files the statement."""
+    """Table of all options, input files and branch weights behind a statement, for archiving."""
     choices = statement.get("choices", {})
     rows = [("program", "", choices.get("program", ""))]
     rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]

@@ -1,4 +1,4 @@
-"""What standing rocks say, under curves of hazard or a set of events, in words: the answer, then what it rests on."""
+"""Sentences on the constraint by standing rocks, under hazard curves or a set of events: result, then its basis."""
 
 import math
 from collections.abc import Sequence
@@ -12,19 +12,19 @@ from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
 _MOST_NAMED = 6
-"""Branches that are stated one by one, at most."""
+"""Maximum number of branches that are listed individually."""
 
 _LARGEST_FACTOR = 1e3
-"""Of motions or rates that is stated; nobody asks by how many thousands a hazard may be multiplied."""
+"""Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
 
 _LEAST_SHARE = 5e-4
-"""Of a toppling rate, or of weight moved, that is stated: .1 % once it is rounded."""
+"""Smallest fraction of a toppling rate or of weight that is reported: 0.1 % after rounding."""
 
 _LEAST_AGE_YEARS = 100.0
-"""Fragile rocks are thousands of years old: a lower number is probably in thousands of years."""
+"""Age below which a unit of thousands of years is suggested, years: fragile rocks stand for thousands of years."""
 
 _FIRST_RATES = (1e-4, *sorted(RATES))
-"""Annual rates that the first line may be about: it takes the first that the hazard reaches before and after."""
+"""Annual rates for the first sentence, by precedence: the first within both prior and posterior hazard is used."""
 
 _VARY = {
     "event": "other events", "fragility": "other records like these", "age": "other ages",
@@ -35,11 +35,11 @@ _OUTSIDE = {
     "unstated_above": "beyond the curve's last point",
     "unstated_below": "below its first point, if its initial slope continues",
 }
-"""Shares of a toppling rate outside a hazard curve's points."""
+"""Descriptions of the fractions of a toppling rate from outside a hazard curve's points."""
 
 
 def answer(statement: dict[str, Any]) -> list[str]:
-    """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
+    """Result in a few sentences: the posterior hazard, and the largest allowed scale factors."""
     if "branches" not in statement:
         return []
     alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
@@ -69,7 +69,7 @@ def answer(statement: dict[str, Any]) -> list[str]:
 def by_site_and_measure(
     rows: Sequence[dict[str, Any]], measure: str
 ) -> dict[tuple[str, str], list[dict[str, Any]]]:
-    """Rows of each site and measure, in their order; rows that state none are of one place, and over a measure."""
+    """Group rows by site and measure, in order; rows without these belong to one site and the given measure."""
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row.get("site", ""), row.get("measure", measure)), []).append(row)
@@ -77,7 +77,7 @@ def by_site_and_measure(
 
 
 def _falls(statement: dict[str, Any]) -> list[str]:
-    """How the motion at a rate falls: at each site, in each measure, where there are several."""
+    """Sentences on the change of the motion at a rate, one per site and measure."""
     groups = by_site_and_measure(statement["changes"], statement["measure"])
     several = len({site for site, _ in groups}) > 1
     return [
@@ -88,7 +88,7 @@ def _falls(statement: dict[str, Any]) -> list[str]:
 
 
 def _fall(statement: dict[str, Any]) -> str:
-    """How the motion at a rate falls; empty where no rate is reached or supported."""
+    """Sentence on the change of the motion at a rate; empty where no rate is reached or supported."""
     by_rate = {row["annual_rate"]: row for row in statement["changes"]}
     for rate in _FIRST_RATES:
         row = by_rate[rate]
@@ -111,13 +111,13 @@ def _fall(statement: dict[str, Any]) -> str:
 
 
 def rate_words(rate: float) -> str:
-    """A rate as analysts call it: 1e-4, or the return period where it is no power of ten."""
+    """Label of an annual rate: 1e-4, or the return period where it is not a power of ten."""
     power = math.log10(rate)
     return f"1e{power:.0f}" if abs(power - round(power)) < 1e-9 else f"{1 / rate:,.0f}-year"
 
 
 def _allowed(statement: dict[str, Any]) -> str:
-    """Factors that the mean of the branches, or the one curve, may be multiplied by."""
+    """Sentence on the largest factors by which the mean hazard, or the single curve, may be scaled."""
     of = statement["mean"]
     which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
     least = _percent(1.0 - statement["confidence"])
@@ -147,7 +147,7 @@ def _varying(statement: dict[str, Any]) -> str:
 
 
 def all_words(statement: dict[str, Any]) -> str:
-    """Everything that is said, a line a sentence."""
+    """Complete statement in words, one sentence per line."""
     lines = [*answer(statement), *_rock_lines(statement)]
     if "hazard" in statement and statement["hazard_ratio"] == 1.0:
         component = statement["hazard"]["component"]
@@ -168,7 +168,7 @@ def all_words(statement: dict[str, Any]) -> str:
 
 
 def age_words(rock: dict[str, Any]) -> str:
-    """How long a rock of a statement has stood, as it was stated; nothing where that is not known."""
+    """Clause on a rock's stated age; empty without an age."""
     if not rock.get("age"):
         return ""
     years = rock["age_years"]
@@ -177,7 +177,7 @@ def age_words(rock: dict[str, Any]) -> str:
 
 
 def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
-    """How long rocks have stood, in a line: of each where there is room; empty without ages."""
+    """Line on the ages of rocks, of each if the width allows; empty without ages."""
     ages = {rock.name: rock.age for rock in rocks if rock.age}
     if len(set(ages.values())) == 1:
         return f"standing for {next(iter(ages.values()))}"
@@ -186,7 +186,7 @@ def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
 
 
 def _rock_lines(statement: dict[str, Any]) -> list[str]:
-    """The rocks, what they say about a single event, and what that rests on."""
+    """Lines on the rocks, their single-event constraint, and its basis."""
     lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
     if "unexceeded" in statement:
         lines += _single_event_lines(statement)
@@ -208,7 +208,7 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
 
 
 def _rock_line(rock: dict[str, Any], measure: str) -> str:
-    """A rock's fragility, and how long it has stood, or where, as far as that is stated."""
+    """Line on a rock's fragility, with its age or location where stated."""
     away = rock.get("site_distance_km")
     return (
         f"{rock['name']}: {fragility_words(rock, measure)}{age_words(rock)}"
@@ -218,7 +218,7 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 
 
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
-    """Fragility of a rock of a statement."""
+    """Describe the fragility of a statement's rock."""
     words = rock.get("fragility") or (
         f"median {within(rock['median'], rock.get('strongest_shaken'))} {unit_of(measure)}, beta {rock['beta']:.2f}"
     )
@@ -226,7 +226,7 @@ def fragility_words(rock: dict[str, Any], measure: str) -> str:
 
 
 def _single_event_lines(statement: dict[str, Any]) -> list[str]:
-    """What the rocks say about a single event, and how sure that is."""
+    """Lines on the intensity that no single event exceeded, with its uncertainty."""
     unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
@@ -258,7 +258,7 @@ def _single_event_lines(statement: dict[str, Any]) -> list[str]:
 
 
 def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> list[str]:
-    """What limits the trust in one rock's curve: jobs without an answer, and extrapolation."""
+    """Caveats of a rock's curve: jobs without an answer, and extrapolation."""
     lines = []
     if rock.get("without_answer"):
         jobs = rock["without_answer"] + rock["jobs"]
@@ -281,7 +281,7 @@ def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> 
 
 
 def _branch_lines(statement: dict[str, Any]) -> list[str]:
-    """Each branch, where they are few, or those that the rocks favour most and least; and what holds for all."""
+    """Lines on all branches if they are few, or else those that the rocks favour most and least."""
     branches = sorted(statement.get("branches", ()), key=lambda branch: -branch["survival"])
     if not branches:
         return []
@@ -312,7 +312,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
 
 
 def _tree_lines(statement: dict[str, Any]) -> list[str]:
-    """Which choices of a logic tree the rocks move, and which contributions to the hazard topple them."""
+    """Lines on the changed choices of a logic tree, and on contributions to the toppling rate."""
     lines = []
     for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
         rows = [row for row in statement["levels"] if row["level"] == level]
@@ -330,7 +330,7 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
 
 
 def _taken_at(branch: dict[str, Any]) -> list[str]:
-    """Site that a branch's curve is of, and how far that is from the one asked for."""
+    """Line on the site of a branch's curve and its distance from the requested site."""
     named = [branch["site_name"]] if branch.get("site_name") else []
     if "site_longitude_deg" in branch:
         place = f"longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
@@ -340,7 +340,7 @@ def _taken_at(branch: dict[str, Any]) -> list[str]:
 
 
 def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
-    """How sure a branch's survival is, over draws and beyond its curve's points; the verdict may hang on it."""
+    """Caveats of a branch's survival: interval over draws, and rates outside its curve's points."""
     low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - statement["confidence"]
     lines = []
     if low is not None:
@@ -358,11 +358,11 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
 
 
 _FEW_EVENTS = 5.0
-"""Effective number of events below which a branch's survival hangs on a few."""
+"""Effective number of events below which a branch's survival is reported as poorly supported."""
 
 
 def _event_lines(statement: dict[str, Any]) -> list[str]:
-    """What a set of events adds: how many events the answer hangs on, which model agrees best, each rock left out."""
+    """Lines on a set of events: number of events, agreement of ground-motion models, and leave-one-out predictions."""
     if "events" not in statement:
         return []
     branches, models = statement["branches"], statement["models"]

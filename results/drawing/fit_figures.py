@@ -1,4 +1,4 @@
-"""Fits drawn and in words: curve of the best measure, ranking, calibration, surfaces of two measures, the table."""
+"""Figures, tables and sentences on fits: curve of the best measure, ranking, calibration, surfaces of two measures."""
 
 import math
 from collections.abc import Iterable
@@ -44,11 +44,11 @@ def fit_figure(
     toppled: int | None = None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
-    """One measure's fragility with its band, how the measures rank, and how predictions hold.
+    """Fragility of one measure with its interval, ranking of the measures, and calibration of the predictions.
 
     observed, ranking, calibrated: from `analysis.ranking`: observed_shares, compare_measures, calibration.
-    toppled: topplings among the jobs, where known: too few of them rank no measure.
-    width_in: three panels in a row on a page's width, below each other on less.
+    toppled: number of topplings, if known: with too few the measures are not ranked.
+    width_in: width of the figure; three panels in a row at full width, stacked at less.
     """
     beside = width_in >= FULL_WIDTH_IN
     too_few = toppled is not None and toppled < FEW_TOPPLED
@@ -76,7 +76,7 @@ def fit_figure(
 
 
 def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
-    """Lognormal fragility with its band, over the observed shares with their intervals."""
+    """Draw a lognormal fragility with its interval, over the observed fractions with theirs."""
     intensity = np.geomspace(
         min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
     )
@@ -91,7 +91,7 @@ def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
 
 
 def draw_band(axes: Axes, curve: Lognormal, intensity: Array, colour: Any) -> None:
-    """Between what 95 % of other records and bases give at each intensity."""
+    """Fill the 95 % interval, over resampled records and bases, at each intensity."""
     resampled = curve.resampled
     if resampled is not None and len(resampled.coefficients):
         drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
@@ -99,7 +99,7 @@ def draw_band(axes: Axes, curve: Lognormal, intensity: Array, colour: Any) -> No
 
 
 def draw_shares(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:
-    """Dots of shares with their intervals."""
+    """Draw fractions as dots with their intervals."""
     ends = table[["wilson_low", "wilson_high"]].to_numpy().T
     axes.errorbar(table[x], table[share], np.abs(ends - table[share].to_numpy()), **dots)
 
@@ -113,10 +113,10 @@ def _say_too_few(axes: Axes, toppled: int | None) -> None:
 
 
 def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
-    """Log loss of each measure above the best's, with its interval."""
+    """Draw each measure's log loss minus that of the best, with its interval."""
     places = np.arange(len(ranking))[::-1]
     if "worse_by" in ranking:
-        # Of few records there is no interval, and so no bar.
+        # Few records have no interval, and so no bar.
         ends = ranking.reindex(columns=["worse_by_low", "worse_by_high"]).to_numpy(float).T
         bars = np.abs(ends - ranking["worse_by"].to_numpy())
         axes.axvline(0.0, color="0.7", lw=0.6)
@@ -132,7 +132,7 @@ def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
 
 
 def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
-    """Share observed against probability predicted, of records that were not fitted to."""
+    """Draw observed fraction against predicted probability, of records left out of the fit."""
     axes.plot([0, 1], [0, 1], "k--", lw=0.8)
     dots: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.6, "color": MAIN_COLOUR, "clip_on": False}
     draw_shares(axes, calibrated, "predicted", "observed", **dots)
@@ -143,13 +143,13 @@ def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
 
 
 _SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
-"""Toppling probabilities whose lines are drawn."""
+"""Toppling probabilities whose contours are drawn, and their line styles."""
 
 
 def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
-    """Lines of equal toppling probability over two measures, the band of the middle one, and the jobs.
+    """Contours of toppling probability over two measures, the interval of the median's, and the jobs.
 
-    surface: of two measures.
+    surface: fragility over two measures.
     jobs: rows of results with an answer.
     """
     first, second = surface.measures
@@ -190,7 +190,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
 
 
 def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarray:
-    """Second measure at which a share topples, given the first, of each surface (surfaces, x)."""
+    """Second measure with a given toppling probability at each value of the first, (surfaces, x)."""
     intercept, slope, other = coefficients.T[:, :, None]
     with np.errstate(divide="ignore", over="ignore"):
         level = np.exp((ndtri(share) - intercept - slope * np.log(x)) / other)
@@ -198,11 +198,11 @@ def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarr
 
 
 _NARROW_RECORDS = 20
-"""Intervals of fewer records are too narrow."""
+"""Number of records below which intervals are reported as too narrow."""
 
 
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
-    """Fits as the page shows them, without numbers for medians beyond what was shaken."""
+    """Table of fits for a page, without numbers for medians beyond the strongest shaking."""
     strongest = [float(known[name].max()) for name in summary["measures"]]
     table = pd.DataFrame({
         "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
@@ -228,7 +228,7 @@ def _with_interval(numbers: Iterable[float], strongest: float | None) -> str:
 
 
 def few_records(records: int) -> str:
-    """What so few records cannot tell; empty where they are enough."""
+    """Remark that there are too few records; empty where there are enough."""
     if records < LEAST_RECORDS:
         return (
             f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
@@ -240,10 +240,10 @@ def few_records(records: int) -> str:
 
 
 def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
-    """Lognormal fits as a terminal shows them, and what so many records cannot tell.
+    """Text of lognormal fits for a terminal, with a remark if there are too few records.
 
     summary: from `analysis.fits.summary`.
-    known: rows with an answer that the fits are of.
+    known: rows with an answer that were fitted.
     """
     curves = summary[(summary["link"] == "probit") & summary["measures"].isin(COMPARED)]
     if curves.empty:

@@ -1,4 +1,4 @@
-"""One friction against another, cell by cell."""
+"""Figures that compare toppling probabilities under two frictions, cell by cell."""
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -9,18 +9,18 @@ from toppling.results.analysis.friction_comparison import friction_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
 _BAND = 0.3
-"""Difference of probability that the outer lines show: a cell of 10 records is not known better."""
+"""Difference of probability marked by the outer lines: the uncertainty of a cell of 10 records."""
 
 _GAP_IN = 0.6
-"""Between panels, for the right one's axis and half a circle of the left one's."""
+"""Gap between panels, for an axis and half a circle, inches."""
 
 
 def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Each cell's toppling probability under one friction against that under the reference.
+    """Toppling probability of each cell under each friction, plotted against that under the reference.
 
     table: from `analysis.friction_comparison.compare_cells`.
     jobs: from `analysis.friction_comparison.compare_jobs`.
-    width_in: at most; panels that have no room beside each other stand below each other.
+    width_in: maximum width; panels without room beside each other are stacked.
     """
     columns = min(len(jobs), max(1, int((width_in - 0.6) // 2.2)))
     lines = -(-len(jobs) // columns)
@@ -66,7 +66,7 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
             label=f"cells of {'<' if thin else '≥'} {THIN_RECORDS} records",
         )  # fmt: skip
     for (x, y), several in places.groupby(["reference_probability", "probability"])["cells"].sum().items():
-        if several > 2:  # cells on one spot
+        if several > 2:  # coinciding cells
             inward = -1 if x > 0.5 else 1
             axes.annotate(
                 f"{several} cells", (x, y), xytext=(7 * inward, -4 if y > 0.5 else 3), textcoords="offset points",

@@ -1,4 +1,4 @@
-"""A hazard before and after standing rocks have a say, of curves and of a set of events; rates that rocks reject."""
+"""Figures of prior and posterior hazard, of curves and of sets of events, and of the rates that rocks reject."""
 
 from collections.abc import Sequence
 
@@ -26,19 +26,19 @@ from toppling.results.hazard.tree import Branch, HazardTree, Statistics
 from toppling.results.hazard.update import Update
 
 _LEAST_RATE = 3e-7
-"""Lower end of the annual rates that are drawn: analysts ask for none below 1e-6."""
+"""Lower end of the annual rates that are drawn: rates below 1e-6 are of no practical interest."""
 
 _LEAST_RANGE = 50.0
-"""Of the rates that are drawn: at least one power of ten has a label."""
+"""Minimum ratio of the ends of the drawn rates, so that at least one power of ten is labelled."""
 
 _MOST_IN_LEGEND = 6
-"""Branches that the legend names, at most."""
+"""Maximum number of branches named in the legend."""
 
 
 def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -> Figure:
-    """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
+    """Rates of exceedance rejected by the standing rocks, with the hazard curves and their verdicts in the legend.
 
-    constraint: with ages; the legend says what it says of each branch.
+    constraint: constraint with ages.
     """
     bound, verdicts = constraint.bound, constraint.update.branches if constraint.update else None
     assert bound is not None
@@ -71,7 +71,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
 
 
 def _rates_axes(measure: str, width_in: float, below_in: float, right_in: float) -> tuple[Figure, Axes]:
-    """A figure of annual rates of exceedance over a measure, with room below for its legend."""
+    """Figure for annual rates of exceedance over a measure, with room below for a legend."""
     height = 3.4 + below_in
     figure = Figure(figsize=(width_in, height))
     axes = figure.subplots(
@@ -106,7 +106,7 @@ def _draw_named(
     verdicts: pd.DataFrame | None,
     shown: Sequence[Array],
 ) -> None:
-    """Each branch as a line of its own, which the legend names with its verdict."""
+    """Draw each branch as a separate line, with its verdict in the legend."""
     colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
     for number, (branch, rates) in enumerate(zip(branches, shown, strict=True)):
         name = branch.name if len(rates) else f"{branch.name} (no rates here)"
@@ -124,17 +124,17 @@ def _verdict(row: pd.Series) -> str:
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
-    """Rates of a branch at the bound's intensities that it has."""
+    """Rates of a branch at those of the bound's intensities that lie within its points."""
     intensity = bound.iloc[:, 0].to_numpy()
     inside = (intensity >= branch.intensity[0]) & (intensity <= branch.intensity[-1])
     return branch.rate(intensity[inside])
 
 
 def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, float]:
-    """Ends of the rates: those of the bound, widened to what the branches have at its intensities.
+    """Limits of the drawn rates: those of the bound, extended to the branches at its intensities.
 
-    A branch that falls steeply may leave the frame a thousand times below the bound, but where it comes nearest to
-    the bound it is seen, however far off that is.
+    A steep branch may leave the frame a thousand times below the bound, but the part nearest to the bound is always
+    inside.
     """
     rejected = bound["rejected_annual_rate"]
     least, top = rejected.min() / 10, 3 * rejected.max()
@@ -145,7 +145,7 @@ def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, fl
 
 
 def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Annual rates of exceedance before and after, over intensity, with return periods on the right."""
+    """Prior and posterior annual rates of exceedance over intensity, with return periods on the right."""
     tree = update.tree
     assert tree is not None
     count = len(tree.branches)
@@ -169,7 +169,7 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
 
 
 def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label: str) -> None:
-    """Each branch as a thin line, the darker the more weight it has now."""
+    """Draw each branch as a thin line, darker with higher weight."""
     axes.plot([], [], color="0.6", lw=0.7, label=label)
     for branch, weight in zip(branches, weights / weights.max(), strict=True):
         axes.plot(
@@ -179,7 +179,7 @@ def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label
 
 
 def _draw_fractiles(axes: Axes, update: Update, tree: HazardTree) -> None:
-    """5 and 95 % of the branches, or of a lone curve the outermost that its files state."""
+    """Draw the 5 and 95 % fractiles of the branches, or the outermost stated fractiles of a single curve."""
     if len(tree.branches) > 1:
         of, shown = "of the branches before", {q: update.before.fractiles[q] for q in (0.05, 0.95)}
         lines = {q: bearing(update.before.levels, rates) for q, rates in shown.items()}
@@ -203,7 +203,7 @@ def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
 
 
 def _frame(axes: Axes, update: Update, width_in: float) -> None:
-    """Ends at what is asked for: intensities whose rates are drawn; return periods beside them."""
+    """Set the limits to intensities whose rates are drawn, and label return periods."""
     x, rates = bearing(update.before.levels, update.before.mean)
     shown = rates >= _LEAST_RATE
     top = max(
@@ -225,23 +225,22 @@ def _inverse(value: ArrayLike) -> Array:
 
 
 _NAMED = 16
-"""Branches that have their names beside the axis."""
+"""Maximum number of branches that are labelled by name."""
 
 _LEAST_SURVIVAL = 1e-4
 
 
 MOST_PANELS = 7
-"""Of sites and measures whose hazard is drawn; the file of rates has all."""
+"""Maximum number of panels (sites and measures); the file of rates contains all."""
 
 
 def events_figure(
     branches: pd.DataFrame, updated: pd.DataFrame | None, confidence: float, width_in: float = FULL_WIDTH_IN
 ) -> Figure:
-    """Survival of each branch, and rates of exceedance before and after at each site, of each measure.
+    """Survival of each branch, and prior and posterior rates of exceedance for each site and measure.
 
     branches: from `Update.branches`.
-    updated: from `Update.updated`, with its `measure` and `site`; None where no event is felt at the rocks'
-    sites.
+    updated: from `Update.updated`; None where no event is felt at the rocks' sites.
     """
     hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]
     count = 1 + len(hazards[:MOST_PANELS])

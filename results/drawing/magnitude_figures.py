@@ -1,4 +1,4 @@
-"""Magnitudes and distances that a standing rock excludes, and the faults around it."""
+"""Figures of the magnitudes and distances that a standing rock excludes, and of the faults around it."""
 
 import math
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from toppling.results.hazard.faults import FaultTrace
 
 _DASHES = ("-", "--", "-.", ":")
 _PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
-"""Behind names on the map."""
+"""Background box of names on the map."""
 
 _REACH_KM = 100.0
-"""Of the map, beside the farthest circle."""
+"""Maximum reach of the map to include the nearest fault, km; circles may extend it."""
 
 
 def magnitudes_figure(
@@ -29,8 +29,8 @@ def magnitudes_figure(
 ) -> Figure:
     """Largest magnitude allowed at each distance.
 
-    tables: by name of the occurrence: from `results.hazard.magnitudes.largest_magnitudes`.
-    limits: (low, high), magnitudes that the models are for.
+    tables: from `results.hazard.magnitudes.largest_magnitudes`, by name of the occurrence.
+    limits: (low, high), range of magnitudes of the models.
     """
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0), layout="constrained")
@@ -59,12 +59,11 @@ def faults_figure(
     title: str,
     limits: tuple[float, float],
 ) -> Figure:
-    """Map around a rock: traces by the largest magnitude that its standing allows, circles of least distance.
+    """Map around a rock: fault traces coloured by the largest allowed magnitude, and circles of smallest distance.
 
-    faults: each with the largest magnitude that standing allows: infinite where none is excluded, minus infinity where
-    all are.
-    circles: by magnitude: least distance of an earthquake of that magnitude.
-    limits: (low, high), magnitudes that the models are for.
+    faults: traces with their largest allowed magnitude: infinite where none is excluded, minus infinity where all are.
+    circles: smallest allowed distance, by magnitude.
+    limits: (low, high), range of magnitudes of the models.
     """
     known = [one.magnitude for one in faults if one.magnitude is not None and math.isfinite(one.magnitude)]
     shades = Normalize(
@@ -108,7 +107,7 @@ def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None
 
 
 def _clear_angle(faults: Sequence[FaultTrace], reach: float) -> float:
-    """Direction from the rock that is farthest off the traces, up or down rather than aside, where names run over."""
+    """Direction of the labels: farthest from the traces, preferring up or down, where labels overlap less."""
     angles = np.deg2rad([90, 270, 60, 120, 240, 300])
     points = np.concatenate([line for one in faults for line in one.lines])
     way = np.linspace(0.1, 0.6, 6)[:, None] * reach
@@ -120,7 +119,7 @@ def _clear_angle(faults: Sequence[FaultTrace], reach: float) -> float:
 
 
 def _draw_fault(axes: Axes, one: FaultTrace, shades: Normalize, reach: float) -> None:
-    """A trace by its magnitude, grey where none is excluded, with its name where the map has it."""
+    """Draw a named trace coloured by its magnitude, grey where none is excluded."""
     magnitude = math.inf if one.magnitude is None else one.magnitude
     free = magnitude == math.inf
     colour = "0.65" if free else COLOURS(shades(max(magnitude, shades.vmin or 0.0)))
@@ -144,7 +143,7 @@ def _reach_km(faults: Sequence[FaultTrace], circles: dict[float, float]) -> floa
 
 
 def _shown(values: pd.Series, limits: tuple[float, float]) -> Array:
-    """Values for a line, which ends at the frame where nothing more is excluded."""
+    """Values of a line, with infinite ones at the limits of the frame."""
     shown = np.clip(values.to_numpy(float), limits[0], limits[1] + 1e-6)
     beyond = np.flatnonzero(np.isposinf(values.to_numpy(float)))
     shown[beyond[1:] if len(beyond) else beyond] = np.nan

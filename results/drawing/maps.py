@@ -1,6 +1,7 @@
 """Maps: toppling probability in the cells of a plane, over all directions and by direction of the shaking.
 
-Empty cells stay empty, thin ones are pale, and a cell is as wide as its share of the jobs: the caption says so.
+Empty cells stay empty, cells of few records are pale, and a cell's width shows its fraction of the jobs, as the caption
+explains.
 """
 
 from textwrap import wrap
@@ -30,34 +31,34 @@ from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 
 _LINE_IN = 0.15
-"""Height of a line of text above or below all panels."""
+"""Height of a line of text above or below all panels, inches."""
 
 _FULL_SHARE = 0.4
-"""Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
+"""Fraction of the jobs from which a cell fills its bin; with a larger one narrow columns would vanish."""
 
 _LEAST_WIDTH = 1 / 3
-"""Of its bin, that a cell of however few jobs has: thinner, the eye tells no colour."""
+"""Minimum width of a cell, as a fraction of its bin, at which its colour is recognised."""
 
 _THIN_ALPHA = 0.45
-"""Opacity of a cell of few records: its colour is still told, and a map of few records is no field of marks."""
+"""Opacity of a cell of few records: pale, but its colour is recognised."""
 
 _LAST_TICK = 0.85
-"""Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
+"""Fraction of a small panel's width beyond which ticks have no label, which would overlap the next panel's first."""
 
 _NARROW_LETTERS = 62
-"""Of a line of a narrow figure's caption."""
+"""Maximum number of characters of a line of a narrow figure's caption."""
 
 _NO_RECORDS = "no records"
 
 _SHARES = Normalize(0, 1)
-"""Scale of probabilities."""
+"""Colour scale of probabilities."""
 
 
 def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
-    """One map: toppling probability in the cells of a plane.
+    """Map of the toppling probability in the cells of a plane.
 
     jobs: rows of results, all of one contact.
-    title: what the jobs have in common, as "μ = 0.8".
+    title: common parameters of the jobs, such as "μ = 0.8".
     """
     table, records = cells(jobs, plane), records_on(jobs, plane)
     left_out = unplaced(jobs, plane), beyond(jobs, plane)
@@ -82,11 +83,11 @@ def direction_figure(
     reference: pd.DataFrame | None = None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
-    """One map for each direction bin of the vector PGA, clockwise from north, on shared axes.
+    """Maps of the direction bins of the vector PGA, clockwise from north, on common axes.
 
-    counted: bins without a record are drawn empty.
+    counted: cells by direction; bins without a record are drawn empty.
     reference: from `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
-    width_in: four panels a row on a page's width, two on less.
+    width_in: width of the figure; four panels per row at full width, two at less.
     """
     plane = counted.plane
     directions = by_compass(k * 360.0 / counted.bins for k in range(counted.bins))
@@ -124,7 +125,7 @@ def direction_figure(
 
 
 def _close_grid(grid: NDArray[Any], panels: int) -> None:
-    """Label the lowest panel of each column, also where the last row is not full, and hide what is beyond."""
+    """Label the lowest panel of each column, also where the last row is incomplete, and hide unused panels."""
     lines, columns = grid.shape
     for axes in grid.flat[panels:]:
         axes.set_axis_off()
@@ -162,7 +163,7 @@ def _few_ticks(axes: Axes) -> None:
 
 
 def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float) -> None:
-    """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
+    """Draw each cell as a bar centred in its bin, whose width shows its fraction of the jobs."""
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
     middle, half = (low + high) / 2, 0.48 * (high - low)
@@ -183,7 +184,7 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float
 
 
 def _left_out(plane: Plane, missing: int, outside: int) -> list[str]:
-    """What the map does not show, a line each."""
+    """Caption lines on jobs that the map does not show."""
     ends = [f"{axis.below:g} {axis.unit}" for axis in (plane.x, plane.y) if axis.below is not None]
     lines = []
     if outside:
@@ -194,14 +195,14 @@ def _left_out(plane: Plane, missing: int, outside: int) -> list[str]:
 
 
 def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
-    """Limits that hold all cells of a table, so that maps on shared axes hide none of each other's."""
+    """Set limits that include all cells of a table, for all maps on common axes."""
     low, high = table[f"{plane.x.column}_low"], table[f"{plane.x.column}_high"]
     axes.set_xlim(min(0.0, low.min()) if len(low) else 0.0, high.max() if len(high) else 1.0)
     axes.set_ylim(0.0, table[f"{plane.y.column}_high"].max() if len(table) else 1.0)
 
 
 def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
-    """Draw the plane reference's probabilities, inside the cells' frame."""
+    """Draw the contours of the plane reference model within the cells' frame."""
     frame = axes.axis()
     for probability, line in lines.groupby("probability"):
         dashes = "-" if probability > 0.5 else "--"
@@ -238,7 +239,7 @@ def _write_caption(figure: Figure, lines: list[str]) -> None:
 def _margins(
     width_in: float, height_in: float, above_in: float = 0.0, below_in: float = 0.0
 ) -> dict[str, float]:
-    """Room for labels and colour bar, in inches whatever the figure's size; a layout engine costs seconds."""
+    """Margins for labels and colour bar, fixed in inches; a layout engine would take seconds."""
     return {
         "left": 0.55 / width_in,
         "right": 1 - 0.62 / width_in,
@@ -248,7 +249,7 @@ def _margins(
 
 
 def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
-    """Beside where the margins end at the right."""
+    """Draw the colour bar at the right margin."""
     width = figure.get_size_inches()[0]
     box = (
         margins["right"] + 0.08 / width,

@@ -1,4 +1,4 @@
-"""A scene, and one shake of it, as pages that turn with the mouse and need no network."""
+"""Interactive pages of a scene and of a shake, which need no network."""
 
 import base64
 import json
@@ -27,19 +27,19 @@ from toppling.results.drawing.style import (
 from toppling.results.replayed_job import STILL_SHARE, Replay
 
 _PAGE_HZ, _PAGE_POSES = 25.0, 1500
-"""Poses a second that a page holds, and how many at most."""
+"""Rate of the poses in a page, Hz, and their maximum number."""
 
 _TRACE_SAMPLES = 3000
-"""Of each component of the ground motion that a page holds, at most: a screen shows no more."""
+"""Maximum number of samples of each component of ground motion in a page: the resolution of a screen."""
 
 ELEVATION_DEG = 14.0
-"""Of the eye, from which a rock's lean and its foot are both seen."""
+"""Elevation of the view, degrees, from which both the tilt of a rock and its base are visible."""
 
 _FARTHEST_FRAMED = 0.9
-"""Rock radii that a fall may widen the view by: what goes farther leaves it, and one may follow with the mouse."""
+"""Maximum displacement, in rock radii, that the initial view includes; the user can follow the rock beyond it."""
 
 _AT_REST_DEG = -60.0
-"""Azimuth of an eye that sees two sides of a block, where no fall says from where to look."""
+"""Azimuth of the view for a rock that does not fall, degrees: two sides of a block are visible."""
 
 ARROW_COLOUR = "#7a1fa2"
 
@@ -54,12 +54,12 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     """HTML of a scene: rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), 35.0)
-    lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on
+    lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # joins indented lines
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     with style():
         figure = Figure(figsize=(3.4, 3.6), layout="constrained")
         axes = figure.add_subplot(projection="polar")
-        assert isinstance(axes, PolarAxes)  # as asked for
+        assert isinstance(axes, PolarAxes)
         draw_statics(axes, scene)
     body = (
         f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
@@ -69,9 +69,9 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
 
 
 def replay_page(replay: Replay, title: str) -> str:
-    """A page that plays a shake: rock, seismogram with a moving cursor, ground's acceleration, point of no return.
+    """HTML page that plays a shake: rock, seismogram with a moving cursor, ground acceleration, point of no return.
 
-    title: the rock's name, the shaking and the outcome.
+    title: heading with the rock's name, the shaking and the outcome.
     """
     times = shown_times(replay, _PAGE_HZ, _PAGE_POSES)
     position, turn = replay.at(times)
@@ -107,13 +107,13 @@ _HINT = (
 
 
 def shown_times(replay: Replay, rate_hz: float, most: int) -> Array:
-    """Times of the part in which something is to be seen, as many a second as asked, up to a number."""
+    """Times of the part in which the rock moves, at `rate_hz` but `most` at most."""
     first, last = replay.shown_s()
     return np.linspace(first, max(last, first + 1e-3), int(np.clip((last - first) * rate_hz, 2, most)))
 
 
 def azimuth_across(replay: Replay) -> float:
-    """Azimuth of an eye that looks across the fall, in degrees."""
+    """Azimuth of a view perpendicular to the fall, degrees."""
     off = replay.trajectory.position_m - replay.trajectory.position_m[0]
     if np.hypot(off[:, 0], off[:, 1]).max() < STILL_SHARE * replay.scene.rock.height_m:
         return _AT_REST_DEG
@@ -122,7 +122,7 @@ def azimuth_across(replay: Replay) -> float:
 
 
 def _framed(replay: Replay, position: Array) -> tuple[Array, float]:
-    """Middle and radius of what the camera frames: the rock where it starts, and its fall as far as that is near."""
+    """Centre and radius of the camera's frame: the rock's initial position, and its fall within a limit."""
     rock = replay.scene.rock
     reach = 0.5 * float(np.linalg.norm(np.ptp(rock.vertices_m, axis=0)))
     off = position - position[0]
@@ -147,7 +147,7 @@ def _stage(scene: Scene, target: Array, radius: float, azimuth_deg: float) -> di
 
 
 def _encoded(surface: Surface) -> dict[str, str]:
-    """Vertices, normals and faces in the bytes that the graphics card takes."""
+    """Vertices, normals and faces as base64 of binary arrays for WebGL."""
     return {
         "positions": _base64(surface.vertices_m.astype("<f4")),
         "normals": _base64(surface.normals.astype("<f4")),
@@ -165,7 +165,7 @@ def _rounded(values: Array, digits: int = 5) -> list:
 
 
 def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> dict[str, Any]:
-    """Poses, tilt and ground motion over the time that the page plays."""
+    """Poses, tilt and ground motion during the playback."""
     ground_times = np.linspace(
         times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, _TRACE_SAMPLES))
     )

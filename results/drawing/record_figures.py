@@ -1,4 +1,4 @@
-"""One figure of an ensemble: response spectra, PGA against PGV/PGA, magnitude against distance."""
+"""Figure of an ensemble: response spectra, PGA against PGV/PGA, magnitude against distance."""
 
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,17 @@ from toppling.models.spelling import counted
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, cut, plain_log, style
 
 _FENCE = 3.0
-"""Interquartile ranges above the third quartile, beyond which a value would stretch an axis."""
-
+"""Distance above the third quartile, in interquartile ranges, beyond which a value is an outlier."""
 _MOST_NAMED, _LONGEST_NAME = 3, 22
-
+"""Maximum number of outliers named above a panel, and maximum number of characters of a name."""
 _INSET_IN = 0.04
-"""By which a triangle stands inside the edge that it marks."""
-
+"""Distance of an outlier's triangle from the edge that it marks, inches."""
 _LEAST_KM = 0.1
-"""Shorter distances stand here on the logarithmic axis."""
+"""Smallest distance on the logarithmic axis, km; smaller ones are drawn there."""
 
 
 def draw_records(ensemble: Ensemble, path: Path) -> None:
-    """Draw the figure into a file whose suffix names its format."""
+    """Draw the figure of an ensemble into a file, whose suffix determines the format."""
     figure = records_figure(ensemble)
     with style(), new_file(path) as hidden:
         figure.savefig(hidden, format=path.suffix[1:] or "png")
@@ -37,7 +35,7 @@ def draw_records(ensemble: Ensemble, path: Path) -> None:
 def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Response spectra, PGA against PGV/PGA, magnitude against distance.
 
-    width_in: three panels in a row on a page's width, below each other on less.
+    width_in: width of the figure; three panels in a row at full width, stacked at less.
     """
     beside = width_in >= FULL_WIDTH_IN
     names = ensemble.record_ids
@@ -61,7 +59,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         missing = int((~known).sum())
         title = f"{missing} not drawn: magnitude or\ndistance unknown" if missing else ""
         source.set(xlabel="distance (km)", ylabel="magnitude", title=title)
-        if not known.any():  # axes would state numbers that are of nothing
+        if not known.any():  # without data the ticks would be meaningless
             source.set_axis_off()
         events = len(set(ensemble.catalog.column("event").to_pylist()))
         figure.suptitle(f"{counted(len(names), 'record')}, {counted(events, 'event')}")
@@ -69,7 +67,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
 
 
 def upper_limit(values: Array) -> float:
-    """End of an axis from 0 that no outlier stretches: the largest value within the fence, and a margin."""
+    """End of an axis from 0 that excludes outliers: the largest value within the fence, with a margin."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 1.0
@@ -79,7 +77,7 @@ def upper_limit(values: Array) -> float:
 
 
 def _log_limits(values: Array) -> tuple[float, float]:
-    """Ends of a logarithmic axis that no outlier stretches: the outermost values within the fences, and a margin."""
+    """Ends of a logarithmic axis that excludes outliers: the extreme values within the fences, with a margin."""
     logs = np.log(values[np.isfinite(values) & (values > 0)])
     if not len(logs):
         return 0.1, 10.0
@@ -90,7 +88,7 @@ def _log_limits(values: Array) -> tuple[float, float]:
 
 
 def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
-    """Points over a logarithmic y; outliers in x and y are triangles inside the edge, named above the panel."""
+    """Scatter plot with a logarithmic y; outliers are triangles at the edge, named above the panel."""
     end = upper_limit(x)
     bottom, top = _log_limits(y)
     inside = (x <= end) & (y >= bottom) & (y <= top)
@@ -125,7 +123,7 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
         SPECTRUM_PERIODS_S, low, color=COLOURS(0.1), linewidth=0.9, linestyle="--", label="16 and 84 %"
     )
     axes.loglog(SPECTRUM_PERIODS_S, high, color=COLOURS(0.1), linewidth=0.9, linestyle="--")
-    ends = [_log_limits(column) for column in table.T]  # a spectrum far from all others leaves the frame
+    ends = [_log_limits(column) for column in table.T]  # outlying spectra leave the frame
     axes.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
     axes.set(xlabel="period (s)", ylabel="SA RotD50, 5 % damping (m/s²)")
     plain_log(axes.xaxis)

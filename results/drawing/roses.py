@@ -1,4 +1,4 @@
-"""Where a rock topples to, and the least constant acceleration that topples it, as it stands and as it was scanned."""
+"""Polar plots of the azimuths a rock topples toward, and of its least constant toppling acceleration."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
 _WINDS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")
-"""As a map has them: azimuths are counter-clockwise from east."""
+"""Compass directions in the order of azimuths, counter-clockwise from east."""
 
 
 def rose_figure(
@@ -29,12 +29,12 @@ def rose_figure(
     sector: dict[str, float] | None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
-    """Where the rock topples to, beside the least constant ground acceleration that topples it, by azimuth.
+    """Rose of toppling azimuths, and the least constant ground acceleration that topples, by azimuth.
 
     rose: from `analysis.directions.topple_rose`.
     quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2.
-    sector: from `analysis.directions.sector_share`; its share is stated.
-    width_in: beside each other on a page's width, below each other on less.
+    sector: from `analysis.directions.sector_share`, reported in the title.
+    width_in: width of the figure; panels side by side at full width, stacked at less.
     """
     beside = width_in >= FULL_WIDTH_IN
     with style():
@@ -63,7 +63,7 @@ def rose_figure(
 
 
 def _draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
-    """Shares of the topplings by the azimuth they went to, the scale where the fewest went."""
+    """Draw the fraction of topplings by azimuth, with the scale where it is lowest."""
     width = 2 * np.pi / len(rose)
     axes.bar(
         np.deg2rad(rose["falls_toward_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR, **look
@@ -73,7 +73,7 @@ def _draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
 
 
 def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray) -> None:
-    """Least constant acceleration that topples, as a closed curve round the azimuths."""
+    """Draw the least constant toppling acceleration as a closed curve over the azimuths."""
     around = np.append(np.deg2rad(azimuth_deg), np.deg2rad(azimuth_deg[0]))
     axes.plot(around, np.append(value_m_s2, value_m_s2[0]), color=MAIN_COLOUR, lw=1.3)
     axes.set_rlim(0.0)
@@ -81,17 +81,17 @@ def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray
 
 
 def emptiest_deg(azimuth_deg: np.ndarray, value: np.ndarray) -> float:
-    """Azimuth at which a curve is nearest to the centre: the scale that stands there crosses it least."""
+    """Azimuth at which a curve is nearest to the centre, where a radial scale overlaps it least."""
     return float(azimuth_deg[np.nanargmin(value)]) if np.isfinite(value).any() else 67.5
 
 
 def by_compass(directions_deg: Iterable[float]) -> list[float]:
-    """Azimuths clockwise from north, as panels stand."""
+    """Sort azimuths clockwise from north, the order of panels."""
     return sorted(directions_deg, key=lambda azimuth: float(compass_deg(azimuth)))
 
 
 def wind_of(azimuth_deg: float) -> str:
-    """Nearest of the sixteen winds toward an azimuth (degrees counter-clockwise from east)."""
+    """Nearest of the sixteen compass directions to an azimuth (degrees counter-clockwise from east)."""
     return WINDS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
 
 
@@ -103,7 +103,7 @@ def direction_words(direction_deg: float, bins: int) -> str:
 
 
 def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
-    """Name the winds round a polar plot; the radial scale stands at an azimuth."""
+    """Label a polar plot with compass directions, and put its radial scale at an azimuth."""
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), _WINDS)
     axes.tick_params(labelsize=7, pad=0)
     axes.grid(linewidth=0.4)
@@ -114,7 +114,7 @@ def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
 
 
 _SCANNED, _STANDS = "#0072b2", "#d55e00"
-"""Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
+"""Blue and vermilion of Okabe and Ito, distinguishable with all kinds of colour vision."""
 _Rose = Sequence[tuple[float, float]]
 
 
@@ -123,7 +123,7 @@ def draw_settled(
 ) -> None:
     """Write a PNG of two panels: the contact in plan, and the least toppling acceleration by azimuth.
 
-    scanned, stands: the rock as it was scanned, and once it has settled.
+    scanned, stands: scenes of the rock as scanned and after settling.
     outline_m: (k, 3), corners of the contact as scanned.
     rose_scanned, rose_stands: azimuth of the ground's acceleration, degrees counter-clockwise from east, and the least
     constant acceleration that topples, m/s2.

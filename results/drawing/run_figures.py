@@ -1,4 +1,4 @@
-"""The figures of a run, each with the table behind it, in one folder."""
+"""Writes the figures of a run and their tables to a folder."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
 
 FIT_PARTS = 20
-"""Parts of work that the fits of a contact count as: they take longer than a figure."""
+"""Steps of progress for the fits of a contact, which take longer than a figure (one step)."""
 
 
 def write_maps(
@@ -43,13 +43,13 @@ def write_maps(
     reference: pd.DataFrame | None = None,
     run: Completeness | None = None,
 ) -> Iterator[Path]:
-    """Write the maps of each plane, over all directions and direction by direction, and what is on none.
+    """Write the maps of each plane, over all directions and by direction, and the number of jobs on none.
 
-    frame: rows of results; each contact goes to a folder of its own if there are several.
-    folder: made if absent; files of the same names are replaced.
-    directions: direction bins of the vector PGA.
-    reference: from `analysis.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
-    run: of the run whose rows these are: an unfinished one is named above each figure.
+    frame: rows of results; several contacts have a subfolder each.
+    folder: output folder, created if absent; files of the same names are replaced.
+    directions: number of direction bins of the vector PGA.
+    reference: from `analysis.plane_reference.reference_lines`, drawn over the cells of PGV/PGA and PGA.
+    run: completeness of the run; an unfinished run is marked above each figure.
     Yields each file, once it is complete.
     """
     planes = list(planes)
@@ -82,7 +82,7 @@ def write_directions(
     sector_deg: tuple[float, float] | None,
     run: Completeness | None = None,
 ) -> Iterator[Path]:
-    """Write the rose of toppling azimuths, with the share in a sector if one is given, beside the quasi-static limit.
+    """Write the rose of toppling azimuths, the fraction in an optional sector, and the quasi-static limit.
 
     Yields each file, once it is complete.
     """
@@ -100,11 +100,11 @@ def write_directions(
 def write_friction(
     frame: pd.DataFrame, folder: Path, plane: Plane, run: Completeness | None = None
 ) -> Iterator[Path]:
-    """Write the comparison of each friction with the greatest, cell by cell and job by job.
+    """Write the comparison of each friction with the highest, cell by cell and job by job.
 
-    Scenes, presets and restitutions go to a folder each if there are several.
+    Several scenes, presets or restitutions have a subfolder each.
 
-    Yields each file, once it is complete; none where there is one friction only.
+    Yields each file, once it is complete; none for a single friction.
     """
     for surroundings, table, jobs in compare_frictions(frame, plane):
         target = folder / surroundings
@@ -114,10 +114,7 @@ def write_friction(
 
 
 def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
-    """Write how far the answers behind all figures may be off, a row an audit; nothing without one.
-
-    Yields the file, once it is complete.
-    """
+    """Write the table of audits, one row per audit, and yield its path; nothing without audits."""
     (folder / "audit.csv").unlink(missing_ok=True)
     if audits:
         yield write_csv(audit_table(audits), folder / "audit.csv")
@@ -135,18 +132,18 @@ def write_fits(
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
     frame: rows of results.
-    name: of the rock, for other programs.
-    samples: bootstrap samples of records.
-    audit_over: audits of the run, over a measure (`analysis.audit_statistics.audits_of`).
-    advance: told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
-    run: of the run whose rows these are: curves keep it, and an unfinished one is named above the figure.
+    name: name of the rock in exchange files.
+    samples: number of bootstrap samples of records.
+    audit_over: audits of the run for a measure (`analysis.audit_statistics.audits_of`).
+    advance: called with the steps done for a contact, of FIT_PARTS, and the name of the next one.
+    run: completeness of the run, stored with curves; an unfinished run is marked above the figure.
     Yields each file, once it is complete.
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact / "fits"
         former_ones = [file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")]
         for former in (*former_ones, target / "calibration.csv"):
-            former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
+            former.unlink(missing_ok=True)  # files of measures that have no fit any more are not overwritten
         yield from _write_contact(jobs, target, name, samples, audit_over, advance, run)
 
 
@@ -196,7 +193,7 @@ def _write_contact(
 
 
 def _add_shifts(table: pd.DataFrame, audits: Sequence[Mapping[str, Audit]]) -> None:
-    """Add to a table of fits how far each one's median moves against each audit's settings."""
+    """Add columns to a table of fits with the shift of each median relative to each audit."""
     for by in dict.fromkeys(by for of_model in audits for by in of_model):
         for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
             table[f"median_shift_percent_against_{by}{end}"] = [

@@ -1,4 +1,4 @@
-"""A scene as a file for other programs: glTF, PLY or OBJ."""
+"""Export of a scene for other programs: glTF, PLY or OBJ."""
 
 from pathlib import Path
 
@@ -11,16 +11,16 @@ from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
 
 _EXPORTS = (".glb", ".gltf", ".ply", ".obj")
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""Turn of -90 degrees about x, from z up to glTF's y up."""
+"""Rotation by -90 degrees about x, from z up to glTF's y up."""
 
 
 def export_scene(scene: Scene, path: Path) -> None:
     """Write rock and pedestal as one glTF, PLY or OBJ file, in the scene's local frame.
 
-    In PLY and OBJ z is up, as in the scene. glTF prescribes that y is (its specification 2.0, section 3.4): there
-    x is east, y up and z south. Every format is one file that needs no other beside it.
+    In PLY and OBJ z is up, as in the scene. glTF prescribes y up (specification 2.0, section 3.4): there x is east, y
+    up and z south. Every format is a single file.
 
-    Raises InputError if the file's extension is none of these.
+    Raises InputError if the file's extension is another.
     """
     if path.suffix.lower() not in _EXPORTS:
         raise InputError(

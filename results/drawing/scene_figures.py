@@ -1,4 +1,4 @@
-"""The scene's picture: rock, interface and pedestal in colours, so that a wrong split is seen at once."""
+"""Figure of a scene: rock, interface and pedestal in different colours, which shows a wrong split immediately."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,16 +20,17 @@ from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
-"""Elevation and azimuth of the eye."""
+"""Elevation and azimuth of each view, degrees."""
 _VIEW_REACH = 0.66
-"""From the middle of the rock to the edge of a view, as share of the rock's largest side."""
+"""Half width of a view, as a fraction of the rock's largest side."""
 _STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by where\nthe ground accelerates toward"
 BAND_TITLE = "brown band: one standard deviation"
 _SHADOW_COLOUR = "#f0dcc0"
-"""Of the rock in plan."""
+"""Fill colour of the rock in plan."""
 _ON_SURFACE = 0.03
-"""Of the rock's height: how far behind a surface a line may lie and still be on it."""
+"""Depth behind a surface at which a line still counts as visible, as a fraction of the rock's height."""
 _POINTS_ON_LINE = 160
+"""Number of points at which the visibility of a line is tested."""
 
 
 def draw_scene(scene: Scene, path: Path) -> None:
@@ -42,7 +43,7 @@ def draw_scene(scene: Scene, path: Path) -> None:
 def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Three views, the plan of the interface, and the statics by azimuth.
 
-    width_in: three panels a row on a page's width, one on less.
+    width_in: width of the figure; three panels per row at full width, one at less.
     """
     with style():
         if width_in >= FULL_WIDTH_IN:
@@ -64,18 +65,18 @@ def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
             )  # fmt: skip
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
-        assert isinstance(polar, PolarAxes)  # as asked for
+        assert isinstance(polar, PolarAxes)
         draw_statics(polar, scene)
     return figure
 
 
 def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
-    """Triangles painted from far to near (orthographic), and the interface's lines, dotted where they are hidden."""
+    """Draw an orthographic view of the scene with the interface's lines, dotted where hidden."""
     frame = view_frame(elevation_deg, azimuth_deg)
     toward = frame[:, 2]
     rock, pedestal = surfaces_of(scene)
     surfaces = [rock]
-    # From below, as from behind a slope steeper than the eye is high, an endless plane would hide the rock.
+    # From below, or from behind a slope steeper than the view's elevation, an infinite plane would hide the rock.
     if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
         surfaces.append(pedestal)
     corner, colour, of_rock = painted(surfaces, frame, scene.pedestal)
@@ -83,7 +84,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     before_lines = corner[of_rock] if scene.pedestal.is_plane else corner
     for line, dashes, of_line in interface_lines(scene):
         _draw_line(axes, line @ frame, before_lines, _ON_SURFACE * scene.rock.height_m, dashes, of_line)
-    # The same scale in all views, about the rock: a wide pedestal would make it small.
+    # All views have the rock's scale: that of a wide pedestal would make the rock small.
     projected = scene.rock.vertices_m @ frame
     middle = 0.5 * (projected.min(axis=0) + projected.max(axis=0))
     reach = _VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
@@ -102,14 +103,14 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
 
 
 def _triangles(corners: Array, colours: Array | str) -> PolyCollection:
-    """Triangles (n, 3, 3) as they are seen along the third axis, in the order in which they are painted."""
-    # Of an array Matplotlib makes paths faster than of the sequence that its types ask for.
+    """Triangles (n, 3, 3), projected along the third axis, in the order of painting."""
+    # Matplotlib makes paths faster from an array than from the sequence that its types require.
     flat = cast("list[Array]", corners[:, :, :2])
     return PolyCollection(flat, facecolors=colours, edgecolors="face", linewidths=0.3)
 
 
 def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
-    """A line of the interface: strong where it is seen, thin and dotted where a surface hides it."""
+    """Draw a line of the interface: thick where visible, thin and dotted where hidden by a surface."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], _POINTS_ON_LINE)
     points = np.column_stack([np.interp(at, along, axis) for axis in line.T])
@@ -150,7 +151,7 @@ def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 
 
 def _draw_plan(axes: Axes, scene: Scene) -> None:
-    """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
+    """Draw the plan: outline of the rock, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
     axes.add_collection(_triangles(projected[faces_eye(projected)], _SHADOW_COLOUR))
     for line, dashes, colour in interface_lines(scene):
@@ -186,7 +187,7 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 
 def draw_statics(axes: PolarAxes, scene: Scene) -> None:
-    """Least constant acceleration that topples, round the azimuths, with its band."""
+    """Draw the least constant toppling acceleration by azimuth, with its uncertainty."""
     azimuth_deg, value, spread = toppling_band(scene)
     azimuth = np.deg2rad(azimuth_deg)
     axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
@@ -206,9 +207,9 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
 
 
 def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
-    """Azimuths (a closed round), and the toppling accelerations between which the unseen bases leave the rock.
+    """Azimuths (closed), lower and upper toppling acceleration over the drawn bases, and the interval's probability.
 
-    And the share of the bases that these hold; empty for a scene whose base was not drawn.
+    Empty for a scene whose base was not drawn.
     """
     found = scene.report.get("unseen_base") or {}
     table = found.get("toppling", [])
@@ -222,21 +223,21 @@ def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
 
 
 def polar_reach_m_s2(value: Array) -> float:
-    """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
+    """Radius of the statics' plot, m/s²; a few azimuths with much higher values leave it."""
     positive = value[np.isfinite(value) & (value > 0.0)]
     return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
 
 
 def beyond_frame(value: Array) -> list[str]:
-    """Say what the azimuths need whose curve leaves the frame, if there are any."""
+    """Caption line on values beyond the frame; empty if there are none."""
     reach = polar_reach_m_s2(value)
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
 def toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
-    """Azimuth of the ground's acceleration (a closed round), what topples (m/s2), and its standard deviation.
+    """Azimuths (closed) of the ground's acceleration, least toppling value (m/s²), and its standard deviation.
 
-    The latter comes from the scan's report, which has it every ten degrees; 0 without one.
+    The latter comes from the scan's report, at steps of ten degrees; 0 without one.
     """
     table = scene.to_json()["quasi_static_toppling_m_s2"]
     rows = [*table, {**table[0], "azimuth_deg": 360.0}]
@@ -251,16 +252,13 @@ def toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
 
 
 def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
-    """What a person wants to read beside the views: sizes with their spread, the interface, how sure the split is.
-
-    Notes follow.
-    """
+    """Text lines for a scene: sizes with their uncertainty, the interface, confidence in the split, and notes."""
     rock, report = scene.rock, scene.report
     spread, registration = report.get("uncertainty", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
     volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
     if "com_m" in (report.get("unseen_base") or {}):
-        com = None  # the notes tell its interval over the drawn bases, which is that of all that is not known
+        com = None  # the notes give its interval over the drawn bases, which includes all uncertainty
     tilt = spread.get("interface_normal_std_deg")
     lines = [
         f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
@@ -279,7 +277,7 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
 
 
 def _surface_of(report: Mapping[str, Any]) -> list[str]:
-    """How rough the interface is and how much of the surface was seen, where a scan has measured them."""
+    """Lines on the interface's roughness and the observed part of the surface, where a scan measured them."""
     interface, surface = report.get("interface", {}), report.get("surface", {})
     lines = []
     if "roughness_m" in interface and interface.get("given_by") != "plane":  # a plane fits itself
@@ -293,7 +291,7 @@ def _surface_of(report: Mapping[str, Any]) -> list[str]:
 
 
 def _split_of(report: Mapping[str, Any]) -> list[str]:
-    """How sure the split of rock and pedestal is; other candidates are sought only where the interface is fitted."""
+    """Lines on the confidence in the split; other candidates exist only where the interface was fitted."""
     sure = report.get("segmentation", {}).get("confidence")
     if not sure:
         return []
@@ -313,7 +311,7 @@ def _percent(share: float, digits: int = 0) -> str:
 
 
 def _fit_of(registration: Mapping[str, Any]) -> str:
-    """How well the stations fit each other, if they show common places."""
+    """Line on the residual of the stations' registration, if they overlap."""
     stations, residual = registration["stations"], registration["residual_m"]
     if residual is None:
         return f"{stations} stations show no common places: how well they fit each other cannot be told"

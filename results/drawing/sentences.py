@@ -1,14 +1,14 @@
-"""What a fragility says, in the sentence with which every page and verb begins."""
+"""Sentences that summarise a fragility at the beginning of pages and commands' output."""
 
 from toppling.results.analysis.lognormal import Lognormal, parts_words
 from toppling.results.drawing.style import printed_unit, short_name
 
 
 def what_topples(curve: Lognormal, contact: str, one_base: bool) -> str:
-    """The shaking that topples the rock in one case in two, with its interval and the parts of that.
+    """Sentence on the median intensity of a fragility, with its interval by cause.
 
-    contact: in words.
-    one_base: whether all jobs are on one of the bases that a scan allows.
+    contact: words for the contact.
+    one_base: whether all jobs are on the same one of the possible bases.
     """
     unit, name, strongest = printed_unit(curve.measure), short_name(curve.measure), curve.strongest_shaken
     rested = contact + (", for one of the bases that the scan allows" if one_base else "")
@@ -25,7 +25,7 @@ def what_topples(curve: Lognormal, contact: str, one_base: bool) -> str:
 
 
 def interval_words(curve: Lognormal) -> str:
-    """The median's interval of 95 % with its parts, in brackets after a space; empty where it is not known."""
+    """The median's 95 % interval with its parts, in brackets after a space; empty where unknown."""
     if curve.median_interval is None:
         return ""
     (low, high), strongest = curve.median_interval, curve.strongest_shaken
@@ -35,5 +35,5 @@ def interval_words(curve: Lognormal) -> str:
 
 
 def percent(share: float) -> str:
-    """A share that toppled."""
+    """Format a fraction toppled as percentage, or as none or all."""
     return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"

@@ -1,4 +1,4 @@
-"""Figures of several rocks: fragilities with the medians beside, where they stand, which scenarios topple which."""
+"""Figures of several rocks: fragilities and medians, a map, and the scenarios that topple each."""
 
 from collections.abc import Sequence
 
@@ -26,21 +26,22 @@ from toppling.results.drawing.style import (
 from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
-"""Rocks beyond which a row each would not be read."""
-
+"""Maximum number of rocks with a row of their own."""
 _MOST_BANDS = 6
-"""Curves whose bands can be told apart."""
-
+"""Maximum number of curves that are drawn with intervals."""
 _NAME_LETTERS = 24
+"""Maximum number of characters of a rock's name."""
 _ELEVATION_DEG = 15.0
+"""Elevation of the view of a thumbnail, degrees."""
 _THUMBNAIL_IN = 2.2
+"""Side of a thumbnail, inches."""
 
 
 def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Fragility of every rock that has one, and their medians with intervals of 95 %, the weakest below.
+    """Fragilities of the rocks, and their medians with 95 % intervals, the weakest below.
 
-    measure: that all curves are over.
-    width_in: two panels beside each other on a page's width, below each other on less.
+    measure: measure of all curves.
+    width_in: width of the figure; two panels side by side at full width, stacked at less.
     """
     drawn = sorted(
         (rock for rock in rocks if rock.curve), key=lambda one: one.curve.median if one.curve else 0.0
@@ -61,7 +62,7 @@ def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = 
 
 
 def _colours(count: int) -> list[tuple[float, float, float, float]]:
-    """Told from each other and from the paper: the yellow end of the map is left out."""
+    """Distinct colours with contrast to the paper, without the yellow end of the colour map."""
     return [COLOURS(share) for share in np.linspace(0.0, 0.75, count)]
 
 
@@ -85,8 +86,8 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     shown = drawn[:_MOST_NAMED]
     for index, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
         curve = rock.curve
-        assert curve is not None  # as chosen
-        # The jobs say nothing beyond what was shaken: an interval ends there, and an arrow stands for its median.
+        assert curve is not None
+        # Beyond the strongest shaking an interval is cut off, and an arrow replaces the median.
         last = curve.strongest_shaken or np.inf
         if curve.median_interval:
             axes.plot(np.minimum(curve.median_interval, last), [index, index], color=colour, lw=1.4)
@@ -106,7 +107,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
 
 
 def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Where the rocks stand whose place is known, coloured by the intensity at which half of the shakings topple."""
+    """Map of the rocks with known locations, coloured by their median intensity."""
     placed = [rock for rock in rocks if rock.place]
     with style():
         figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
@@ -120,7 +121,7 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
             low, high = np.nanmin(medians), np.nanmax(medians)
             shades = LogNorm(low / 1.05, high * 1.05)
             sizes = _ring_sizes(points[~bare])
-            behind = np.argsort(-sizes)  # of rocks at one place each shows as a ring around the next
+            behind = np.argsort(-sizes)  # rocks at one location appear as concentric rings
             x, y = points[~bare][behind].T
             dots = axes.scatter(
                 x, y, sizes[behind], medians[~bare][behind], norm=shades, cmap=COLOURS, ec="0.2", lw=0.5
@@ -132,7 +133,7 @@ def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_
 
 
 def _ring_sizes(points: np.ndarray) -> np.ndarray:
-    """Areas of dots (points squared), of which those at one place are larger one by one."""
+    """Areas of dots (points squared), increasing for dots at the same location."""
     seen: dict[tuple[float, float], int] = {}
     sizes = []
     for point in map(tuple, points.round(6).tolist()):
@@ -142,18 +143,18 @@ def _ring_sizes(points: np.ndarray) -> np.ndarray:
 
 
 def across_date_line(points: np.ndarray) -> np.ndarray:
-    """Longitudes and latitudes (n, 2), those of neighbours across the date line beyond 180 degrees."""
+    """Longitudes and latitudes (n, 2), with longitudes continued beyond 180 degrees across the date line."""
     if len(points) < 2:
         return points
     turned = np.sort(points[:, 0] % 360.0)
     widest = int(np.argmax(np.diff(turned, append=turned[0] + 360.0)))
-    west = turned[(widest + 1) % len(turned)]  # behind the widest gap around the Earth
+    west = turned[(widest + 1) % len(turned)]  # east end of the widest gap around the Earth
     west -= 360.0 if west >= 180.0 else 0.0
     return np.column_stack([west + (points[:, 0] - west) % 360.0, points[:, 1]])
 
 
 def _frame_map(axes: Axes, points: np.ndarray) -> None:
-    """Axes of a map of longitudes and latitudes, degrees alike on the ground in both directions."""
+    """Set limits, labels and aspect of a map of longitudes and latitudes, with equal distances in both directions."""
     middle, reach = points.mean(axis=0), np.ptp(points, axis=0)
     shrink = np.cos(np.deg2rad(middle[1]))
     half = 0.7 * max(reach[0] * shrink, reach[1], 0.02)
@@ -171,7 +172,7 @@ def _frame_map(axes: Axes, points: np.ndarray) -> None:
 
 
 def _name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
-    """Name each point; those at one place share a label."""
+    """Label each point; those at the same location have a common label."""
     together: dict[tuple[float, float], list[str]] = {}
     for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
         together.setdefault((x, y), []).append(cut(name, _NAME_LETTERS))
@@ -185,7 +186,7 @@ def _name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
 
 
 def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
-    """A rock seen across the direction that it topples in most easily, which an arrow shows."""
+    """View of a rock perpendicular to its weakest direction, which an arrow shows."""
     azimuth_deg = 0.0 if weakest_azimuth_deg is None else weakest_azimuth_deg
     with style():
         figure = Figure(figsize=(_THUMBNAIL_IN, _THUMBNAIL_IN), layout="constrained")
@@ -206,10 +207,10 @@ _ROW_IN = 0.16
 
 
 def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
-    """Share of each rock's shakings that topple it under each scenario; below, where places are known, a map.
+    """Fraction of shakes that topple each rock under each scenario, and a map where locations are known.
 
     rows: from `orchestrator.studies.seismograms.check_sites`: rock, longitude, latitude, outcome.
-    matrix: share by rock (rows) and scenario (columns).
+    matrix: fraction by rock (rows) and scenario (columns).
     """
     placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
     height = 1.6 + _ROW_IN * min(len(matrix), _MOST_LABELS)
@@ -238,7 +239,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
 
 
 def _share_as_they_are(rows: pd.DataFrame) -> float:
-    """Of the seismograms with an answer; not a number where there is none."""
+    """Fraction toppled of the unscaled seismograms with an answer; NaN where there is none."""
     known = rows["outcome"].isin(["stands", "moved", *TOPPLED_OUTCOMES])
     toppled = rows["outcome"].isin(TOPPLED_OUTCOMES)
     return float(toppled.sum() / known.sum()) if known.any() else float("nan")

@@ -1,4 +1,4 @@
-"""What all figures share: sizes, colours, words for axes, and files that appear complete or not at all."""
+"""Common style of all figures: sizes, colours, axis labels, and atomic writing of files."""
 
 import io
 import textwrap
@@ -18,25 +18,25 @@ from toppling.results.hazard.measure_names import is_spectral, period_s
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
 FULL_WIDTH_IN = 7.0
-"""Of a page of paper, 178 mm."""
+"""Width of a printed page, inches (178 mm)."""
 
 HALF_WIDTH_IN = 3.6
-"""Of a column of paper, and of a screen of 400 pixels, on which the letters are then 12 pixels high."""
+"""Width of a printed column, inches, and of a screen of 400 pixels, where letters are then 12 pixels high."""
 
 COLOURS = sns.color_palette("viridis", as_cmap=True)
-"""Equal steps in lightness, so that it reads in grey and with every kind of colour vision."""
+"""Perceptually uniform colour map, legible in grey and with all kinds of colour vision."""
 
 MAIN_COLOUR = COLOURS(0.35)
 ROCK_COLOUR, PEDESTAL_COLOUR = "#d9a066", "#7d8b99"
 CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"
 ALARM_COLOUR = "#b3261e"
-"""Of the point of no return; a line in this colour is dashed as well, so that no one depends on the colour."""
+"""Colour of the point of no return; its lines are also dashed, so that colour alone carries no information."""
 
 _HEAD_LINE_IN = 0.15
-"""Height of a line above a figure."""
+"""Height of a line of the remark above a figure, inches."""
 
 LETTERS_PER_IN = 15.0
-"""In such a line."""
+"""Number of characters per inch of such a line."""
 
 _STYLE = {
     "savefig.dpi": 200,
@@ -59,7 +59,7 @@ _STYLE = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Seaborn's ticks, in sizes for print; settings of the user or of the working folder (`matplotlibrc`) aside."""
+    """Context with Seaborn's ticks in sizes for print, independent of a user's `matplotlibrc`."""
     with mpl.rc_context():
         mpl.rcdefaults()
         settings: dict = {**sns.axes_style("ticks"), **sns.plotting_context("paper"), **_STYLE}
@@ -68,9 +68,9 @@ def style() -> Iterator[None]:
 
 
 def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
-    """Write a figure as PNG and SVG beside each other; each appears complete or not at all.
+    """Write a figure as PNG and SVG, each atomically.
 
-    remark: stands above the figure, as that of an unfinished run (`results.completeness`).
+    remark: text above the figure, such as that of an unfinished run (`results.completeness`).
     """
     written = []
     with style():
@@ -79,13 +79,13 @@ def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
             target = stem.with_name(stem.name + suffix)
             with new_file(target) as hidden:
                 figure.savefig(hidden, format=suffix[1:], metadata=metadata, bbox_inches=box)
-            figure.set_layout_engine("none")  # what has its place keeps it, and half of the drawing is saved
+            figure.set_layout_engine("none")  # the layout is fixed after the first format, which saves time
             written.append(target)
     return written
 
 
 def png_bytes(figure: Figure, remark: str = "") -> bytes:
-    """A figure as the content of a PNG file, with a remark above it if there is one."""
+    """Content of a PNG file of a figure, with an optional remark above it."""
     drawn = io.BytesIO()
     with style():
         box = _headed(figure, remark)
@@ -94,7 +94,7 @@ def png_bytes(figure: Figure, remark: str = "") -> bytes:
 
 
 def _headed(figure: Figure, remark: str) -> Bbox | None:
-    """Write a remark above a figure; what to save then is the figure and the strip that holds the remark."""
+    """Write a remark above a figure; returns the box to save, which includes the remark."""
     if not remark:
         return None
     width, height = figure.get_size_inches()
@@ -108,7 +108,7 @@ def _headed(figure: Figure, remark: str) -> Bbox | None:
 
 
 def svg_text(figure: Figure) -> str:
-    """A figure as an SVG element that a page may hold."""
+    """SVG element of a figure, for embedding in a page."""
     drawn = io.StringIO()
     with style():
         figure.savefig(drawn, format="svg", metadata={"Date": None}, transparent=True)
@@ -117,7 +117,7 @@ def svg_text(figure: Figure) -> str:
 
 
 def short_name(measures: str) -> str:
-    """Name of a measure of intensity, or of several joined by ' + ', as a figure prints it."""
+    """Printed name of an intensity measure, or of several joined by ' + '."""
     return " + ".join(
         SHORT_NAMES.get(name) or (f"SA({period_s(name):g} s)" if is_spectral(name) else name)
         for name in measures.split(" + ")
@@ -125,37 +125,37 @@ def short_name(measures: str) -> str:
 
 
 def cut(name: str, letters: int) -> str:
-    """A name of so many letters at most."""
+    """Abbreviate a name to a number of letters."""
     return name if len(name) <= letters else f"{name[: letters - 1]}…"
 
 
 def unit_of(measure: str) -> str:
-    """Unit of a measure of intensity: of a column of the results, or of a spectral acceleration at any period."""
+    """Unit of an intensity measure: a column of the results, or a spectral acceleration at any period."""
     return "m/s2" if is_spectral(measure) else describe(SCHEMA.field(measure))["unit"]
 
 
 def printed_unit(measure: str) -> str:
-    """Unit of a column of the results, as a figure prints it."""
+    """Printed unit of an intensity measure."""
     return with_superscripts(unit_of(measure))
 
 
 def with_superscripts(unit: str) -> str:
-    """A unit as a person writes it: m/s² for m/s2."""
+    """Unit with superscripts: m/s² for m/s2."""
     return unit.replace("m/s2", "m/s²").replace("m3", "m³").replace("m2", "m²")
 
 
 def measure_label(measure: str) -> str:
-    """Axis label of a measure of intensity."""
+    """Axis label of an intensity measure."""
     return f"{short_name(measure)} ({printed_unit(measure)})"
 
 
 def digits(value: float | None) -> str:
-    """A number with three digits; nothing where there is none."""
+    """Format a number with three significant digits; empty for None and NaN."""
     return "" if value is None or value != value else f"{value:.3g}"
 
 
 def within(value: float, strongest: float | None) -> str:
-    """A number with three digits, or that it lies beyond the strongest shaking, where the jobs say nothing."""
+    """Format a number with three significant digits, or as beyond the strongest shaking."""
     return f"beyond {strongest:.3g}" if strongest is not None and value > strongest else digits(value)
 
 

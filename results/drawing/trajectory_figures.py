@@ -1,4 +1,4 @@
-"""One shake seen closely: table, plots against time, a page that plays and a moving picture of the rock."""
+"""Output of a replayed shake: table, time series plots, interactive page and animation."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ from toppling.results.replayed_job import Replay, trajectory_table
 
 _COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
 AFTER_FALL_S = 1.0
-"""Of the ground motion, shown after the rock's fall is over."""
+"""Duration of ground motion shown after the end of the rock's fall, s."""
 
 
 def trajectory_figure(
@@ -31,12 +31,12 @@ def trajectory_figure(
     """Ground motion, tilt and displacement of the rock against time.
 
     table: from `results.replayed_job.trajectory_table`.
-    motion: as imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon
-    after a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.
-    topple_time_s: time of no return, marked by a line.
+    motion: imposed motion, drawn also during time that the engine skips. The figure ends soon after a fall, and
+    otherwise with the motion or the later end of rocking.
+    topple_time_s: time of the point of no return, marked by a line.
     """
     last_s = float(table["time_s"].iloc[-1])
-    end_s = max(motion.duration_s, last_s)  # a rock may rock on, or fall, after the motion
+    end_s = max(motion.duration_s, last_s)  # rocking or a fall may continue after the motion
     if topple_time_s is not None:
         end_s = min(end_s, last_s + AFTER_FALL_S)
     shown = motion.time_s <= end_s
@@ -54,7 +54,7 @@ def trajectory_figure(
         for axes, column, (axis, name, dashes) in zip(grid[:3], range(3), _COMPONENTS, strict=True):
             colour = COLOURS((0.1, 0.5, 0.75)[column])
             axes.plot(times, motion.acceleration_m_s2[shown, column], color=colour, lw=0.8)
-            axes.set(ylim=(-peak, peak), ylabel=name)  # one scale, so that they can be compared
+            axes.set(ylim=(-peak, peak), ylabel=name)  # a common scale for comparison
             look = {"color": colour, "ls": dashes, "lw": 1.0, "label": name}
             grid[3].plot(times, velocity[:, column], **look)
             grid[5].plot(table["time_s"], table[f"com_{axis}_m"] - table[f"com_{axis}_m"].iloc[0], **look)
@@ -86,7 +86,7 @@ def _mark_no_return(grid: Sequence[Axes], topple_time_s: float, late: bool) -> N
 
 
 def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
-    """Write table (Parquet, CSV), plots (PNG, SVG), page and moving picture; yields each path once it is whole."""
+    """Write table (Parquet, CSV), plots (PNG, SVG), page and animation; yields each path once it is complete."""
     table = trajectory_table(replay)
     frame = table.to_pandas()
     with new_file(folder / "trajectory.parquet") as hidden:

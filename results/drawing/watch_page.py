@@ -1,4 +1,4 @@
-"""The page of `toppling watch`: asks for the run's state every two seconds and draws it; needs nothing else."""
+"""Self-contained page of `toppling watch`, which requests the run's state every two seconds and draws it."""
 
 import json
 
@@ -146,7 +146,7 @@ ask();
 </body>
 </html>
 """.replace("COLOURS", json.dumps([to_hex(COLOURS(step / 40)) for step in range(41)]))
-"""NONCE allows its one script."""
+"""Page with a placeholder NONCE for the content security policy of its script."""
 
 WAITING = """\
 <!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="1">

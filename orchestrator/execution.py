@@ -29,6 +29,9 @@ log = logging.getLogger(__name__)
 _BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
+_FIRST_SHARE = 0.1
+"""Of that the first tasks have: their rows are stored at once, and tell how many jobs the next can have."""
+
 _ATLAS_BUDGET_S = 6.0
 """The same of many rocks: making one ready costs a third of a second."""
 
@@ -147,7 +150,8 @@ class Execution:
 
     @property
     def _budget_s(self) -> float:
-        return budget_s(self.progress.workers, len(self.plan.scenes))
+        full_s = budget_s(self.progress.workers, len(self.plan.scenes))
+        return full_s if self.progress.done else _FIRST_SHARE * full_s
 
     def _submit(self) -> None:
         workers = max(self.progress.workers, 1)

@@ -8,13 +8,11 @@ import asyncio
 import contextlib
 import json
 import logging
-import os
+import select
 import signal
-import subprocess
-import sys
 import threading
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import dask
 import psutil
@@ -24,6 +22,7 @@ from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 
 from toppling.orchestrator.journal import tell
+from toppling.orchestrator.worker_start import WorkerProcess, worker_process
 
 log = logging.getLogger(__name__)
 
@@ -68,8 +67,7 @@ class _LocalWorker(ProcessInterface):
         super().__init__()
         self._told = json.dumps({**told, "scheduler": scheduler, "name": name}, default=str).encode() + b"\n"
         self._name, self._session, self._memory = name, session, memory
-        self._errors = Path(told["scratch"]) / f"worker-{name}.log"
-        self._process: subprocess.Popen[bytes] | None = None
+        self._worker: WorkerProcess | None = None
         self._keeper = threading.Thread(target=self._keep, name=f"worker {name}", daemon=True)
         self._closing = False
 
@@ -88,8 +86,8 @@ class _LocalWorker(ProcessInterface):
 
     def kill(self) -> None:
         """End the process at once."""
-        if self._process:
-            self._process.kill()
+        if self._worker:
+            self._worker.process.kill()
 
     def _keep(self) -> None:
         while not self._closing and not self._session.fatal:
@@ -103,44 +101,37 @@ class _LocalWorker(ProcessInterface):
                 tell("worker process died", worker=self._name, joined=joined, why=why)
 
     def _live(self) -> tuple[bool, str]:
-        """Start a process and wait for its end: whether it had joined, and what it died of."""
+        """Take a process and wait for its end: whether it had joined, and what it died of."""
         killed_before = _kills_for_memory()
-        chosen = dask.config.get("distributed.nanny.pre-spawn-environ")
-        environment = os.environ | {name: str(value) for name, value in chosen.items()}
-        command = [sys.executable, "-P", "-m", "toppling.orchestrator.worker_process"]
-        pipe = subprocess.PIPE
-        with (
-            self._errors.open("w+b") as errors,
-            subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, stderr=errors, env=environment, start_new_session=True
-            ) as process,
-        ):
-            self._process = process
-            assert process.stdin is not None
+        self._worker = worker = worker_process()
+        try:
+            process = worker.process
+            assert process.stdin
+            assert process.stdout
             with contextlib.suppress(OSError):
                 process.stdin.write(self._told)
                 process.stdin.flush()
-            joined = bool(process.stdout and process.stdout.readline())
+            joined = bool(process.stdout.readline())
             self._session.deaths_at_start *= not joined
-            why = self._until_the_end(process)
-            with contextlib.suppress(OSError):  # the rest of what was told, to one that has died
-                process.stdin.close()
-            errors.seek(0)
-            text = errors.read().decode(errors="replace")
-            return joined, why or _why(process.returncode, text, _kills_for_memory() > killed_before)
+            why = self._until_the_end(process.pid, process.stdout)
+            code = process.wait()
+            worker.errors.seek(0)
+            text = worker.errors.read().decode(errors="replace")
+            return joined, why or _why(code, text, _kills_for_memory() > killed_before)
+        finally:
+            worker.end()
 
-    def _until_the_end(self, process: "subprocess.Popen[bytes]") -> str:
+    def _until_the_end(self, pid: int, output: IO[bytes]) -> str:
         """Wait; end the process if it takes more memory than its share, and say so."""
-        why = ""
-        while True:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(_LOOK_S)
-                return why
+        why, end = "", select.poll()
+        end.register(output)  # closed as the process ends
+        while not end.poll(1000.0 * _LOOK_S):
             with contextlib.suppress(psutil.Error):
-                held = psutil.Process(process.pid).memory_info().rss
+                held = psutil.Process(pid).memory_info().rss
                 if held > self._memory:
                     why = f"it held {held / 1e9:.1f} GB, more than its share of memory"
-                    process.kill()
+                    self.kill()
+        return why
 
 
 def _why(code: int, errors: str, out_of_memory: bool) -> str:

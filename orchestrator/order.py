@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 _SEED = 2017
@@ -96,7 +95,7 @@ def balanced_order(
     turn = random.permutation(records)[record]  # a record's place among records
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
-    rank = pd.Series(cell).groupby(turn * scenes + scene).rank(method="first").to_numpy(np.int64) - 1
+    rank = _rank_within(turn * scenes + scene, cell)
     visit, within = np.divmod(rank, jobs)
     # The round of scenes goes along a diagonal of their axes, whose values are shuffled.
     shuffled = np.ix_(*(np.argsort(random.permutation(size)) for size in sizes))
@@ -104,6 +103,15 @@ def balanced_order(
     # A group of records is at the scene after that of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
+
+
+def _rank_within(groups: _Codes, values: _Codes) -> NDArray[np.int64]:
+    """For each value its place, from 0, among those of its group."""
+    ordered = np.lexsort((values, groups))
+    first = np.r_[True, np.diff(groups[ordered]) != 0]
+    places, rank = np.arange(len(ordered)), np.empty(len(ordered), np.int64)
+    rank[ordered] = places - np.maximum.accumulate(np.where(first, places, 0))
+    return rank
 
 
 def realisations_spread(records: int, levels: int, azimuths: int, count: int) -> NDArray[np.int64]:

@@ -20,7 +20,6 @@ from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.studies.conditioning import Weighing
-from toppling.orchestrator.studies.precision import JobsForPrecision
 from toppling.orchestrator.task import versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 from toppling.workers.engines import ENGINES
@@ -54,6 +53,8 @@ def run(
     ENGINES[campaign.engine].require()
     selection: JobSelection = planned
     if campaign.precision is not None:
+        from toppling.orchestrator.studies.precision import JobsForPrecision  # with pandas: .4 s
+
         selection = JobsForPrecision(planned, folder, campaign.precision, campaign.target)
     here = dict(versions(campaign.engine))
     prepare(folder, planned, here)

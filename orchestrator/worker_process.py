@@ -13,7 +13,7 @@ from distributed import Worker
 from distributed.security import Security
 
 import toppling.orchestrator.task  # noqa: F401  (what takes long, before a job needs it)
-from toppling.models.compiled import FOLDER
+from toppling.models.compiled import COMPLETE, FOLDER
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.shake import shake
@@ -21,12 +21,20 @@ from toppling.workers.shake import shake
 
 def main() -> None:
     """Work until the scheduler, or the program that started this one, is gone."""
-    told = json.loads(sys.stdin.readline())
+    if FOLDER and (FOLDER / COMPLETE).exists():
+        _shake()  # loads the compiled code while the program that started this one checks its plan
+    if not (line := sys.stdin.readline()):
+        return
+    told = json.loads(line)
     threading.Thread(target=_end_with_the_program, daemon=True).start()
     dask.config.update(dask.config.config, told["config"])
     if FOLDER is None:  # before it joins, or what it compiles would count as a job that hangs
-        shake(Scene.block(0.2, 0.2, 0.6), Motion(np.sin(np.mgrid[0:99, 0:3][0]), 0.01))
+        _shake()
     asyncio.run(_work(told))
+
+
+def _shake() -> None:
+    shake(Scene.block(0.2, 0.2, 0.6), Motion(np.sin(np.mgrid[0:99, 0:3][0]), 0.01))
 
 
 def _end_with_the_program() -> None:
@@ -49,7 +57,8 @@ async def _work(told: dict[str, Any]) -> None:
     )  # fmt: skip
     async with worker:
         os.write(1, b"joined\n")
-        os.dup2(2, 1)  # nobody reads standard output any more
+        os.dup(1)  # stays open as long as this process lives
+        os.dup2(2, 1)  # nobody reads what is printed
         await worker.finished()
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
@@ -134,7 +134,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         worst, rest = int(np.argmin(others)), min(others)
         free = 3 * (count - 1) - 7
         tiny = (1e-9 * size) ** 2
-        by_chance = count * f_distribution.sf(((off**2).sum() - rest) / 3.0 * free / max(rest, tiny), 3, free)
+        by_chance = count * fdtrc(3, free, ((off**2).sum() - rest) / 3.0 * free / max(rest, tiny))
         alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
         if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
             raise InputError(

@@ -12,10 +12,9 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -28,6 +27,9 @@ from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _Run = Callable[..., object]
 """Carries a plan out in a folder (`orchestrator.run.run`)."""
@@ -80,6 +82,8 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
     shake: carries a plan out in a folder.
     Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
     """
+    import pandas as pd  # what most runs begin without
+
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
     scene = Scene.load(campaign.scene)
     stood.check_weighable(scene, 1, str(campaign.scene))
@@ -157,7 +161,7 @@ def joined(own: Weights, also: Weights) -> Weights:
     return by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
 
 
-def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
+def weights_by_contact(rows: "pd.DataFrame", draws: int) -> dict[Contact, Array]:
     """Weights of draws by the shakes of them.
 
     rows: rows of results; a shake without an answer tells nothing.
@@ -173,7 +177,7 @@ def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
     return found  # type: ignore[return-value]  # of three columns
 
 
-def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
+def _chances(name: str, shakes: "pd.DataFrame", draws: int) -> Array:
     """Probability that the rock stands one motion on each base; on one without an answer the mean of the others."""
     known = shakes[shakes["toppled"].notna() & shakes["base"].notna()]
     if not len(known):

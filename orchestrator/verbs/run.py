@@ -17,7 +17,8 @@ from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.orchestrator.verbs.where import cluster_of, cluster_options, of_batch_job
+from toppling.orchestrator.verbs.where import cluster_of, cluster_options, local_workers, of_batch_job
+from toppling.orchestrator.worker_start import started_ahead
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -117,11 +118,29 @@ def run(
     if folder is None:
         raise click.UsageError("Missing option '--out'.")
     from toppling.orchestrator.campaign import Campaign
+    from toppling.results.store import RESULTS_FILE
 
     chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
     if precision is not None:
         chosen = chosen.with_precision(precision)
     _refuse_moved(chosen, campaign, folder)
+    limits = Limits(job_limit, tries)
+    asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
+    complete = (folder / RESULTS_FILE).exists() and not again
+    with started_ahead(0 if complete else local_workers(where)):
+        _run(chosen, folder, where, report, asked, as_json=as_json)
+
+
+def _run(
+    chosen: "Campaign",
+    folder: Path,
+    where: dict[str, Any],
+    report: Path | None,
+    asked: dict[str, Any],
+    *,
+    as_json: bool,
+) -> None:
+    """Carry the campaign out and say what came of it; imports what takes seconds."""
     from toppling.orchestrator.cluster import reported
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -133,8 +152,6 @@ def run(
     elif not (folder.exists() or chosen.sites):
         _warn(chosen)
     command = command_to_go_on(click.get_current_context())
-    limits = Limits(job_limit, tries)
-    asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
     shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
     _tell(chosen, folder, shaken, command, as_json=as_json)
 

@@ -79,6 +79,25 @@ def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
     return {name: where[f"of_job_{name}"] for name in ("queue", "account", "walltime", "memory")}
 
 
+def _ways(where: dict[str, Any]) -> list[str]:
+    """Options by which a cluster is chosen."""
+    names = {
+        "workers": "--workers",
+        "queue_kind": "--queue",
+        "scheduler": "--scheduler",
+        "scheduler_file": "--scheduler-file",
+    }
+    return [option for name, option in names.items() if where[name]]
+
+
+def local_workers(where: dict[str, Any]) -> int:
+    """Local workers to begin with; 0 where jobs run elsewhere."""
+    ways = _ways(where)
+    if ways == ["--workers"]:
+        return where["workers"].low
+    return 0 if ways or os.environ.get("DASK_SCHEDULER_ADDRESS") else os.cpu_count() or 1
+
+
 def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
     """Cluster that the options, values by name, select; nothing starts before it is entered.
 
@@ -88,14 +107,10 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
 
     workers, queue_kind = where["workers"], where["queue_kind"]
     scheduler, scheduler_file = where["scheduler"], where["scheduler_file"]
-    given = {
-        "--workers": workers, "--queue": queue_kind,
-        "--scheduler": scheduler, "--scheduler-file": scheduler_file,
-    }  # fmt: skip
-    ways = [name for name, value in given.items() if value]
-    if len(ways) > 1:
+    if len(ways := _ways(where)) > 1:
         raise click.UsageError(f"{' and '.join(ways)} exclude each other")
-    joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
+    begin = local_workers(where)
+    joins = not (begin or queue_kind)
     tls = None
     files = where["tls_ca"], where["tls_cert"], where["tls_key"]
     if any(files):
@@ -113,4 +128,4 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
         return gateway(scheduler.removeprefix(_GATEWAY))
     if joins:
         return existing(scheduler, scheduler_file, tls)
-    return local(workers.low, most=workers) if workers else local(os.cpu_count() or 1)
+    return local(begin, most=workers)

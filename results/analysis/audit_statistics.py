@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtr
-from scipy.stats import t
+from scipy.special import ndtr, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -299,7 +298,7 @@ def _half_width(values: Array, typical: float, of_jobs: int) -> float:
     jobs = len(values)
     variance = ((values**2).sum() + typical**2) / (jobs + 2) - (values.sum() / (jobs + 2)) ** 2
     not_drawn = 1.0 - jobs / of_jobs
-    return float(t.ppf(0.975, jobs - 1) * math.sqrt(variance / jobs * not_drawn))
+    return float(stdtrit(jobs - 1, 0.975) * math.sqrt(variance / jobs * not_drawn))
 
 
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:

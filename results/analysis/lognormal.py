@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr, ndtri
-from scipy.stats import t
+from scipy.special import log_ndtr, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.results.completeness import Completeness
@@ -206,7 +205,7 @@ def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array
     """
     if not len(values):
         return np.full((2, *np.shape(values)[1:]), math.nan)
-    tail = ndtr(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
+    tail = ndtr(-math.sqrt(records / (records - 1)) * stdtrit(records - 1, (1 + level) / 2))
     return ends(values, float(tail))
 
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtri
-from scipy.stats import t
+from scipy.special import ndtri, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.results.analysis import SAMPLES
@@ -110,7 +109,7 @@ def _reflected(fitted: Array, refits: Array, records: int) -> Array:
     """
     to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
     freedom = records - len(fitted)
-    wider = math.sqrt(records / freedom) * t.ppf(_TAIL, freedom) / ndtri(_TAIL)
+    wider = math.sqrt(records / freedom) * stdtrit(freedom, _TAIL) / ndtri(_TAIL)
     centre, away = to(fitted), to(refits) - to(fitted)
     if len(fitted) == 3:
         away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr
-from scipy.stats import f, t
+from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
@@ -117,7 +116,7 @@ class Curve:
         freedom = max(self.records - 1.0, 1.0)
         if c2 > 0.0:
             freedom = max(min(freedom, 0.5 / c2), 1.0)
-        return float(t.ppf(0.975, freedom)) * (1.0 + c2)
+        return float(stdtrit(freedom, 0.975)) * (1.0 + c2)
 
     @property
     def slope_variance(self) -> float:
@@ -267,7 +266,7 @@ def _p_value(curve: Curve, answers: Answers) -> float:
     covariance = records * np.cov(of_record.T)
     squared = float(total @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ total)
     # Hotelling's T squared
-    return float(f.sf(squared * (records - count) / (count * (records - 1.0)), count, records - count))
+    return float(fdtrc(count, records - count, squared * (records - count) / (count * (records - 1.0))))
 
 
 def _departures(curve: Curve, answers: Answers) -> Array:

@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
-from scipy.stats import t
+from scipy.special import ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.bases import BaseSpread
@@ -56,7 +55,7 @@ class Target:
         if self.name not in _SHARES or records < 2:
             return None
         wider = math.sqrt(1.0 + 0.5 * float(ndtri(_SHARES[self.name])) ** 2)
-        return float(t.ppf(0.975, records - 1)) * _USUAL_BETA * wider / math.sqrt(records)
+        return float(stdtrit(records - 1, 0.975)) * _USUAL_BETA * wider / math.sqrt(records)
 
     def score(self, coefficients: Array) -> float:
         """Target on the scale of its symmetric interval: its logarithm, or the probit of a probability.

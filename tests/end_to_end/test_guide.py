@@ -20,6 +20,7 @@ import pytest
 import trimesh
 import yaml
 from click.testing import CliRunner
+from hazard_samples import event_set, openquake_curves, realisations
 
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
@@ -126,7 +127,6 @@ def inputs(tmp_path_factory):
         )
         (folder / curve).write_text(f"pgv_m_s,annual_rate\n{rows}")
     write_outputs(folder)
-    write_events(folder)
     trace = {"type": "LineString", "coordinates": [[-118.6, 34.8], [-117.6, 34.6]]}
     (folder / "faults.geojson").write_text(
         json.dumps({"type": "Feature", "properties": {"name": "F"}, "geometry": trace})
@@ -135,43 +135,25 @@ def inputs(tmp_path_factory):
     return folder
 
 
-def write_events(folder):
-    """OpenQuake's event set of two branches of 100 years, at two sites."""
-    place = folder / "openquake_events"
-    place.mkdir()
-    line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=1{}\"\n"
-    times = ", investigation_time=50.0, ses_per_logic_tree_path=2"
-    fields = [f"{event},{5 + event},{site}" for event in range(8) for site in ("aa", "bb")]
-    texts = {
-        "gmf-data": ("", ["event_id,gmv_PGV,custom_site_id", *fields]),
-        "events": (
-            "",
-            ["event_id,rup_id,rlz_id,year,ses_id", *(f"{n},{n},{n % 2},{n + 1},1" for n in range(8))],
-        ),
-        "ruptures": (times, ["rup_id,multiplicity,mag", "0,1,6"]),
-        "realizations": ("", ["rlz_id,branch_path,weight", "0,A~A,0.6", "1,A~B,0.4"]),
-        "sitemesh": ("", ["custom_site_id,lon,lat", "aa,-118.1,34.2", "bb,-118.0,34.3"]),
-    }
-    for name, (stated, lines) in texts.items():
-        (place / f"{name}_1.csv").write_text(line.format(stated) + "\n".join(lines) + "\n")
-
-
 def write_outputs(folder):
-    """A tree of OpenQuake and an output of nshmp-haz, of two sites each."""
+    """OpenQuake's event set of two branches of 100 years, its tree, and an output of nshmp-haz, of two sites each."""
+    sites = {"aa": (-118.1, 34.2), "bb": (-118.0, 34.3)}
+    fields = [f"{event},{5 + event},{site}" for event in range(8) for site in sites]
+    event_set(
+        folder / "openquake_events", ["event_id,gmv_PGV,custom_site_id", *fields],
+        [f"{n},{n},{n % 2},{n + 1},1" for n in range(8)], {"A~A": 0.6, "A~B": 0.4}, sites,
+        investigation_time=50.0, ses_per_logic_tree_path=2,
+    )  # fmt: skip
     levels_cm_s = np.array([5, 10, 20, 50, 100, 200, 400, 800])
     tree, output = folder / "openquake_output", folder / "hazout"
     (output / "PGV").mkdir(parents=True)
     tree.mkdir()
     for number, factor in enumerate((1.0, 3.0)):
-        poes = -np.expm1(-50 * factor * 1e-4 * (levels_cm_s / 100) ** -2.0)
-        row = ",".join(f"{poe:.6E}" for poe in poes)
+        kind, poes = f"rlz-{number:03}", -np.expm1(-50 * factor * 1e-4 * (levels_cm_s / 100) ** -2.0)
+        rows = [(name, (east, 34.2), poes) for name, east in (("a", -118.1), ("b", -118.5))]
         for imt, levels in (("PGV", levels_cm_s), ("PGA", levels_cm_s / 100)):
-            (tree / f"hazard_curve-rlz-{number:03}-{imt}.csv").write_text(
-                f"#,,,\"kind='rlz-{number:03}', investigation_time=50.0, imt='{imt}'\"\n"
-                f"lon,lat,depth,{','.join(f'poe-{level:.7f}' for level in levels)}\n"
-                f"-118.10000,34.20000,0.00000,{row}\n-118.50000,34.20000,0.00000,{row}\n"
-            )
-    (tree / "realizations.csv").write_text("rlz_id,branch_path,weight\n0,A~A,0.6\n1,A~B,0.4\n")
+            openquake_curves(tree / f"hazard_curve-{kind}-{imt}.csv", kind, imt, levels, rows)
+    realisations(tree, (0.6, 0.4))
     row = ",".join(f"{rate:.8e}" for rate in 1e-4 * (levels_cm_s / 100) ** -2.0)
     (output / "config.json").write_text('{"hazard": {"valueFormat": "ANNUAL_RATE"}}')
     (output / "PGV" / "curves.csv").write_text(

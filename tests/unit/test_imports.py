@@ -29,6 +29,7 @@ ONLY_UNDER = {
     "obspy": "models/motions",
     "seaborn": "results/drawing",
     "PIL": "results/drawing",
+    "matplotlib": "results/drawing",
 }
 DOOR = "toppling.orchestrator.door"
 """Is `toppling` itself: what the orchestrator names as public is for it."""
@@ -74,89 +75,48 @@ def _imported(path):
             yield from (name.value for name in node.args if isinstance(name, ast.Constant))
 
 
-def tops(path):
-    """Rooms of the house and libraries that a module imports."""
-    return {name.removeprefix("toppling.").partition(".")[0] for name in imported(path)}
+def offences(paths, forbidden):
+    """Modules that import what they may not, with it."""
+    found = {str(path.relative_to(ROOT)): sorted(filter(forbidden, imported(path))) for path in paths}
+    return {name: taken for name, taken in found.items() if taken}
+
+
+def within(*packages):
+    """Whether a dotted name lies in one of some packages or modules."""
+    return lambda name: any(f"{name}.".startswith(f"{one}.") for one in packages)
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_imports_none_that_lies_downstream_of_it(room):
-    offences = {
-        str(path.relative_to(ROOT)): sorted(tops(path) & FORBIDDEN[room])
-        for path in sorted((ROOT / room).rglob("*.py"))
-        if tops(path) & FORBIDDEN[room]
-    }
-    assert not offences
+    below = within(*FORBIDDEN[room], *(f"toppling.{name}" for name in FORBIDDEN[room]))
+    assert not offences((ROOT / room).rglob("*.py"), below)
 
 
-def test_in_results_readers_know_no_analysis_and_analyses_no_drawing():
-    order = {"results": 0, "precision": 1, "hazard": 1, "analysis": 1, "readers": 1}
-    offences = {
-        str(path.relative_to(ROOT)): above
-        for path in sorted((ROOT / "results").rglob("*.py"))
-        if "drawing" not in path.parts
-        if (
-            above := [
-                name
-                for name in imported(path)
-                if name.startswith("toppling.results.")
-                if (room := name.split(".")[2]) == "drawing" or order.get(room, 0) > order[path.parent.name]
-            ]
-        )
-    }
-    assert not offences
+ORCHESTRATOR, MODELS, RESULTS = (f"toppling.{room}" for room in ("orchestrator", "models", "results"))
+LAYERS = {
+    "orchestrator/*.py": [f"{ORCHESTRATOR}.{above}" for above in ("studies", "verbs", "door", "run", "cli")],
+    "orchestrator/studies/*.py": [f"{ORCHESTRATOR}.verbs"],
+    "orchestrator/public/*.py": [f"{ORCHESTRATOR}.verbs"],
+    "models/motions/**/*.py": [f"{MODELS}.scan"],
+    "results/*.py": [f"{RESULTS}.{above}" for above in ("precision", "hazard", "analysis", "drawing")],
+    **{f"results/{room}/**/*.py": [f"{RESULTS}.drawing"] for room in ("precision", "hazard", "analysis")},
+}
+"""What modules may not import of their own room: verbs stand above studies, drawing above analyses above readers."""
 
 
-def test_the_core_of_the_orchestrator_knows_nothing_of_what_is_done_with_runs():
-    """`run` puts the core and the studies together; verbs and the door stand above both."""
-    core = [path for path in (ROOT / "orchestrator").glob("*.py") if path.name not in ("run.py", "cli.py")]
-    above = tuple(f"toppling.orchestrator.{name}" for name in ("studies", "verbs", "door", "run", "cli"))
-    offences = {
-        path.name: taken
-        for path in core
-        if (
-            taken := [
-                name
-                for name in imported(path)
-                if name in above or name.startswith(tuple(f"{one}." for one in above))
-            ]
-        )
-    }
-    assert not offences
-
-
-@pytest.mark.parametrize("below", ["studies", "public"])
-def test_studies_and_functions_of_the_door_know_no_verb(below):
-    modules_below = (ROOT / "orchestrator" / below).glob("*.py")
-    assert not [
-        path.name
-        for path in modules_below
-        if any(name.startswith("toppling.orchestrator.verbs") for name in imported(path))
-    ]
+@pytest.mark.parametrize("paths", LAYERS)
+def test_within_a_room_no_module_imports_what_stands_above_it(paths):
+    """`run` puts the core of the orchestrator and the studies together; the command stands above both."""
+    below = [path for path in ROOT.glob(paths) if path.name not in ("run.py", "cli.py")]
+    assert below
+    assert not offences(below, within(*LAYERS[paths]))
 
 
 @pytest.mark.parametrize(("library", "home"), ONLY_UNDER.items())
 def test_a_heavy_library_is_imported_in_one_room_only(library, home):
-    offences = [
-        str(path.relative_to(ROOT))
-        for path in modules()
-        if library in tops(path) and not path.is_relative_to(ROOT / home)
-    ]
-    assert not offences
-
-
-def test_only_the_drawing_room_draws():
-    """Geometry of polygons (`matplotlib.path`) draws nothing."""
-    offences = [
-        str(path.relative_to(ROOT))
-        for path in modules()
-        if not path.is_relative_to(ROOT / "results" / "drawing")
-        and any(
-            name.startswith("matplotlib") and not name.startswith("matplotlib.path")
-            for name in imported(path)
-        )
-    ]
-    assert not offences
+    elsewhere = [path for path in modules() if not path.is_relative_to(ROOT / home)]
+    # Geometry of polygons draws nothing.
+    assert not offences(elsewhere, lambda name: within(library)(name) and not within("matplotlib.path")(name))
 
 
 def by_name():
@@ -255,15 +215,6 @@ def test_each_room_names_in_its_face_exactly_what_others_take_from_it():
     )
 
 
-def test_records_know_nothing_of_clouds():
-    offences = [
-        str(path.relative_to(ROOT))
-        for path in sorted((ROOT / "models" / "motions").rglob("*.py"))
-        if any(name.startswith("toppling.models.scan") for name in imported(path))
-    ]
-    assert not offences
-
-
 @pytest.mark.parametrize(("module", "unneeded"), [
     ("models.scene", "numba"), ("orchestrator.status", "numba pandas scipy trimesh distributed"),
     ("orchestrator.verbs.query", "numba scipy trimesh distributed"),
@@ -274,8 +225,7 @@ def test_what_takes_long_to_load_is_loaded_by_those_who_need_it(module, unneeded
 
 
 def test_nothing_read_from_disk_can_be_unpickled():
-    offences = [str(path.relative_to(ROOT)) for path in modules() if tops(path) & UNPICKLERS]
-    assert not offences
+    assert not offences(modules(), within(*UNPICKLERS))
 
 
 def test_the_test_sees_every_room():

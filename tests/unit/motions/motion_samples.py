@@ -474,19 +474,8 @@ def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
         trace.write(str(path), format="MSEED")
         paths.append(path)
         sensitivity = InstrumentSensitivity(2e5, 1.0, "M/S**2", "COUNTS")
-        channels.append(
-            Channel(
-                f"HN{letter}",
-                "",
-                0,
-                0,
-                0,
-                0,
-                azimuth=azimuth,
-                dip=dip,
-                response=Response(instrument_sensitivity=sensitivity),
-            )
-        )
+        told = Response(instrument_sensitivity=sensitivity)
+        channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=told))
     if response:
         station = Station("TST", 0, 0, 0, site=Site("test"), channels=channels)
         path = folder / "XX.TST.xml"

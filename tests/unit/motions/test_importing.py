@@ -8,9 +8,9 @@ import obspy
 import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, columns, imported, peer, shaking
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
-from refusals import left_out
+from refusals import left_out, refused
 
-from toppling.models.motions.importing import import_records
+from toppling.models.motions.importing import import_records, record_files
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest
 from toppling.models.motions.record import Record
@@ -26,6 +26,8 @@ def test_counts_without_a_response_are_refused(tmp_path):
 def test_a_file_that_is_none_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "quake.AT2")
     left_out(import_records([tmp_path / "quake.AT2"]), "file.not_regular")
+    with refused("file.absent"):
+        record_files([tmp_path / "nowhere"])
 
 
 def test_components_of_slightly_different_length_are_cut_to_what_they_share(tmp_path):

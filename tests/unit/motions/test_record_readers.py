@@ -218,6 +218,7 @@ REFUSED = {
         f"a gap in times as {printed(0.5)}": ("columns", a_gap(printed), "record.step_uneven", "acc:101", "0.1 s")
         for printed in ("{:.8f}".format, lambda time: repr(round(time, 8)), "{:.4e}".format)
     },
+    "a gap in times of one digit": ("columns", a_gap("{:.1f}".format), "record.step_uneven"),
     **{f"ESM lasts {s} s": ("esm", ("USER0:", f"DURATION_S: {s}"), "record.duration_contradicted") for s in (0.4, 40)},
     # samples
     "PEER with NaN": ("peer", nan(41, 2), "record.number_unreadable", "AT2:42", "'NaN'"),

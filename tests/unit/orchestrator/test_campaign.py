@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
@@ -63,6 +63,7 @@ def test_values_are_read_in_each_of_their_spellings(monkeypatch):
 numbers = st.floats(0.01, 99, allow_nan=False)
 
 
+@settings(max_examples=40)
 @given(
     levels=st.lists(numbers, min_size=1, max_size=5, unique=True),
     azimuths=st.lists(st.floats(0, 359.9), min_size=1, max_size=5, unique=True),

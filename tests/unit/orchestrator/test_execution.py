@@ -236,7 +236,7 @@ def test_parts_that_are_lost_are_done_again_and_if_that_goes_on_the_disk_is_blam
         work_off(one.plan, work)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), killer=st.integers(0, 30), workers=st.integers(1, 40))
 def test_whatever_befalls_workers_every_job_has_one_row_and_only_killers_have_no_answer(
     planned, tmp_path_factory, monkeypatch, seed, killer, workers

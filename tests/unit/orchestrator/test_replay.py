@@ -132,6 +132,7 @@ def test_the_page_plays_in_a_browser_without_a_network(replayed, tmp_path):
     assert not [line for line in complaints if "Uncaught" in line or "ERR_" in line]
 
 
+@pytest.mark.thorough
 def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
     folder, rows = run
     other = tmp_path / "run"

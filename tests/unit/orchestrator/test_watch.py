@@ -107,6 +107,7 @@ def until(server, job, word, seconds=200):
     return answer
 
 
+@pytest.mark.thorough
 def test_a_toppling_is_replayed_on_a_click(server):
     job = state(server)["latest"][0]["job_id"]
     page = until(server, job, "toppled</title>")

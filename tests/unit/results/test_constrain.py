@@ -8,15 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from hazard_samples import openquake_curves, realisations
 from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
-from toppling.results.drawing.run_figures import write_fits
 from toppling.results.hazard.readers import read_hazard
-from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 
@@ -110,24 +109,6 @@ def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_p
     assert told == alone
     assert told["unexceeded_low"] is not None
     assert constrain(curves, *chosen).exit_code == 2
-
-
-def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path):
-    (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", rows(records=30, levels=(2, 5, 8), azimuths=(0.0,)))
-    list(write_fits(open_run(tmp_path / "run").frame(), tmp_path, "run", samples=2))
-    files = [
-        (tmp_path / "fits" / f"curves{suffix}").rename(tmp_path / f"run{suffix}")
-        for suffix in (".csv", ".json")
-    ]
-    for confidence, far in (("0.5", False), ("0.99999999", True)):
-        of_run, *of_files = (
-            constrain(str(rock), "--confidence", confidence).stdout.splitlines()
-            for rock in (tmp_path / "run", *files)
-        )
-        # But for the line on other records, of which a file does not keep what it takes.
-        assert all(lines[:2] + lines[3:] == of_run[:2] + of_run[3:] for lines in of_files)
-        assert ("this extrapolates beyond the strongest shaking of run" in "\n".join(of_run)) == far
 
 
 @pytest.mark.usefixtures("empty_figures")
@@ -248,17 +229,11 @@ def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
 def openquake_tree(folder, weights=(0.4, 0.6), site=(10.0, 45.0)):
     """A tree of two branches over PGV, power laws of exponent 2 with ten times each other's rates."""
     folder.mkdir(exist_ok=True)
-    levels = [1, 3, 10, 30, 100, 300, 1000, 3000, 10000]
+    levels = np.array([1, 3, 10, 30, 100, 300, 1000, 3000, 10000])
     for number, rate in enumerate((1e-5, 1e-4)):
-        poes = [-math.expm1(-50 * rate * (level / 100) ** -2) for level in levels]
-        head = f"kind='rlz-{number:03}', investigation_time=50.0, imt='PGV'"
-        lines = [
-            f'#,"{head}"', "lon,lat,depth," + ",".join(f"poe-{level}" for level in levels),
-            ",".join(map(str, (*site, 0.0, *poes))),
-        ]  # fmt: skip
-        (folder / f"hazard_curve-rlz-{number:03}-PGV.csv").write_text("\n".join(lines))
-    rows = [f"{number},A~{'AB'[number]},{weight}" for number, weight in enumerate(weights)]
-    (folder / "realizations.csv").write_text("\n".join(["rlz_id,branch_path,weight", *rows]))
+        kind, poes = f"rlz-{number:03}", -np.expm1(-50 * rate * (levels / 100) ** -2.0)
+        openquake_curves(folder / f"hazard_curve-{kind}-PGV.csv", kind, "PGV", levels, [("a", site, poes)])
+    realisations(folder, weights)
     return str(folder)
 
 

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hazard_samples import event_set
 from scipy.stats import norm
 from seeded import rows
 
@@ -52,26 +53,16 @@ def events(tmp_path):
 
 def two_branches(place):
     """Two branches of 1000 years at two sites: the second branch's motions are twice the first's."""
-    folder = place / "calculation"
-    folder.mkdir()
     random = np.random.default_rng(0)
-    fields, catalogue = ["event_id,gmv_PGA,custom_site_id"], ["event_id,rup_id,rlz_id,year,ses_id"]
+    fields = ["event_id,gmv_PGA,custom_site_id"]
     for event in range(60):
-        catalogue.append(f"{event},{event},{event % 2},{1 + event},1")
         for site in ("aa", "bb"):
             fields.append(f"{event},{0.12 * (1 + event % 2) * random.lognormal(0, 0.7):.5E},{site}")
-    line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=7{}\"\n"
-    times = ", investigation_time=50.0, ses_per_logic_tree_path=20"
-    texts = {
-        "gmf-data_1.csv": line.format("") + "\n".join(fields),
-        "events_1.csv": line.format("") + "\n".join(catalogue),
-        "ruptures_1.csv": line.format(times) + "rup_id,multiplicity,mag\n0,1,6\n",
-        "realizations_1.csv": line.format("") + "rlz_id,branch_path,weight\n0,A~weak,0.4\n1,A~strong,0.6\n",
-        "sitemesh_1.csv": line.format("") + "custom_site_id,lon,lat\naa,1.0,2.0\nbb,1.2,2.0\n",
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text + "\n")
-    return folder
+    catalogue = [f"{event},{event},{event % 2},{1 + event},1" for event in range(60)]
+    stated = {"investigation_time": 50.0, "ses_per_logic_tree_path": 20}
+    sites = {"aa": (1.0, 2.0), "bb": (1.2, 2.0)}
+    weights = {"A~weak": 0.4, "A~strong": 0.6}
+    return event_set(place / "calculation", fields, catalogue, weights, sites, **stated)
 
 
 @pytest.fixture(scope="module")

@@ -173,6 +173,7 @@ def test_a_surface_without_three_numbers_is_refused(tmp_path, numbers):
         read_surface(path, BOTH)
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
     jobs = pd.DataFrame(rows(records=12, azimuths=(0.0,)), columns=SCHEMA.names)
     list(write_fits(jobs, tmp_path, "rock", samples=2))
@@ -181,6 +182,7 @@ def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
     assert {path.name for path in (tmp_path / "fits").iterdir()} == {"fits.csv", "measures.csv"}
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tmp_path):
     pulse = ["pgv_pga_s", "toppled", "record_id", *CONTACT_COLUMNS]
     frame = pd.DataFrame(rows(records=30, azimuths=(0.0,))).reindex(columns=[*COMPARED, *pulse])

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from hazard_samples import event_set
 from refusals import refused
 from scipy.stats import norm
 
@@ -19,26 +20,19 @@ from toppling.results.hazard.update import Update, leave_one_out, models_table
 ROCK = Standing("rock", Lognormal("pga_m_s2", 0.5 * G, 0.3))
 
 
-def write_calculation(
-    folder, header="#,\"generated_by='OpenQuake engine 3.26.2', checksum=7\"\n", times=None
-):
+def write_calculation(folder, **stated):
     """Two branches of weights 0.75 and 0.25, three events at two sites, 2 sets of 50 years each."""
-    times = "investigation_time=50.0, ses_per_logic_tree_path=2" if times is None else times
-    (folder / "gmf-data_1.csv").write_text(
-        header + "event_id,gmv_PGA,gmv_PGV,custom_site_id\n0,0.5,10,aa\n0,0.1,2,bb\n1,0.8,30,aa\n2,0.2,5,bb\n"
-    )
-    (folder / "events_1.csv").write_text(
-        header + "event_id,rup_id,rlz_id,year,ses_id\n0,0,0,3,1\n1,1,0,9,1\n2,2,1,7,2\n"
-    )
-    (folder / "ruptures_1.csv").write_text(
-        header.replace("checksum=7", f"checksum=7, {times}")
-        + "rup_id,multiplicity,mag\n0,1,6\n1,1,7\n2,1,6\n"
-    )
-    (folder / "realizations_1.csv").write_text(
-        header + "rlz_id,branch_path,weight\n0,A~AA,0.75\n1,A~BB,0.25\n"
-    )
-    (folder / "sitemesh_1.csv").write_text(header + "custom_site_id,lon,lat\naa,1.0,2.0\nbb,1.5,2.0\n")
-    return folder
+    stated = stated or {"investigation_time": 50.0, "ses_per_logic_tree_path": 2}
+    fields = [
+        "event_id,gmv_PGA,gmv_PGV,custom_site_id",
+        "0,0.5,10,aa",
+        "0,0.1,2,bb",
+        "1,0.8,30,aa",
+        "2,0.2,5,bb",
+    ]
+    catalogue = ["0,0,0,3,1", "1,1,0,9,1", "2,2,1,7,2"]
+    sites = {"aa": (1.0, 2.0), "bb": (1.5, 2.0)}
+    return event_set(folder, fields, catalogue, {"A~AA": 0.75, "A~BB": 0.25}, sites, **stated)
 
 
 def a_set(*branches, sites=2):
@@ -62,7 +56,7 @@ def test_an_event_has_the_rate_of_its_branchs_own_time(tmp_path):
     assert events.sites == (EventSite("aa", (1.0, 2.0)), EventSite("bb", (1.5, 2.0)))
     assert is_event_set(tmp_path)
     # One set of events lasts the investigation time.
-    assert read_events(write_calculation(tmp_path, times="investigation_time=30.0")).years == 30.0
+    assert read_events(write_calculation(tmp_path, investigation_time=30.0)).years == 30.0
 
 
 def test_mean_fields_beside_the_fields_are_no_second_set(tmp_path):
@@ -174,7 +168,7 @@ def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path)
 
 
 def test_a_scenario_states_no_rate_and_asks_for_one(tmp_path):
-    write_calculation(tmp_path, times="")
+    write_calculation(tmp_path, unit="g")
     events = (tmp_path / "events_1.csv").read_text()
     for year in (",3,", ",9,", ",7,"):
         events = events.replace(year, ",0,")
@@ -297,6 +291,7 @@ def test_the_model_under_which_all_rocks_stand_is_ranked_first():
     assert models["prior_weight"] @ models["bayes_factor"] == pytest.approx(1.0)
 
 
+@pytest.mark.thorough
 def test_a_rate_of_exceedance_is_stated_where_ten_events_support_it():
     branches = [a_branch(n, str(n), events=50, rate=1 / 500, strength=0.3 * (1 + n % 3)) for n in range(10)]
     update = Update([ROCK], a_set(*branches), exposure(joint_ages([parse_age("50")])))

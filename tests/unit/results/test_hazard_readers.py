@@ -6,7 +6,15 @@ import re
 
 import numpy as np
 import pytest
-from hazard_samples import NSHMP_RATES, PLACES, logic_tree, nshmp_curves, nshmp_output, openquake_curves
+from hazard_samples import (
+    NSHMP_RATES,
+    PLACES,
+    logic_tree,
+    nshmp_curves,
+    nshmp_output,
+    openquake_curves,
+    realisations,
+)
 from refusals import refused
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
@@ -326,11 +334,6 @@ def rlz(folder, number, poes=(0.5, 0.1, 0.01), site=(10.0, 45.0), checksum=7):
     )
 
 
-def weights(folder, *values):
-    rows = [f"{n},A~{'ABC'[n]},{value}" for n, value in enumerate(values)]
-    (folder / "realizations.csv").write_text("\n".join(["rlz_id,branch_path,weight", *rows]))
-
-
 @pytest.mark.parametrize(
     ("values", "curves", "said"),
     [
@@ -349,7 +352,7 @@ def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, 
     for number, told in enumerate(curves):
         rlz(tmp_path, number, **told)
     if values:
-        weights(tmp_path, *values)
+        realisations(tmp_path, values)
     with refused(said):
         read_hazard(tmp_path)
 
@@ -379,7 +382,7 @@ def test_files_with_weights_are_branches_of_one_site(tmp_path):
 def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
     for number in (0, 1):
         rlz(tmp_path, number)
-    weights(tmp_path, 0.25, 0.75)
+    realisations(tmp_path, (0.25, 0.75))
     (folder,) = read_hazard(tmp_path)
     (files,) = read_hazard(sorted(tmp_path.iterdir()))
     assert [branch.weight for branch in folder.branches] == [branch.weight for branch in files.branches]
@@ -428,6 +431,7 @@ REFUSED = {
         "PGA (g),rate (x10^-3)\n0.1,0.9\n0.2,0.8\n",
         "PGA (g),ln rate\n0.1,0.9\n0.2,0.8\n",
         "PGA (g),poe (log)\n0.1,0.9\n0.2,0.8\n",
+        f"PGA (g),annual_rate{' ' * 500}x\n0.1,0.9\n0.2,0.8\n",
         "PGA (g),PE50\n0.1,0.9\n0.2,0.8\n",
     ),
     "hazard.rate_not_positive": ("pgv_m_s,annual_rate\n0.1,1e-2\n0.3,-1e-3\n1,1e-4\n",),

@@ -134,6 +134,7 @@ def test_the_second_measure_is_exceeded_as_often_as_its_own_curve_says():
     assert joint_rate(*of_earthquakes(*seismicity()), SCATTER)[1] < 0.03
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("sigma", [0.58, 0.67])
 @pytest.mark.parametrize("many", [True, False])

@@ -51,6 +51,7 @@ def test_more_events_exclude_smaller_magnitudes(curves):
     assert five[0] < one[0] < math.inf
 
 
+@pytest.mark.thorough
 def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     told = json.loads(

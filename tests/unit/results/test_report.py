@@ -160,6 +160,7 @@ def test_a_median_beyond_what_was_shaken_is_no_number_and_samples_without_fit_ar
     assert ">no job topples</td>" in third
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("below_m_s", "is_extrapolated"), [(1.3, True), (np.inf, False)])
 def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolation(
     tmp_path, below_m_s, is_extrapolated
@@ -241,6 +242,7 @@ def test_a_median_beyond_the_strongest_shaking_is_told_by_that(median, told):
     assert fragility_words(rock, "pga_m_s2") == f"{told}, beta 0.40"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("share", "beyond"), [(0.8, True), (3.0, False)])
 def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path, share, beyond):
     told = rows(records=40, azimuths=(0.0, 90.0, 180.0))

@@ -120,6 +120,7 @@ def placed(atlas, copy, **places):
     return copy
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("weak", "site", "told"), [
     ((178.02, -38.66), None, "scenes/weak lie 1"),
     ((-117.4, 34.3), (-119.0, 34.3), "the hazard's site lie 1"),
@@ -220,6 +221,7 @@ def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(com
         np.testing.assert_allclose(on_earth(run), there, atol=2e-5)  # NAD83 and WGS 84 differ by a metre
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("verb", [("atlas", "atlas/atlas.html"), ("report", "report.html")])
 def test_one_page_shows_every_rock_and_says_that_the_run_is_unfinished(atlas, verb):
     name, page = verb

@@ -104,6 +104,7 @@ def test_a_remark_stands_above_a_figure_that_stays_as_it_was(tmp_path, remark):
     assert (f"Unfinished run: {REMARK}" in svg) == bool(remark)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("records", [1, 2, 4])
 def test_fits_of_few_records_are_drawn_and_said_to_be_of_few(tmp_path, records):
     """Of fewer than five records there is no interval, and of one no prediction of others."""

@@ -28,6 +28,34 @@ def openquake_curves(path: Path, kind: str, imt: str, levels, rows, years: float
     return path
 
 
+def realisations(folder: Path, weights, paths=PATHS, name="realizations.csv") -> None:
+    """OpenQuake's table of the branches of a logic tree."""
+    rows = [f"{n},{path},{weight}" for n, (path, weight) in enumerate(zip(paths, weights, strict=False))]
+    (folder / name).write_text("\n".join(["rlz_id,branch_path,weight", *rows]) + "\n")
+
+
+def event_set(folder: Path, fields, catalogue, weights: dict, sites: dict, **stated) -> Path:
+    """OpenQuake's event set: rows of motions under their header, and events of a branch and a year in sets.
+
+    weights: by the path of their branch.
+    stated: the time that a set lasts, and the number of sets.
+    """
+    folder.mkdir(exist_ok=True)
+    line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=7{}\"\n"
+    times = "".join(f", {name}={value}" for name, value in stated.items())
+    branches = [f"{n},{path},{weight}" for n, (path, weight) in enumerate(weights.items())]
+    tables = {
+        "gmf-data": fields, "events": ["event_id,rup_id,rlz_id,year,ses_id", *catalogue],
+        "ruptures": ["rup_id,multiplicity,mag", *(f"{n},1,6" for n in range(3))],
+        "realizations": ["rlz_id,branch_path,weight", *branches],
+        "sitemesh": ["custom_site_id,lon,lat", *(f"{name},{x},{y}" for name, (x, y) in sites.items())],
+    }  # fmt: skip
+    for name, rows in tables.items():
+        head = line.format(times if name == "ruptures" else "")
+        (folder / f"{name}_1.csv").write_text(head + "\n".join(rows) + "\n")
+    return folder
+
+
 def branch_poes(branch: int, place: int = 0):
     """Probabilities in 50 years: branches 0 to 3 have 1 to 4 times the rate, the second place twice the first's."""
     return -np.expm1(-50.0 * RATE_AT_1 * (branch + 1) * (place + 1) * LEVELS**-2.0)
@@ -35,8 +63,7 @@ def branch_poes(branch: int, place: int = 0):
 
 def logic_tree(folder: Path) -> Path:
     """OpenQuake's output of four branches: PGA and PGV, and SA(1.0) of which the branches are not kept."""
-    text = "".join(f"{n},{p},{w:.7e}\n" for n, (p, w) in enumerate(zip(PATHS, WEIGHTS, strict=True)))
-    (folder / "realizations_6.csv").write_text("rlz_id,branch_path,weight\n" + text)
+    realisations(folder, [f"{weight:.7e}" for weight in WEIGHTS], name="realizations_6.csv")
     kinds = {f"rlz-{n:03}": [branch_poes(n, place) for place in (0, 1)] for n in range(4)}
     branches = np.array(list(kinds.values()))
     of_all = {"mean": np.tensordot(WEIGHTS, branches, 1)}
